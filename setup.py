@@ -1,0 +1,50 @@
+"""Packaging for machines without ROS 2; colcon uses CMakeLists.txt beside it."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+# msg/ and config/ stay at the root, where ROS 2 wants them, and travel inside the wheel.
+SHARED = ["msg", "config", "config.plans", "config.machines", "config.cells"]
+
+setup(
+    name="stepdiag_ros",
+    version="0.1.0",
+    description="Laser step-diagonal measurement of machine tools on ROS 2 nodes",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    python_requires=">=3.10,<3.14",
+    packages=[
+        *find_packages(include=["stepdiag_ros", "stepdiag_ros.*"]),
+        *[f"stepdiag_ros.share.{name}" for name in SHARED],
+    ],
+    package_dir={f"stepdiag_ros.share.{name}": name.replace(".", "/") for name in SHARED},
+    package_data={
+        "": ["py.typed", "*.msg", "*.srv", "*.json", "*.yaml"],
+    },
+    install_requires=[
+        "cyclonedds>=11.0.1,<11.1",
+        "matplotlib>=3.7,<4",
+        "mcap>=1.2,<2",
+        "numpy>=1.26,<3",
+        "pyyaml>=6.0,<7",
+        "rich>=13,<16",
+        "rosbags>=0.11,<0.12",
+        "scipy>=1.11,<2",
+    ],
+    extras_require={
+        "test": [
+            "hypothesis>=6,<7",
+            "jsonschema>=4,<5",
+            "mcap-ros2-support>=0.5.5,<1",
+            "mypy>=1.11,<3",
+            "pytest>=8,<10",
+            "pytest-timeout>=2.3,<3",
+            "ruff>=0.6,<1",
+            "types-PyYAML",
+        ],
+        "parquet": ["pyarrow>=15"],
+    },
+    entry_points={"console_scripts": ["stepdiag = stepdiag_ros.cli:main"]},
+)
