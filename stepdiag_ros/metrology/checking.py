@@ -1,0 +1,137 @@
+"""Checked reading of configuration: a refusal names the source, the key and what is expected."""
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from numbers import Real
+from typing import Any
+
+_MISSING: Any = object()
+
+
+class Section:
+    """One mapping of a configuration file, from which every key must be taken once.
+
+    Args:
+        mapping: the parsed mapping.
+        source: what the user calls it: the file, and the keys that lead here.
+
+    Raises:
+        ValueError: in every method, when a value is missing, of the wrong type or out of range.
+    """
+
+    def __init__(self, mapping: Any, source: str) -> None:
+        if not isinstance(mapping, Mapping):
+            raise ValueError(f"{source}: expected keys with values, found {mapping!r}")
+        self._mapping = mapping
+        self._source = source
+        self._taken: set[str] = set()
+
+    def _take(self, key: str, default: Any) -> Any:
+        self._taken.add(key)
+        value = self._mapping.get(key, _MISSING)
+        if value is _MISSING:
+            if default is _MISSING:
+                raise ValueError(f"{self._source}: '{key}' is missing")
+            return default
+        return value
+
+    def _wrong(self, key: str, value: Any, expected: str) -> ValueError:
+        return ValueError(f"{self._source}: '{key}' is {value!r}; expected {expected}")
+
+    def number(
+        self, key: str, low: float = -1e12, high: float = 1e12, default: Any = _MISSING
+    ) -> float:
+        """Return a finite number within [low, high]."""
+        value = self._take(key, default)
+        # YAML 1.1 reads 1e-7 (no point) as text; a person means the number.
+        if isinstance(value, str):
+            try:
+                value = float(value)
+            except ValueError:
+                raise self._wrong(key, value, "a number") from None
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise self._wrong(key, value, "a number")
+        if not low <= float(value) <= high:
+            raise self._wrong(key, value, f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    def integer(self, key: str, low: int, high: int, default: Any = _MISSING) -> int:
+        """Return a whole number within [low, high]."""
+        value = self._take(key, default)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self._wrong(key, value, f"a whole number from {low} to {high}")
+        return value
+
+    def flag(self, key: str, default: Any = _MISSING) -> bool:
+        """Return true or false."""
+        value = self._take(key, default)
+        if not isinstance(value, bool):
+            raise self._wrong(key, value, "true or false")
+        return value
+
+    def text(self, key: str, default: Any = _MISSING) -> str:
+        """Return a text."""
+        value = self._take(key, default)
+        if not isinstance(value, str):
+            raise self._wrong(key, value, "a text")
+        return value
+
+    def names(self, key: str, known: Sequence[str], default: Any = _MISSING) -> tuple[str, ...]:
+        """Return one or several different names out of ``known``."""
+        value = self._take(key, default)
+        listed = [value] if isinstance(value, str) else value
+        if (
+            not isinstance(listed, Sequence)
+            or not listed
+            or len(set(map(str, listed))) < len(listed)
+        ):
+            raise self._wrong(key, value, f"one or more different names of {', '.join(known)}")
+        for name in listed:
+            if name not in known:
+                raise self._wrong(key, name, f"one of {', '.join(known)}")
+        return tuple(listed)
+
+    def numbers(
+        self, key: str, count: int | None = None, default: Any = _MISSING
+    ) -> tuple[float, ...]:
+        """Return a list of numbers, of the given length if one is given."""
+        value = self._take(key, default)
+        if not isinstance(value, Sequence) or isinstance(value, str):
+            raise self._wrong(key, value, "a list of numbers")
+        if count is not None and len(value) != count:
+            raise self._wrong(key, value, f"a list of {count} numbers")
+        item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
+        return tuple(item.number(f"{key}[{i}]") for i in range(len(value)))
+
+    def vector(
+        self, key: str, low: float = -1e3, high: float = 1e3, default: Any = _MISSING
+    ) -> tuple[float, float, float]:
+        """Return three numbers (X, Y, Z), each within [low, high]."""
+        x, y, z = self.numbers(key, count=3, default=default)
+        for value in (x, y, z):
+            if not low <= value <= high:
+                raise self._wrong(key, [x, y, z], f"three numbers from {low:g} to {high:g}")
+        return x, y, z
+
+    def section(self, key: str) -> "Section":
+        """Return a nested mapping; empty if the key is not there."""
+        return Section(self._take(key, {}), f"{self._source}: {key}")
+
+    def sections(self, key: str) -> list["Section"]:
+        """Return a list of at least one nested mapping."""
+        value = self._take(key, _MISSING)
+        if not isinstance(value, Sequence) or isinstance(value, str) or not value:
+            raise self._wrong(key, value, "a list with at least one entry")
+        return [Section(entry, f"{self._source}: {key}[{i}]") for i, entry in enumerate(value)]
+
+    def keys(self) -> list[str]:
+        """Return the keys that are there, as texts."""
+        return [str(key) for key in self._mapping]
+
+    def finish(self) -> None:
+        """Refuse keys that nothing has asked for: they are typing errors."""
+        for key in self._mapping:
+            if key not in self._taken:
+                near = get_close_matches(str(key), sorted(self._taken), n=1)
+                hint = f"; did you mean '{near[0]}'?" if near else ""
+                raise ValueError(f"{self._source}: unknown key '{key}'{hint}")

@@ -1,0 +1,63 @@
+"""Names and directions of axes, error curves and measured lines.
+
+``p`` in a diagonal's name: the axis runs from its first node to its last along the line; ``n``:
+from its
+last to its first. The beam's unit vector has the same signs (Ibaraki & Hata 2010, section 2, eq.
+3).
+"""
+
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+AXES = ("X", "Y", "Z")
+LINEAR_LINES = ("x", "y", "z")
+BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
+MOVE_ORDERS = tuple("".join(order) for order in permutations(AXES))
+CHAINS = MOVE_ORDERS
+"""Orders of the axes from workpiece to tool."""
+
+TRANSLATIONS = tuple(f"E_{error}{axis}" for axis in AXES for error in AXES)
+"""E_XX E_YX …: error along the first letter as the axis of the second letter moves."""
+ROTATIONS = tuple(f"E_{error}{axis}" for axis in AXES for error in "ABC")
+"""E_AX E_BX …: rotation about X (A), Y (B), Z (C) as the axis of the last letter moves."""
+SQUARENESS = ("C0Y", "B0Z", "A0Z")
+"""Of Y to X, of Z to X, of Z to Y."""
+FRAME = "mean slopes of E_YX, E_ZX and E_YZ over the travel are zero (Ibaraki & Hata 2010, eq. 17)"
+
+
+def translation(error: int, axis: int) -> str:
+    """Return the ISO 230-1 name of the error along axis ``error`` (0, 1, 2) as ``axis`` moves."""
+    return TRANSLATIONS[3 * axis + error]
+
+
+def line_signs(line: str) -> NDArray[np.int64]:
+    """Return the sense in which each axis runs along a line: +1, -1, or 0 if it stands; shape (3,).
+
+    Raises:
+        ValueError: the name is neither x, y, z nor three letters of p and n.
+    """
+    if line in LINEAR_LINES:
+        return np.array([int(line == name) for name in LINEAR_LINES], dtype=np.int64)
+    if len(line) == 3 and set(line) <= {"p", "n"}:
+        return np.array([1 if letter == "p" else -1 for letter in line], dtype=np.int64)
+    raise ValueError(
+        f"'{line}' is no line: use x, y, z or a body diagonal such as ppp, npp, pnp, ppn"
+    )
+
+
+def beam_direction(line: str, step: Vector) -> Vector:
+    """Return the nominal unit vector of the beam of a line, shape (3,).
+
+    Source: Ibaraki & Hata 2010, eq. 3.
+
+    Args:
+        line: name of the line.
+        step: size of one block along X, Y, Z in m, shape (3,).
+    """
+    direction = line_signs(line) * np.asarray(step, dtype=np.float64)
+    unit: Vector = direction / np.linalg.norm(direction)
+    return unit

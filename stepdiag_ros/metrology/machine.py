@@ -1,0 +1,68 @@
+"""What is known of the real machine: its chain, its travel and what its drives may do."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.geometry import AXES, CHAINS
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A three-axis machine as its builder describes it.
+
+    Attributes:
+        name: in words.
+        chain: order of the axes from workpiece to tool, one of ``geometry.CHAINS``, for example YXZ
+            (Ibaraki & Hata 2010, Fig. 4).
+        travel_low_m: lower soft limits of X, Y, Z, machine coordinates, m.
+        travel_high_m: upper soft limits of X, Y, Z, m, each above the lower one.
+        feed_limit_m_per_s: largest feed of an axis, m/s.
+        acceleration_m_per_s2: of an axis, m/s².
+        position_window_m: an axis is in position while it is within this distance of its target, m.
+        position_hold_s: ... and has been so for this time, s.
+    """
+
+    name: str
+    chain: str
+    travel_low_m: tuple[float, float, float]
+    travel_high_m: tuple[float, float, float]
+    feed_limit_m_per_s: float
+    acceleration_m_per_s2: float
+    position_window_m: float = 0.5e-6
+    position_hold_s: float = 0.02
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> "Machine":
+        """Make a machine from the parsed YAML of a machine file (layout in ``config/machines``).
+
+        Args:
+            mapping: the parsed file; its keys are the attributes.
+            source: what the user calls the file, for the text of an error.
+
+        Raises:
+            ValueError: names the source, the key, what is wrong and what is expected.
+        """
+        section = Section(mapping, source)
+        machine = cls(
+            name=section.text("name", default="unnamed"),
+            chain=section.names("chain", CHAINS)[0],
+            travel_low_m=section.vector("travel_low_m"),
+            travel_high_m=section.vector("travel_high_m"),
+            feed_limit_m_per_s=section.number("feed_limit_m_per_s", low=1e-6, high=10.0),
+            acceleration_m_per_s2=section.number("acceleration_m_per_s2", low=1e-6, high=1e3),
+            position_window_m=section.number(
+                "position_window_m", low=1e-9, high=1e-2, default=cls.position_window_m
+            ),
+            position_hold_s=section.number(
+                "position_hold_s", low=0.0, high=60.0, default=cls.position_hold_s
+            ),
+        )
+        section.finish()
+        for axis, low, high in zip(AXES, machine.travel_low_m, machine.travel_high_m, strict=True):
+            if low >= high:
+                raise ValueError(
+                    f"{source}: travel_low_m of {axis} is {low:g}, not below travel_high_m {high:g}"
+                )
+        return machine

@@ -1,0 +1,225 @@
+"""The test plan: which lines are measured, in which order, with which stops."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    LINEAR_LINES,
+    MOVE_ORDERS,
+    Vector,
+    line_signs,
+)
+
+LINEAR = "linear"
+STEP_DIAGONAL = "step_diagonal"
+FORWARD = "forward"
+BACKWARD = "backward"
+
+
+@dataclass(frozen=True)
+class Volume:
+    """The measured box and its grid: nodes 0..blocks of every axis.
+
+    Attributes:
+        origin: machine coordinates of the box's first corner, m.
+        step: size of one block along X, Y, Z, m, each > 0.
+        blocks: number of blocks N; every axis has N + 1 nodes.
+    """
+
+    origin: tuple[float, float, float]
+    step: tuple[float, float, float]
+    blocks: int
+
+    def nodes(self, axis: int) -> Vector:
+        """Return the machine coordinates of an axis's nodes in m, shape (blocks + 1,)."""
+        return self.origin[axis] + self.step[axis] * np.arange(self.blocks + 1, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One pass along one line.
+
+    Attributes:
+        kind: ``linear`` or ``step_diagonal``.
+        name: x, y, z, or a body diagonal.
+        order: order of a block's three moves along the forward direction; empty for linear lines.
+        repeat: from 0.
+        direction: ``forward`` or ``backward``; backward runs the forward stops the other way round.
+        offset: shift of a linear line from the box's first corner, m.
+    """
+
+    kind: str
+    name: str
+    order: str
+    repeat: int
+    direction: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def setup(self) -> str:
+        """Return the identity of the alignment and zero that the line shares with others."""
+        where = (
+            "" if not any(self.offset) else "@" + ",".join(f"{value:g}" for value in self.offset)
+        )
+        return f"{self.name} {self.order}".strip() + where
+
+    def __str__(self) -> str:
+        """Say which pass this is, for example ``ppp XYZ forward, repeat 1``."""
+        return f"{self.name} {self.order}".strip() + f" {self.direction}, repeat {self.repeat}"
+
+    def stops(self, volume: Volume) -> Vector:
+        """Return the commanded positions of the stops in order, m, shape (stops, 3)."""
+        signs = line_signs(self.name)
+        moved = [AXES.index(axis) for axis in self.order] if self.order else [int(np.argmax(signs))]
+        node = np.zeros((volume.blocks * len(moved) + 1, 3), dtype=np.int64)
+        node[0] = np.where(signs < 0, volume.blocks, 0)
+        for row, axis in enumerate(moved * volume.blocks, start=1):
+            node[row, axis] = signs[axis]
+        # Counted in nodes, so that a place is the same number on every line that comes by.
+        positions: Vector = (
+            np.asarray(volume.origin)
+            + np.cumsum(node, axis=0) * np.asarray(volume.step)
+            + np.asarray(self.offset)
+        )
+        return positions if self.direction == FORWARD else positions[::-1].copy()
+
+
+def moved_axis(before: Vector, after: Vector) -> str:
+    """Return the axis that moves between two stops (X, Y or Z), or an empty string if none does."""
+    difference = np.abs(np.asarray(after) - np.asarray(before))
+    return AXES[int(np.argmax(difference))] if np.any(difference > 0) else ""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """When a stop counts as settled, and how its readings are taken.
+
+    Attributes:
+        dwell: shortest stay at a stop after in position, s.
+        settle: wait after in position before readings are looked at, s.
+        window: length of the window of readings that is averaged, s.
+        longest_wait: after in position without a settled window the stop is rejected, s.
+        standard_deviation_limit: of the readings in a window, m.
+        drift_limit: change over the window by its fitted slope, m.
+        line_attempts: how often a line with a rejected stop is measured before it is left
+            incomplete.
+    """
+
+    dwell: float = 0.5
+    settle: float = 0.1
+    window: float = 0.3
+    longest_wait: float = 3.0
+    standard_deviation_limit: float = 1e-6
+    drift_limit: float = 0.5e-6
+    line_attempts: int = 2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A whole test.
+
+    Attributes:
+        name: in words.
+        volume: the measured box.
+        lines: passes in the order in which they are measured.
+        feed: of the moves, m/s.
+        sampling: how stops are read.
+        pause_for_setup: wait for the operator before each new setup (laser and mirror to be
+            aligned).
+    """
+
+    name: str
+    volume: Volume
+    lines: tuple[Line, ...]
+    feed: float
+    sampling: Sampling = field(default_factory=Sampling)
+    pause_for_setup: bool = True
+
+    @property
+    def stop_count(self) -> int:
+        """Return the number of stops of all lines."""
+        return sum(len(line.stops(self.volume)) for line in self.lines)
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> "Plan":
+        """Make a plan from the parsed YAML of a plan file (layout in ``config/plans``).
+
+        Raises:
+            ValueError: names the source, the key, what is wrong and what is expected.
+        """
+        plan = Section(mapping, source)
+        volume = Volume(
+            origin=plan.vector("origin_m", default=(0.0, 0.0, 0.0)),
+            step=plan.vector("step_m", low=1e-6, high=10.0),
+            blocks=plan.integer("blocks", low=1, high=1000),
+        )
+        repeats = plan.integer("repeats", low=1, high=1000, default=1)
+        directions = plan.names("directions", (FORWARD, BACKWARD), default=(FORWARD,))
+        lines: list[Line] = []
+        for group in plan.sections("lines"):
+            lines.extend(_lines_of_group(group, repeats, directions))
+        sampling_section = plan.section("sampling")
+        standard = Sampling()
+        sampling = Sampling(
+            dwell=sampling_section.number("dwell_s", low=0.0, high=600.0, default=standard.dwell),
+            settle=sampling_section.number(
+                "settle_s", low=0.0, high=600.0, default=standard.settle
+            ),
+            window=sampling_section.number(
+                "window_s", low=1e-3, high=600.0, default=standard.window
+            ),
+            longest_wait=sampling_section.number(
+                "longest_wait_s", low=1e-3, high=3600.0, default=standard.longest_wait
+            ),
+            standard_deviation_limit=sampling_section.number(
+                "standard_deviation_limit_m", low=0.0, default=standard.standard_deviation_limit
+            ),
+            drift_limit=sampling_section.number(
+                "drift_limit_m", low=0.0, default=standard.drift_limit
+            ),
+            line_attempts=sampling_section.integer(
+                "line_attempts", low=1, high=100, default=standard.line_attempts
+            ),
+        )
+        sampling_section.finish()
+        if sampling.longest_wait < sampling.settle + sampling.window:
+            raise ValueError(
+                f"{source}: sampling.longest_wait_s is shorter than settle_s + window_s; "
+                "no stop could ever settle"
+            )
+        made = cls(
+            name=plan.text("name", default="unnamed"),
+            volume=volume,
+            lines=tuple(lines),
+            feed=plan.number("feed_m_per_s", low=1e-6, high=5.0),
+            sampling=sampling,
+            pause_for_setup=plan.flag("pause_for_setup", default=True),
+        )
+        plan.finish()
+        return made
+
+
+def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:
+    kind = group.names("kind", (LINEAR, STEP_DIAGONAL))[0]
+    known = LINEAR_LINES if kind == LINEAR else BODY_DIAGONALS
+    names = group.names("names", known)
+    orders: tuple[str, ...] = ("",)
+    offset = (0.0, 0.0, 0.0)
+    if kind == STEP_DIAGONAL:
+        orders = group.names("orders", MOVE_ORDERS, default=("XYZ",))
+    else:
+        offset = group.vector("offset_m", default=offset)
+    group_directions = group.names("directions", (FORWARD, BACKWARD), default=directions)
+    group_repeats = group.integer("repeats", low=1, high=1000, default=repeats)
+    group.finish()
+    for name in names:
+        for order in orders:
+            for repeat in range(group_repeats):
+                for direction in group_directions:
+                    yield Line(kind, name, order, repeat, direction, offset)

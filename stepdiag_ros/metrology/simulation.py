@@ -1,0 +1,72 @@
+"""Simulation of a whole measurement at its stops: no drives, no servo, fast enough for Monte Carlo."""
+
+import numpy as np
+
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.forward import Alignment
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import Plan
+
+
+def simulate(
+    plan: Plan, cell: SimulatedCell, seed: int = 0, readings_per_stop: int = 1
+) -> Measurement:
+    """Measure a plan on a simulated cell.
+
+    The air is taken as compensated and every stop as settled. The noise of a stop is that of the mean of
+    independent readings; a setup's readings share one alignment and one zero, that of its first stop.
+
+    Args:
+        plan: what is measured.
+        cell: the truth.
+        seed: of the noise; the cell's own seed fixes curves and misalignment.
+        readings_per_stop: number of readings in the mean of a stop, at least 1.
+
+    Returns:
+        the lines in the order of the plan, with the true standard uncertainty of every stop.
+
+    Raises:
+        ValueError: fewer than one reading a stop.
+    """
+    if readings_per_stop < 1:
+        raise ValueError(f"readings_per_stop is {readings_per_stop}; expected 1 or more")
+    rng = np.random.default_rng(seed)
+    noise = cell.reading_noise / np.sqrt(readings_per_stop)
+    alignments: dict[str, Alignment] = {}
+    zeros: dict[str, float] = {}
+    made = []
+    time = 0.0
+    for index, line in enumerate(plan.lines):
+        targets = line.stops(plan.volume)
+        if line.setup not in alignments:
+            alignments[line.setup] = cell.alignment(
+                line.setup, line.name, plan.volume.step, tuple(targets[0])
+            )
+        readings = cell.displacement(targets, alignments[line.setup])
+        readings = readings + noise * rng.standard_normal(len(targets))
+        zero = zeros.setdefault(line.setup, float(readings[0]))
+        times = _times(targets, plan, time)
+        time = float(times[-1]) + plan.sampling.dwell
+        made.append(
+            MeasuredLine(
+                line=line,
+                line_index=index,
+                attempt=1,
+                setup=line.setup,
+                time=times,
+                end_time=round(float(times[-1]) * 1e9),
+                target=targets,
+                displacement=readings - zero,
+                standard_uncertainty=np.full(len(targets), noise),
+                environment=np.array([cell.environment(float(moment)) for moment in times]),
+            )
+        )
+    return Measurement(volume=plan.volume, lines=tuple(made))
+
+
+def _times(targets: Vector, plan: Plan, start: float) -> Vector:
+    """Return when each stop is read: travel at the plan's feed, then the dwell, s."""
+    travel = np.linalg.norm(np.diff(targets, axis=0, prepend=targets[:1]), axis=1) / plan.feed
+    times: Vector = start + np.cumsum(travel + plan.sampling.dwell)
+    return times

@@ -1,0 +1,51 @@
+"""Solvers: from measured lines to volumetric errors, all with one result type."""
+
+from collections.abc import Callable
+
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.conventional import solve_conventional
+from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
+from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
+from stepdiag_ros.metrology.solvers.setup_robust import solve_setup_robust
+
+Solver = Callable[[Measurement], VolumetricErrors]
+
+SOLVERS: dict[str, Solver] = {
+    "conventional": solve_conventional,
+    "setup_robust": solve_setup_robust,
+    "least_squares": solve_least_squares,
+}
+"""Name of the method → solver, from the plainest to the one that uses everything."""
+
+
+def solve(measurement: Measurement, method: str = "least_squares") -> VolumetricErrors:
+    """Solve by one method.
+
+    Raises:
+        NotDeterminable: the lines are not enough for this method.
+        ValueError: no such method, or the lines contradict the volume or each other.
+    """
+    if method not in SOLVERS:
+        raise ValueError(f"'{method}' is no method; use one of {', '.join(SOLVERS)}")
+    return SOLVERS[method](measurement)
+
+
+def solve_all(
+    measurement: Measurement,
+) -> tuple[dict[str, VolumetricErrors], dict[str, str]]:
+    """Solve by all methods.
+
+    Returns:
+        method → result, for those that can be determined, and method → why not, for the rest.
+
+    Raises:
+        ValueError: the lines contradict the volume or each other.
+    """
+    results: dict[str, VolumetricErrors] = {}
+    reasons: dict[str, str] = {}
+    for method, solver in SOLVERS.items():
+        try:
+            results[method] = solver(measurement)
+        except NotDeterminable as missing:
+            reasons[method] = str(missing)
+    return results, reasons

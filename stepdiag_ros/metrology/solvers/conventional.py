@@ -1,0 +1,75 @@
+"""Conventional formulation of the step diagonal test (Wang; Ibaraki & Hata 2010, section 2, eqs. 1-3)."""
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.linear import (
+    DIAGONALS,
+    LinearMap,
+    accumulate,
+    apply,
+    unused_diagonals,
+)
+from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+
+NOMINAL_BEAMS = (
+    "directions of the nominal beams, as Ibaraki & Hata 2010, eq. 2 leaves them; the slopes of E_YX, E_ZX "
+    "and E_YZ hold setup errors and are not turned to zero"
+)
+
+
+def solve_conventional(measurement: Measurement) -> VolumetricErrors:
+    """Solve IH eq. (2) block by block with the nominal beam directions of eq. (3).
+
+    It is right only if beam and mirror stand exactly as they should: an error of the setup goes into every
+    curve multiplied by ‖a‖/(2a) (IH section 3.1). Kept because the field uses it, and to show what it does.
+    The uncertainties given are those of the readings alone.
+
+    Raises:
+        NotDeterminable: one of ppp, npp, pnp is missing or has a move that was never measured.
+        ValueError: the lines contradict the volume.
+    """
+    observations = observe(measurement)
+    remarks = [
+        "The conventional formulation takes laser and mirror as perfectly aligned; its uncertainties do "
+        "not contain setup errors."
+    ]
+    unused = unused_diagonals(observations)
+    if unused:
+        remarks.append(f"The conventional formulation cannot use {', '.join(unused)}.")
+    if any(not setup.diagonal for setup in observations.setups):
+        remarks.append("The conventional formulation does not use the linear lines.")
+    return apply(
+        "conventional",
+        observations,
+        conventional_map(observations),
+        DIAGONALS,
+        remarks,
+        frame=NOMINAL_BEAMS,
+    )
+
+
+def conventional_map(observations: Observations) -> LinearMap:
+    """Return the formulation as a matrix on the readings.
+
+    Raises:
+        NotDeterminable: as ``solve_conventional``.
+    """
+    step = np.asarray(observations.volume.step)
+    displacement = block_means(observations, DIAGONALS).weights
+    increments = np.empty_like(displacement)
+    for axis in range(3):
+        matrix = np.array(
+            [line_signs(line)[axis] * beam_direction(line, step) for line in DIAGONALS]
+        )
+        increments[axis] = _solve_first(matrix, displacement[:, axis])
+    curves = accumulate(increments)
+    return LinearMap(curves, np.zeros((0, curves.shape[1])), ())
+
+
+def _solve_first(matrix: Vector, right: Vector) -> Vector:
+    """Solve matrix @ x = right over the first index of a right side with more indices."""
+    solved: Vector = np.linalg.solve(matrix, right.reshape(len(right), -1)).reshape(right.shape)
+    return solved

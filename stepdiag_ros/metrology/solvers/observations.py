@@ -1,0 +1,256 @@
+"""Readings in the form that the solvers need: which nodes, which setup, how certain.
+
+Readings of one setup share one alignment and one unknown zero. Their noise is independent; differences
+between them are not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.solvers.result import NotDeterminable
+
+Integers = NDArray[np.int64]
+
+_OFF_GRID = 1e-4
+_CONSPICUOUS = 2.0
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One alignment of laser and mirror, with one zero.
+
+    Attributes:
+        name: identity.
+        line: name of its line.
+        signs: sense in which each axis runs, 0 where it stands, shape (3,).
+        direction: nominal unit vector of the beam, shape (3,).
+    """
+
+    name: str
+    line: str
+    signs: Integers
+    direction: Vector
+
+    @property
+    def diagonal(self) -> bool:
+        """Say whether more than one axis moves, so that a tilt of the setup is seen."""
+        return int(np.count_nonzero(self.signs)) > 1
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All readings of a measurement that have a value, one entry a stop, in the order of measurement.
+
+    Attributes:
+        volume: the measured box.
+        setups: in the order of their first reading.
+        setup: index into ``setups``, shape (n,).
+        passes: index of the line (one pass), shape (n,).
+        stop: index of the stop in its pass, shape (n,).
+        node: node of X, Y, Z that the axis stands at, -1 for an axis that does not move in the setup,
+            shape (n, 3).
+        displacement: m, shape (n,).
+        uncertainty: standard uncertainty of each, m, shape (n,); NaN everywhere where unknown.
+        lines: number of lines with at least one reading.
+    """
+
+    volume: Volume
+    setups: tuple[Setup, ...]
+    setup: Integers
+    passes: Integers
+    stop: Integers
+    node: Integers
+    displacement: Vector
+    uncertainty: Vector
+    lines: int
+
+    @property
+    def noise_known(self) -> bool:
+        """Say whether the readings came with standard uncertainties."""
+        return bool(np.all(np.isfinite(self.uncertainty)))
+
+    @property
+    def position(self) -> Vector:
+        """Return the commanded positions from the volume's first corner, m, 0 for standing axes, (n, 3)."""
+        relative: Vector = np.maximum(self.node, 0) * np.asarray(self.volume.step)
+        return relative
+
+    @property
+    def excess(self) -> Vector:
+        """Return what was read beyond the displacement of a perfect machine and setup, m, shape (n,)."""
+        directions = np.array([setup.direction for setup in self.setups])[self.setup]
+        beyond: Vector = self.displacement - np.sum(directions * self.position, axis=1)
+        return beyond
+
+    def groups(self) -> tuple[Integers, Integers]:
+        """Group readings of the same setup at the same nodes: repeats of one another.
+
+        Returns:
+            index of each reading's group, shape (n,), and the first reading of each group, shape (groups,).
+        """
+        size = self.volume.blocks + 2
+        key = self.setup
+        for axis in range(3):
+            key = key * size + self.node[:, axis] + 1
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        return group.reshape(-1), first
+
+    def pure_error(self) -> tuple[float, int]:
+        """Return sum of squares (m²) and degrees of freedom of the repeats within groups."""
+        group, first = self.groups()
+        count = np.bincount(group)
+        mean = np.bincount(group, self.displacement) / count
+        return float(np.sum((self.displacement - mean[group]) ** 2)), len(group) - len(first)
+
+
+def observe(measurement: Measurement) -> Observations:
+    """Collect the readings of a measurement.
+
+    Raises:
+        NotDeterminable: there is no reading at all.
+        ValueError: a stop that is no node of the volume; lines of different directions in one setup.
+    """
+    volume = measurement.volume
+    index: dict[str, int] = {}
+    setups: list[Setup] = []
+    setup, passes, stops, nodes, values, uncertainties = [], [], [], [], [], []
+    for number, line in enumerate(measurement.lines):
+        good = np.flatnonzero(np.isfinite(line.displacement))
+        if len(good) == 0:
+            continue
+        if line.setup not in index:
+            index[line.setup] = len(setups)
+            signs = line_signs(line.line.name)
+            direction = beam_direction(line.line.name, np.asarray(volume.step))
+            setups.append(Setup(line.setup, line.line.name, signs, direction))
+        used = setups[index[line.setup]]
+        if used.line != line.line.name:
+            raise ValueError(
+                f"setup '{line.setup}' holds lines '{used.line}' and '{line.line.name}': "
+                "one setup has one beam direction"
+            )
+        setup.append(np.full(len(good), index[line.setup]))
+        passes.append(np.full(len(good), number))
+        stops.append(good)
+        nodes.append(nodes_of(line, volume, used.signs)[good])
+        values.append(line.displacement[good])
+        uncertainties.append(_line_uncertainty(line.standard_uncertainty[good]))
+    if not setups:
+        raise NotDeterminable("no line has a settled stop yet")
+    uncertainty = np.concatenate(uncertainties)
+    if not np.all(np.isfinite(uncertainty)):
+        uncertainty = np.full(len(uncertainty), np.nan)
+    return Observations(
+        volume=volume,
+        setups=tuple(setups),
+        setup=np.concatenate(setup),
+        passes=np.concatenate(passes),
+        stop=np.concatenate(stops),
+        node=np.concatenate(nodes),
+        displacement=np.concatenate(values),
+        uncertainty=uncertainty,
+        lines=len(values),
+    )
+
+
+def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
+    """Return the node of each moving axis at each stop of a line, -1 for standing axes, shape (stops, 3).
+
+    Raises:
+        ValueError: a moving axis stands beside the nodes of the volume at a stop.
+    """
+    counted = (line.target - np.asarray(volume.origin)) / np.asarray(volume.step)
+    nearest = np.rint(counted)
+    beside = (np.abs(counted - nearest) > _OFF_GRID) | (nearest < 0) | (nearest > volume.blocks)
+    beside &= signs != 0
+    if np.any(beside):
+        stop, axis = np.argwhere(beside)[0]
+        raise ValueError(
+            f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, which is no "
+            "node of the measured volume; the line and the volume contradict each other"
+        )
+    nodes: Integers = np.where(signs != 0, nearest, -1).astype(np.int64)
+    return nodes
+
+
+def _line_uncertainty(own: Vector) -> Vector:
+    """Return the uncertainties to weight a line's stops with, m; NaN if they are not known.
+
+    What is written beside a stop is itself an estimate from a few readings; weighting by it would favour
+    stops whose readings happened to agree. So the stops of a line get their common root mean square,
+    except those more than twice as uncertain as the median, which keep their own.
+    """
+    # Not np.median: its first call in a process imports numpy.ma, which takes longer than a solve.
+    conspicuous = own > _CONSPICUOUS * np.sort(own)[len(own) // 2]
+    common = np.sqrt(np.mean(own[~conspicuous] ** 2))
+    if not np.all(np.isfinite(own)) or common <= 0.0:
+        return np.full(len(own), np.nan)
+    return np.where(conspicuous, own, common)
+
+
+@dataclass(frozen=True)
+class BlockMeans:
+    """Mean displacement of each single-axis move over repeats, directions and move orders.
+
+    Attributes:
+        lines: names of the lines.
+        weights: displacement of axis i over its interval k along line L's forward sense is
+            ``weights[L, i, k] @ readings``, shape (lines, 3, blocks, n); zero for axes that stand.
+    """
+
+    lines: tuple[str, ...]
+    weights: Vector
+
+    def excess(self, observations: Observations) -> Vector:
+        """Return the displacements beyond the nominal ones, m, shape (lines, 3, blocks)."""
+        found: Vector = self.weights @ observations.excess
+        return found
+
+
+def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMeans:
+    """Average the displacements of every single-axis move, R_x,ppp(k) and its like (IH eq. 1).
+
+    The interval k counts along the axis, so that the block N-k+1 of an axis that runs backwards is its
+    interval k, as Ibaraki & Hata 2010, eq. 2, has it. Moves between rejected stops are left out.
+
+    Raises:
+        NotDeterminable: a line is missing, or one of its moves was never measured; the text says which.
+    """
+    blocks, count = observations.volume.blocks, len(observations.displacement)
+    names = np.array([setup.line for setup in observations.setups])[observations.setup]
+    missing = [line for line in lines if line not in names]
+    if missing:
+        raise NotDeterminable(f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}")
+    weights = np.zeros((len(lines), 3, blocks, count))
+    for row, line in enumerate(lines):
+        signs = line_signs(line)
+        before = np.flatnonzero(
+            (names[:-1] == line)
+            & (observations.passes[:-1] == observations.passes[1:])
+            & (observations.stop[1:] == observations.stop[:-1] + 1)
+        )
+        moved = observations.node[before + 1] - observations.node[before]
+        single = np.sum(np.abs(moved), axis=1) == 1
+        before, moved = before[single], moved[single]
+        axis = np.argmax(np.abs(moved), axis=1)
+        rows = np.arange(len(before))
+        interval = np.minimum(observations.node[before, axis], observations.node[before + 1, axis])
+        sense = moved[rows, axis] * signs[axis]
+        number = np.zeros((3, blocks))
+        np.add.at(number, (axis, interval), 1.0)
+        for moving in np.flatnonzero(signs):
+            gap = np.flatnonzero(number[moving] == 0)
+            if len(gap):
+                raise NotDeterminable(
+                    f"the move of {AXES[moving]} over its interval {gap[0] + 1} was not measured on "
+                    f"{line}; measure the line again, or use least_squares"
+                )
+        share = sense / number[axis, interval]
+        np.add.at(weights[row], (axis, interval, before + 1), share)
+        np.add.at(weights[row], (axis, interval, before), -share)
+    return BlockMeans(lines, weights)

@@ -1,0 +1,77 @@
+"""The one result type of all solvers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import FRAME, Vector
+
+
+class NotDeterminable(ValueError):
+    """These lines are not enough for this method; the text says what is missing."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A single figure of a result.
+
+    Attributes:
+        name: for example ``C0Y``, ``straightness E_YX``, ``positioning E_XX``, ``tilt ppp XYZ 1``.
+        value: in the unit; NaN if not determined.
+        standard_uncertainty: in the unit; NaN if not known.
+        unit: ``m`` or ``rad``.
+    """
+
+    name: str
+    value: float
+    standard_uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class VolumetricErrors:
+    """Nine translational error curves with their uncertainty, and what follows from them.
+
+    Attributes:
+        method: ``conventional``, ``setup_robust`` or ``least_squares``.
+        nodes: machine coordinates of the nodes of X, Y, Z, m, each shape (N + 1,).
+        curves: ISO 230-1 name → errors at the nodes, m, shape (N + 1,); zero at the first node; NaN
+            where
+            not determined.
+        standard_uncertainty: ISO 230-1 name → standard uncertainties, m, same shape; NaN where not
+            known.
+        figures: squareness, straightness, positioning, setup errors.
+        lines: number of lines used.
+        chi_squared: of the fit; NaN where the method leaves no degrees of freedom.
+        degrees_of_freedom: of the fit.
+        not_determined: what these lines cannot tell, in words.
+        remarks: what the reader must know, in words.
+        covariance: of all curves stacked in the order of ``geometry.TRANSLATIONS``, m², shape
+            (9(N+1), 9(N+1));
+            NaN rows and columns where not determined.
+        frame: of the results, in words.
+    """
+
+    method: str
+    nodes: tuple[Vector, Vector, Vector]
+    curves: dict[str, Vector]
+    standard_uncertainty: dict[str, Vector]
+    figures: tuple[Figure, ...]
+    lines: int
+    chi_squared: float
+    degrees_of_freedom: int
+    not_determined: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+    frame: str = FRAME
+
+    def figure(self, name: str) -> Figure:
+        """Return the figure of that name.
+
+        Raises:
+            KeyError: the result has no such figure.
+        """
+        for figure in self.figures:
+            if figure.name == name:
+                return figure
+        raise KeyError(f"the {self.method} result has no figure '{name}'")
