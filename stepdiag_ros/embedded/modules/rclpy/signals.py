@@ -1,0 +1,96 @@
+"""Signals: Ctrl-C and SIGTERM end all contexts, even while a call into DDS waits."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from enum import IntEnum
+from types import FrameType
+from typing import Any
+
+
+class SignalHandlerOptions(IntEnum):
+    """Which signals are handled."""
+
+    NO = 0
+    SIGINT = 1
+    SIGTERM = 2
+    ALL = 3
+
+
+_previous: dict[int, Any] = {}
+_watcher: _Watcher | None = None
+
+
+class _Watcher:
+    """Thread that wakes whoever waits in DDS when a signal has come.
+
+    Python runs its signal handlers between two of its own instructions, which a waiting C function
+    does not reach; it does write a byte to the wake-up descriptor at once.
+    """
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+        self._previous = signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, name="rclpy-signals", daemon=True).start()
+
+    def _watch(self) -> None:
+        from rclpy.context import _contexts
+
+        while True:
+            data = os.read(self._read, 64)
+            if not data:
+                return
+            for context in list(_contexts):
+                for wake in list(context._wakers):
+                    wake()
+
+    def close(self) -> None:
+        signal.set_wakeup_fd(self._previous)
+        os.close(self._write)
+
+
+def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
+    """Handle signals; only the main thread can, elsewhere nothing happens."""
+    global _watcher
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number, wanted in (
+        (signal.SIGINT, options & SignalHandlerOptions.SIGINT),
+        (signal.SIGTERM, options & SignalHandlerOptions.SIGTERM),
+    ):
+        if wanted and number not in _previous:
+            _previous[number] = signal.signal(number, _handle)
+    if options and _watcher is None:
+        _watcher = _Watcher()
+
+
+def uninstall_signal_handlers() -> None:
+    """Give the signals back to whoever had them."""
+    global _watcher
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number, handler in _previous.items():
+        signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+    _previous.clear()
+    if _watcher is not None:
+        _watcher.close()
+        _watcher = None
+
+
+def get_current_signal_handlers_options() -> SignalHandlerOptions:
+    """Return which signals are handled."""
+    handled = (signal.SIGINT in _previous) + 2 * (signal.SIGTERM in _previous)
+    return SignalHandlerOptions(handled)
+
+
+def _handle(number: int, frame: FrameType | None) -> None:
+    from rclpy.context import _contexts
+
+    for context in list(_contexts):
+        context.try_shutdown()
+    previous = _previous.get(number)
+    if callable(previous):
+        previous(number, frame)
