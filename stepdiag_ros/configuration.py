@@ -1,0 +1,181 @@
+"""Reads plan, machine and cell files: by path, or by the bare name of one of the package.
+
+Every refusal is one sentence that names the file, and the line or the key where it is wrong. The
+text of a file is returned beside what was made from it, because a run records the text.
+"""
+
+import re
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import yaml
+
+from stepdiag_ros import resources
+from stepdiag_ros.metrology.plan import Plan
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.cell import SimulatedCell
+    from stepdiag_ros.metrology.machine import Machine
+
+Folder = Literal["plans", "machines", "cells"]
+Made = TypeVar("Made")
+
+_BARE_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_SINGULAR = {"plans": "plan", "machines": "machine", "cells": "cell"}
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """The safe loader, except that a key given twice is refused instead of one being lost."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Hashable] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable):
+                if key in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"the key '{key}' is there twice", key_node.start_mark
+                    )
+                seen.add(key)
+        return super().construct_mapping(node, deep=deep)
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Parse a YAML text.
+
+    Args:
+        text: the YAML.
+        source: what the user calls it, usually the file; named in errors.
+
+    Raises:
+        ValueError: not YAML, or a key is there twice; names the source and the line.
+    """
+    try:
+        return yaml.load(text, Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise ValueError(f"{source}{line}: {error.problem or 'not valid YAML'}") from None
+    except yaml.YAMLError as error:
+        problem = getattr(error, "reason", None) or "not valid YAML"
+        raise ValueError(f"{source}: {problem}") from None
+
+
+def available(folder: Folder) -> list[str]:
+    """Return the names of the package's files of one kind, in alphabetical order."""
+    return sorted(path.stem for path in (resources.directory("config") / folder).glob("*.yaml"))
+
+
+def find(name_or_path: str | Path, folder: Folder) -> Path:
+    """Return the file that a path or a bare name means; a file in the working folder goes first.
+
+    Raises:
+        ValueError: there is no such file; names those that come with the package.
+    """
+    path = Path(name_or_path).expanduser()
+    if path.is_file():
+        return path
+    if path.is_dir() and not _BARE_NAME.fullmatch(str(name_or_path)):
+        raise ValueError(f"{path} is a folder; a YAML file is needed")
+    if _BARE_NAME.fullmatch(str(name_or_path)):
+        packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
+        if packaged.is_file():
+            return packaged
+    what = _SINGULAR[folder]
+    raise ValueError(
+        f"there is no {what} '{name_or_path}': give the path of a YAML file"
+        f" or one of {', '.join(available(folder))}"
+    )
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises:
+        ValueError: it is not there, cannot be read or is no text; names the file.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file (UTF-8)") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def read_yaml(path: Path) -> Any:
+    """Parse a YAML file.
+
+    Raises:
+        ValueError: not readable, not YAML, or a key is there twice; names the file and the line.
+    """
+    return parse_yaml(read_text(path), str(path))
+
+
+def _load(
+    name_or_path: str | Path, folder: Folder, make: Callable[[str, str], Made]
+) -> tuple[Made, str]:
+    path = find(name_or_path, folder)
+    text = read_text(path)
+    return make(text, str(path)), text
+
+
+def plan_from_text(text: str, source: str) -> Plan:
+    """Make a plan from the text of a plan file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    return Plan.from_mapping(parse_yaml(text, source), source)
+
+
+def machine_from_text(text: str, source: str) -> "Machine":
+    """Make a machine from the text of a machine file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    from stepdiag_ros.metrology.machine import Machine
+
+    return Machine.from_mapping(parse_yaml(text, source), source)
+
+
+def cell_from_text(text: str, source: str) -> "SimulatedCell":
+    """Make a simulated cell from the text of a cell file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    from stepdiag_ros.metrology.cell import SimulatedCell
+
+    return SimulatedCell.from_mapping(parse_yaml(text, source), source)
+
+
+def load_plan(name_or_path: str | Path) -> tuple[Plan, str]:
+    """Return a test plan and its text.
+
+    Args:
+        name_or_path: path of a YAML file, or a name in ``config/plans`` such as ``demo``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "plans", plan_from_text)
+
+
+def load_machine(name_or_path: str | Path) -> "tuple[Machine, str]":
+    """Return what is known of a real machine, and the text; see ``load_plan``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "machines", machine_from_text)
+
+
+def load_cell(name_or_path: str | Path) -> "tuple[SimulatedCell, str]":
+    """Return a simulated cell (the truth of a simulated run), and the text; see ``load_plan``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "cells", cell_from_text)

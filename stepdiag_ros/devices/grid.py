@@ -1,0 +1,34 @@
+"""The instants at which a device samples: an exact grid of whole nanoseconds."""
+
+
+class SampleGrid:
+    """Instants start, start + 1/rate, start + 2/rate …, each rounded on its own, so none drifts.
+
+    Args:
+        start: first instant, ns.
+        rate: Hz, > 0.
+
+    Attributes:
+        count: how many instants have been taken.
+    """
+
+    def __init__(self, start: int, rate: float) -> None:
+        self._start = start
+        self._rate = rate
+        self.count = 0
+
+    @property
+    def next(self) -> int:
+        """Return the next instant, ns."""
+        return self._instant(self.count)
+
+    def take(self, until: int) -> list[int]:
+        """Return and use up the instants up to a time (included), ns."""
+        taken: list[int] = []
+        while (instant := self._instant(self.count)) <= until:
+            taken.append(instant)
+            self.count += 1
+        return taken
+
+    def _instant(self, number: int) -> int:
+        return self._start + round(number * 1e9 / self._rate)

@@ -1,0 +1,80 @@
+"""A simulated weather station: the cell's weather with the errors of its sensors."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from stepdiag_ros.devices import Surroundings
+from stepdiag_ros.devices.grid import SampleGrid
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.measurement import Environment
+
+
+class SimulatedWeather:
+    """A weather station in a simulated cell (protocol: ``WeatherDevice``).
+
+    Args:
+        cell: the truth.
+        start: ns; grid and weather begin here.
+        rate: of the samples, Hz.
+        sensor_errors: added to each true value: K, Pa, 1 (humidity 0..1), K.
+    """
+
+    def __init__(
+        self,
+        cell: SimulatedCell,
+        start: int,
+        rate: float = 1.0,
+        sensor_errors: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        self._cell = cell
+        self._start = start
+        self._grid = SampleGrid(start, rate)
+        self._errors = sensor_errors
+        self._silent_from: int | None = None
+
+    def inject_silence(self, time_ns: int) -> None:
+        """Let the station fall silent from a time on, for tests."""
+        self._silent_from = time_ns
+
+    def poll(self, time_ns: int) -> list[tuple[int, Environment]]:
+        """Return the samples since the last poll with their times (ns), in order."""
+        return [
+            (time, self._sample(time))
+            for time in self._grid.take(time_ns)
+            if self._silent_from is None or time < self._silent_from
+        ]
+
+    def close(self) -> None:
+        """Let the station go."""
+
+    def _sample(self, time: int) -> Environment:
+        true = self._cell.environment((time - self._start) * 1e-9)
+        told = [value + error for value, error in zip(true, self._errors, strict=True)]
+        # A humidity sensor shows no less than 0 and no more than 1.
+        told[2] = min(max(told[2], 0.0), 1.0)
+        return Environment(*told)
+
+
+def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> SimulatedWeather:
+    """Make a simulated weather station.
+
+    Settings: ``rate_hz`` (default 1) and the errors of the sensors, each 0 by default:
+    ``air_temperature_error_K``, ``air_pressure_error_Pa``, ``relative_humidity_error`` (of 0..1),
+    ``material_temperature_error_K``.
+
+    Raises:
+        ValueError: a setting is wrong, or there is no cell.
+    """
+    if surroundings.cell is None:
+        raise ValueError("the simulated weather station needs a simulated cell")
+    section = Section(settings, "settings of the simulated weather station")
+    rate = section.number("rate_hz", low=1e-3, high=1000.0, default=1.0)
+    errors = (
+        section.number("air_temperature_error_K", low=-50.0, high=50.0, default=0.0),
+        section.number("air_pressure_error_Pa", low=-5e4, high=5e4, default=0.0),
+        section.number("relative_humidity_error", low=-1.0, high=1.0, default=0.0),
+        section.number("material_temperature_error_K", low=-50.0, high=50.0, default=0.0),
+    )
+    section.finish()
+    return SimulatedWeather(surroundings.cell, surroundings.start, rate, errors)

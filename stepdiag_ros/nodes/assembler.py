@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+"""Node: makes settled stops, block displacements and lines from commands, arrivals and readings."""
+
+import sys
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from stepdiag_ros import topics
+from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.conversion import (
+    from_block,
+    from_measured_line,
+    from_settled_stop,
+    to_arrival,
+    to_nanoseconds,
+    to_reading,
+    to_stop_command,
+)
+from stepdiag_ros.metrology.assembly import Assembler, Event
+from stepdiag_ros.metrology.measurement import BlockDisplacement, SettledStop
+from stepdiag_ros.nodes.base import StepdiagNode, spin
+
+
+class AssemblerNode(StepdiagNode):
+    """Publishes what the readings say about every stop, move and line; depends on stamps alone."""
+
+    role = "assembler"
+
+    def __init__(self) -> None:
+        super().__init__("assembler")
+        self._assembler: Assembler | None = None
+        # Commands and arrivals of a run whose description has not come yet.
+        self._early: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=1000)
+        self._stops = self.announce(topics.STOP)
+        self._blocks = self.announce(topics.BLOCK)
+        self._lines = self.announce(topics.LINE)
+        self.follow_run()
+        self.listen(topics.MACHINE_COMMAND, self._on_command)
+        self.listen(topics.COMMAND_STATUS, self._on_status)
+        self.listen(topics.READING, self._on_reading, keep_all=True)
+
+    def on_run(self, description: Any) -> None:
+        """Begin anew with the plan of the run."""
+        plan = plan_from_text(description.plan, "plan of the run")
+        self._assembler = Assembler(plan, to_nanoseconds(description.header.stamp))
+        self.run_id = description.run_id
+        for _ in range(len(self._early)):
+            callback, message = self._early.popleft()
+            callback(message)
+
+    def _on_command(self, message: Any) -> None:
+        if self._assembler is None or message.run_id != self.run_id:
+            self._early.append((self._on_command, message))
+            return
+        command = to_stop_command(message)
+        if command is None:
+            return
+        try:
+            self._publish(self._assembler.add_command(command))
+        except ValueError as error:
+            self.unwell(str(error))
+
+    def _on_status(self, message: Any) -> None:
+        if self._assembler is None or message.run_id != self.run_id:
+            self._early.append((self._on_status, message))
+            return
+        arrival = to_arrival(message)
+        if arrival is not None:
+            self._publish(self._assembler.add_arrival(arrival))
+
+    def _on_reading(self, message: Any) -> None:
+        if self._assembler is not None:
+            self._publish(self._assembler.add_reading(to_reading(message)))
+
+    def _publish(self, events: Iterable[Event]) -> None:
+        for event in events:
+            if isinstance(event, SettledStop):
+                if not event.settled:
+                    where = f"{event.line}, stop {event.command.stop}"
+                    self.get_logger().warning(f"{where} rejected: {event.reason}")
+                self._stops.publish(from_settled_stop(event, self.run_id))
+            elif isinstance(event, BlockDisplacement):
+                self._blocks.publish(from_block(event, self.run_id))
+            else:
+                self._lines.publish(from_measured_line(event, self.run_id))
+
+
+def main() -> int:
+    """Run the node."""
+    return spin(AssemblerNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

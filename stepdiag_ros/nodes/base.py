@@ -1,0 +1,269 @@
+"""What all nodes share: topics, parameters, heartbeat, the watch on the other nodes."""
+
+import sys
+import uuid
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, ClassVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
+
+from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, Peer, Watch
+from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE, Topic
+
+
+def quality(topic: Topic, keep_all: bool = False) -> QoSProfile:
+    """Return the quality of service of a topic.
+
+    Args:
+        topic: which.
+        keep_all: for a reader that must not miss a message however far it falls behind.
+    """
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        depth=topic.qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL
+            if topic.qos.transient_local
+            else DurabilityPolicy.VOLATILE
+        ),
+    )
+
+
+def message_class(topic: Topic) -> Any:
+    """Return the message class of a topic."""
+    package, _, name = topic.type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class StepdiagNode(Node):
+    """A node of the suite: says that it is alive, listens who else is, reports faults in words.
+
+    Args:
+        name: default name of the node.
+    """
+
+    role: ClassVar[str] = ""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.run_id = ""
+        self.run_over = True
+        self.watch = Watch()
+        self._level, self._text = DiagnosticStatus.OK, "ready"
+        self._session = uuid.uuid4().hex
+        self._real_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = self.announce(DIAGNOSTICS)
+        self.listen(DIAGNOSTICS, self._on_diagnostics)
+        self.create_timer(HEARTBEAT_PERIOD, self.beat, clock=self._real_clock)
+        self.create_timer(HEARTBEAT_PERIOD / 2, self._check_peers, clock=self._real_clock)
+
+    # Time --------------------------------------------------------------------------------------
+
+    def now(self) -> int:
+        """Return the ROS time in ns."""
+        nanoseconds: int = self.get_clock().now().nanoseconds
+        return nanoseconds
+
+    def real_time(self) -> float:
+        """Return the time in s of a clock that neither steps nor follows the simulation."""
+        return float(self._real_clock.now().nanoseconds) * 1e-9
+
+    def every(self, seconds: float, callback: Callable[[], None], real: bool = False) -> None:
+        """Call back periodically, in ROS time or (``real``) on the clock that never steps."""
+        self.create_timer(seconds, callback, clock=self._real_clock if real else None)
+
+    def await_clock(self, then: Callable[[], None]) -> None:
+        """Call back once the ROS clock runs: simulated time is zero until /clock is heard."""
+
+        def look() -> None:
+            if self.now() > 0:
+                timer.cancel()
+                then()
+                self.healthy("ready")
+
+        self._set_health(DiagnosticStatus.ERROR, "waiting for the ROS clock to run")
+
+        timer = self.create_timer(0.01, look, clock=self._real_clock)
+
+    # Topics, services, parameters ----------------------------------------------------------------
+
+    def announce(self, topic: Topic) -> Publisher:
+        """Return a publisher on a topic of the suite."""
+        return self.create_publisher(message_class(topic), topic.name, quality(topic))
+
+    def listen(
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        keep_all: bool = False,
+        raw: bool = False,
+    ) -> None:
+        """Call back with each message of a topic of the suite (its CDR bytes, if ``raw``)."""
+        qos = quality(topic, keep_all)
+        self.create_subscription(message_class(topic), topic.name, callback, qos, raw=raw)
+
+    def offer(self, name: str, action: Callable[[], str]) -> None:
+        """Offer a Trigger service; the action returns what it did, or raises ValueError."""
+
+        def answer(_request: Any, response: Any) -> Any:
+            try:
+                response.message = action()
+                response.success = True
+            except ValueError as error:
+                response.message = str(error)
+                response.success = False
+            return response
+
+        self.create_service(Trigger, name, answer)
+
+    def parameter(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        low: float | None = None,
+        high: float | None = None,
+    ) -> Any:
+        """Declare a parameter that is set at start and return its value.
+
+        Raises:
+            rclpy.exceptions.InvalidParameterValueException: the given value is out of range.
+        """
+        descriptor = ParameterDescriptor(description=description, read_only=True)
+        if low is not None and high is not None:
+            if isinstance(default, float):
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=low, to_value=high, step=0.0)
+                ]
+            else:
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(low), to_value=int(high), step=1)
+                ]
+        return self.declare_parameter(name, default, descriptor).value
+
+    # Health --------------------------------------------------------------------------------------
+
+    def healthy(self, text: str) -> None:
+        """Say that all is well; others see it at once."""
+        self._set_health(DiagnosticStatus.OK, text)
+
+    def unwell(self, text: str) -> None:
+        """Say what is wrong, in the log and on /diagnostics."""
+        if text != self._text:
+            self.get_logger().error(text)
+        self._set_health(DiagnosticStatus.ERROR, text)
+
+    def beat(self) -> None:
+        """Publish the heartbeat: role, health, run and process identity."""
+        status = DiagnosticStatus(
+            level=self._level,
+            name=self.get_fully_qualified_name(),
+            message=self._text,
+            hardware_id=self.role,
+            values=[
+                KeyValue(key="run_id", value=self.run_id),
+                KeyValue(key="session", value=self._session),
+            ],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def on_peer_lost(self, text: str) -> None:
+        """Called when a node has fallen silent while a run is going on."""
+        self.get_logger().error(text)
+        self._set_health(DiagnosticStatus.WARN, text)
+
+    def follow_run(self) -> None:
+        """Call ``on_run`` when a run begins and ``on_run_end`` when it has ended."""
+        self.listen(RUN_DESCRIPTION, self._on_description)
+        self.listen(RUN_STATE, self._on_run_state)
+
+    def on_run(self, description: Any) -> None:
+        """Called with the RunDescription of a new run."""
+
+    def on_run_end(self) -> None:
+        """Called when the run has finished or was aborted."""
+
+    def close(self) -> None:
+        """Finish what must not be left half done; called once before the process ends."""
+
+    def _on_description(self, description: Any) -> None:
+        if description.run_id == self.run_id and not self.run_over:
+            return
+        try:
+            self.on_run(description)
+        except ValueError as error:
+            self.unwell(f"cannot take up run {description.run_id}: {error}")
+            return
+        self.run_id = description.run_id
+        self.run_over = False
+        self.healthy(f"run {self.run_id}")
+
+    def _on_run_state(self, state: Any) -> None:
+        ended = state.state in (state.STATE_FINISHED, state.STATE_ABORTED)
+        if ended and state.run_id == self.run_id and not self.run_over:
+            self.run_over = True
+            self.healthy(f"ready; run {self.run_id} has ended")
+            self.on_run_end()
+
+    def _set_health(self, level: bytes, text: str) -> None:
+        changed = (level, text) != (self._level, self._text)
+        self._level, self._text = level, text
+        if changed:
+            self.beat()
+
+    def _on_diagnostics(self, array: Any) -> None:
+        for status in array.status:
+            values = {entry.key: entry.value for entry in status.values}
+            if "session" not in values or values["session"] == self._session:
+                continue
+            peer = Peer(
+                role=status.hardware_id,
+                last_seen=self.real_time(),
+                session=values["session"],
+                run_id=values["run_id"],
+                text=status.message,
+                faulty=status.level == DiagnosticStatus.ERROR,
+            )
+            if status.name == self.get_fully_qualified_name():
+                self.unwell(f"two nodes are named {status.name}: end one of them or rename it")
+            self.watch.heard(status.name, peer)
+
+    def _check_peers(self) -> None:
+        for text in self.watch.check(self.real_time()):
+            if not self.run_over:
+                self.on_peer_lost(text)
+
+
+def spin(node_class: Callable[[], StepdiagNode]) -> int:
+    """Run a node until it is told to end; return the exit code.
+
+    A node that cannot start says why in one sentence.
+    """
+    rclpy.init()
+    try:
+        node = node_class()
+    except (ValueError, OSError, rclpy.exceptions.ParameterException) as error:
+        print(f"stepdiag: error: {error}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

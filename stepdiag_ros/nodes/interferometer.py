@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""Node: streams the readings of a laser interferometer."""
+
+import sys
+from functools import partial
+from typing import Any
+
+from stepdiag_ros import topics
+from stepdiag_ros.configuration import load_cell, plan_from_text
+from stepdiag_ros.conversion import from_reading, new_message, to_nanoseconds
+from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices.interferometer import InterferometerDevice
+from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.nodes.base import StepdiagNode, spin
+
+POLL_PERIOD = 0.002
+WEATHER = {
+    "air_temperature": (topics.AIR_TEMPERATURE, "temperature"),
+    "air_pressure": (topics.AIR_PRESSURE, "fluid_pressure"),
+    "relative_humidity": (topics.RELATIVE_HUMIDITY, "relative_humidity"),
+    "material_temperature": (topics.MATERIAL_TEMPERATURE, "temperature"),
+}
+"""Field of Environment → topic and field of its message."""
+
+
+class InterferometerNode(StepdiagNode):
+    """Publishes every reading, compensated for the weather that the weather topics tell."""
+
+    role = "interferometer"
+
+    def __init__(self) -> None:
+        super().__init__("interferometer")
+        self._driver = self.parameter("device", "simulated", "driver of the instrument")
+        cell = self.parameter("cell", "demo", "simulated cell: YAML file or name, config/cells")
+        rate = self.parameter("rate", 0.0, "readings in a second; 0: the cell's own", 0.0, 1e5)
+        seed = self.parameter("seed", 0, "of the noise of the simulated readings", 0, 2**31)
+        hold = self.parameter(
+            "hold_after",
+            1.0,
+            "s without axis positions after which the last one holds",
+            0.0,
+            3600.0,
+        )
+        self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
+        self._settings: dict[str, Any] = {"seed": seed, "hold_after_s": hold}
+        if rate:
+            self._settings["rate_hz"] = rate
+        self._plan: Plan | None = None
+        self._environment = Environment()
+        self._weather_time = 0
+        self._device: InterferometerDevice
+        self._readings = self.announce(topics.READING)
+        self._message = new_message(topics.READING.type_name)
+        self.await_clock(self._open)
+
+    def _open(self) -> None:
+        surroundings = Surroundings(self.now(), cell=self._cell)
+        self._device = create("interferometer", self._driver, self._settings, surroundings)
+        self.follow_run()
+        self.listen(topics.MACHINE_COMMAND, self._on_command)
+        self.listen(topics.JOINT_STATES, self._on_joints)
+        for name, (topic, field) in WEATHER.items():
+            self.listen(topic, partial(self._on_weather, name, field))
+        self.every(POLL_PERIOD, self._poll, real=True)
+
+    def on_run(self, description: Any) -> None:
+        """Take the plan, which says where the beam of each line is to go."""
+        self._plan = plan_from_text(description.plan, "plan of the run")
+
+    def _on_command(self, command: Any) -> None:
+        if self._plan is None or command.run_id != self.run_id:
+            return
+        line, volume = self._plan.lines[command.line_index], self._plan.volume
+        x, y, z = (float(value) for value in line.stops(volume)[0])
+        self._device.align(self.now(), command.setup, line.name, volume.step, (x, y, z))
+
+    def _on_joints(self, message: Any) -> None:
+        x, y, z = message.position
+        self._device.update_position(to_nanoseconds(message.header.stamp), (x, y, z))
+
+    def _on_weather(self, name: str, field: str, message: Any) -> None:
+        self._environment = self._environment._replace(**{name: float(getattr(message, field))})
+        # The four sensors speak one after another with the same stamp; each word counts.
+        stamp = to_nanoseconds(message.header.stamp)
+        self._weather_time = max(stamp, self._weather_time + 1)
+        self._device.update_environment(self._weather_time, self._environment)
+
+    def _poll(self) -> None:
+        for reading in self._device.poll(self.now()):
+            message = from_reading(reading, "interferometer", message=self._message)
+            self._readings.publish(message)
+
+
+def main() -> int:
+    """Run the node."""
+    return spin(InterferometerNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""Collects the parameters of all nodes, for the record."""
+
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+
+VALUE_FIELDS = {
+    1: "bool_value",
+    2: "integer_value",
+    3: "double_value",
+    4: "string_value",
+    5: "byte_array_value",
+    6: "bool_array_value",
+    7: "integer_array_value",
+    8: "double_array_value",
+    9: "string_array_value",
+}
+"""rcl_interfaces/msg/ParameterType → field of rcl_interfaces/msg/ParameterValue."""
+
+
+def plain(value: Any) -> Any:
+    """Return a ParameterValue as a plain Python value; None if it is not set."""
+    field = VALUE_FIELDS.get(value.type)
+    content = None if field is None else getattr(value, field)
+    return content if isinstance(content, bool | int | float | str | None) else list(content)
+
+
+class ParameterCollector:
+    """Asks nodes for their parameters by the standard services.
+
+    Args:
+        node: that asks.
+
+    Attributes:
+        values: node name → parameter name → value, of all nodes that have answered.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._asked: dict[str, Any] = {}
+        self.values: dict[str, dict[str, Any]] = {}
+
+    def ask(self, name: str) -> None:
+        """Ask a node (full name), once it can be reached; harmless when called again."""
+        if name in self.values:
+            return
+        if name not in self._asked:
+            self._asked[name] = (
+                self._node.create_client(ListParameters, f"{name}/list_parameters"),
+                self._node.create_client(GetParameters, f"{name}/get_parameters"),
+            )
+        lister, getter = self._asked[name]
+        if not (lister.service_is_ready() and getter.service_is_ready()):
+            return
+        self.values[name] = {}
+
+        def listed(future: Any) -> None:
+            names = list(future.result().result.names)
+
+            def got(answer: Any) -> None:
+                values = [plain(value) for value in answer.result().values]
+                self.values[name] = dict(zip(names, values, strict=True))
+
+            getter.call_async(GetParameters.Request(names=names)).add_done_callback(got)
+
+        lister.call_async(ListParameters.Request()).add_done_callback(listed)

@@ -1,0 +1,161 @@
+"""Node of ``stepdiag replay``: publishes a recorded run into a live graph, with /clock."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import rclpy
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from stepdiag_ros import topics
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.nodes.base import StepdiagNode, message_class, quality
+from stepdiag_ros.run.pacing import Pace
+from stepdiag_ros.topics import Topic
+
+TICK = 0.001
+"""Real seconds between two ticks of /clock, at least."""
+LOOK_AROUND = 1.5
+"""Real seconds in which other nodes would be heard."""
+NEVER_REPLAYED = (topics.DIAGNOSTICS,)
+"""Heartbeats of nodes that are long gone would be taken for live ones."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a replay did.
+
+    Attributes:
+        messages: published.
+        recorded_seconds: of the recording.
+        real_seconds: that it took.
+        same: topic → its live messages equal the recorded ones; empty if not compared.
+    """
+
+    messages: int
+    recorded_seconds: float
+    real_seconds: float
+    same: dict[str, bool] = field(default_factory=dict)
+
+
+class PlayerNode(StepdiagNode):
+    """Publishes a bag's messages byte for byte, in order and at a rate.
+
+    Args:
+        bag: the recorded run.
+        derived: publish the lines too; for a bag without readings.
+    """
+
+    role = "player"
+
+    def __init__(self, bag: BagReader, derived: bool) -> None:
+        super().__init__("stepdiag_player")
+        self._bag = bag
+        self._outlets: dict[str, Publisher] = {}
+        self._derived: dict[str, Topic] = {}
+        self._heard: dict[str, list[bytes]] = {}
+        self._last_heard = 0.0
+        self._clock_publisher = self.announce(topics.CLOCK)
+        for name, type_name in bag.topics.items():
+            found = topics.topic_of(name)
+            if found is None or found[0] in NEVER_REPLAYED:
+                continue
+            topic = Topic(name, type_name, found[0].qos)
+            if found[0].derived and not (derived and found[0] is topics.LINE):
+                self._derived[name] = topic
+                continue
+            # Keep all: a hurried replay waits for a slow subscriber instead of losing messages.
+            self._outlets[name] = self.create_publisher(
+                message_class(topic), name, quality(topic, keep_all=True)
+            )
+
+    def refuse_company(self, roles: Sequence[str]) -> None:
+        """Refuse to compare while other nodes of these roles would answer as well.
+
+        Raises:
+            ValueError: there is one.
+        """
+        self._wait_until(self.real_time() + LOOK_AROUND)
+        for role in roles:
+            if self.watch.present(role):
+                raise ValueError(
+                    f"a {role} node runs already: end it, or set ROS_DOMAIN_ID to another number"
+                )
+
+    def wait_for(self, roles: Sequence[str], limit: float, ended: Callable[[], str]) -> None:
+        """Wait until nodes of these roles are up and listen.
+
+        Raises:
+            ValueError: one has ended or does not come up within ``limit`` real seconds.
+        """
+        deadline = self.real_time() + limit
+        description = next(
+            outlet for name, outlet in self._outlets.items() if name.endswith("run/description")
+        )
+        while not all(self.watch.present(role) for role in roles) or (
+            description.get_subscription_count() < len(roles)
+        ):
+            if ended():
+                raise ValueError(ended())
+            if self.real_time() > deadline:
+                raise ValueError(f"the nodes {', '.join(roles)} did not come up in {limit:g} s")
+            rclpy.spin_once(self, timeout_sec=0.1)
+
+    def listen_to_derived(self) -> None:
+        """Keep what the live nodes publish on the topics that are derived from the recording."""
+        for name, topic in self._derived.items():
+            self._heard[name] = []
+
+            def hear(data: bytes, kept: list[bytes] = self._heard[name]) -> None:
+                kept.append(data)
+                self._last_heard = self.real_time()
+
+            self.listen(topic, hear, keep_all=True, raw=True)
+
+    def play(self, rate: float, progress: Callable[[float], None]) -> Played:
+        """Publish everything.
+
+        Args:
+            rate: seconds of the recording in a real second; 0 for as fast as possible.
+            progress: is told the part that has been published, 0..1.
+        """
+        start, end = self._bag.start_time, self._bag.end_time
+        began = self.real_time()
+        pace = Pace(rate or 1.0, origin=start, real_start=began)
+        count, last_tick, last_progress = 0, began - TICK, began
+        for record in self._bag.records(topics=self._outlets.keys()):
+            if rate:
+                self._wait_until(pace.real(record.log_time))
+            real = self.real_time()
+            if real - last_tick >= TICK:
+                self._tick(record.log_time)
+                last_tick = real
+            self._outlets[record.topic].publish(record.data)
+            count += 1
+            if real - last_progress > 0.1:
+                progress(pace.part(record.log_time, end))
+                last_progress = real
+                rclpy.spin_once(self, timeout_sec=0.0)
+        self._tick(end)
+        return Played(count, pace.span(end), self.real_time() - began)
+
+    def compare(self, played: Played, quiet: float) -> Played:
+        """Wait until the live nodes are done and compare their messages with the recorded ones."""
+        self._last_heard = self.real_time()
+        while self.real_time() - self._last_heard < quiet:
+            rclpy.spin_once(self, timeout_sec=0.1)
+        recorded: dict[str, list[bytes]] = {name: [] for name in self._heard}
+        for record in self._bag.records(topics=self._heard.keys()):
+            recorded[record.topic].append(record.data)
+        return replace(
+            played, same={name: recorded[name] == self._heard[name] for name in recorded}
+        )
+
+    def _wait_until(self, real: float) -> None:
+        while (left := real - self.real_time()) > 0.0:
+            rclpy.spin_once(self, timeout_sec=min(left, 0.1))
+
+    def _tick(self, time: int) -> None:
+        message = ClockMessage()
+        message.clock.sec, message.clock.nanosec = divmod(time, 1_000_000_000)
+        self._clock_publisher.publish(message)

@@ -1,0 +1,124 @@
+#!/usr/bin/env python3
+"""Node: records each run into one MCAP file that survives a crash."""
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rclpy.serialization import serialize_message
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from stepdiag_ros import topics
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.conversion import to_nanoseconds
+from stepdiag_ros.embedded import client
+from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.parameters import ParameterCollector
+from stepdiag_ros.topics import Topic
+
+LINGER = 1.0
+"""Real seconds of silence on lines and results after a run, before its bag is closed."""
+
+
+class RecorderNode(StepdiagNode):
+    """Opens a bag when a run begins, flushes it at every stop, closes it when the run has ended."""
+
+    role = "recorder"
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        folder = self.parameter("folder", ".", "folder in which bags are written, RUN.mcap each")
+        self._folder = Path(folder).expanduser()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._writer: BagWriter | None = None
+        self._close_at: float | None = None
+        self._parameters = ParameterCollector(self)
+        self.follow_run()
+        for topic in topics.RECORDED:
+            if topic is not topics.RUN_DESCRIPTION:
+                self.listen(topic, partial(self._record, topic), keep_all=True, raw=True)
+        self.every(0.2, self._close_when_over, real=True)
+        self.every(1.0, self._ask_parameters, real=True)
+
+    def on_run(self, description: Any) -> None:
+        """Open the bag of the run; a run that is taken up again gets a bag of its own."""
+        self._close()
+        header = RunHeader(
+            run_id=description.run_id,
+            plan_name=plan_from_text(description.plan, "plan of the run").name,
+            software_version=description.software_version,
+            schema_version=description.schema_version,
+            middleware=f"{client()}, {get_rmw_implementation_identifier()}",
+            start_time=to_nanoseconds(description.header.stamp),
+            plan=description.plan,
+            machine=description.machine,
+            simulated_cell=description.simulated_cell,
+            parameters=yaml.safe_dump(self._parameters.values),
+        )
+        writer = BagWriter(self._free_path(description.run_id), header)
+        self._writer, self._close_at = writer, None
+        self._record(topics.RUN_DESCRIPTION, serialize_message(description))
+        self.get_logger().info(f"recording {writer.path}")
+
+    def on_run_end(self) -> None:
+        """Close the bag after the last results have come."""
+        self._close_at = self.real_time() + LINGER
+
+    def close(self) -> None:
+        """Close the bag that is open."""
+        self._close()
+
+    def _record(self, topic: Topic, message: bytes) -> None:
+        if self._writer is None:
+            return
+        try:
+            name = self.resolve_topic_name(topic.name)
+            self._writer.write(name, topic.type_name, message, self.now())
+            if topic in (topics.STOP, topics.RUN_STATE):
+                self._writer.flush()
+        except BagError as error:
+            self._writer = None
+            self.unwell(str(error))
+        if self._close_at is not None and topic in (topics.LINE, topics.VOLUMETRIC_ERRORS):
+            self._close_at = self.real_time() + LINGER
+
+    def _close_when_over(self) -> None:
+        if self._close_at is not None and self.real_time() >= self._close_at:
+            self._close()
+
+    def _close(self) -> None:
+        writer, self._writer, self._close_at = self._writer, None, None
+        if writer is None:
+            return
+        try:
+            writer.close()
+        except BagError as error:
+            self.unwell(str(error))
+            return
+        self.healthy(f"ready; recorded {writer.path} with {writer.message_count} messages")
+        self.get_logger().info(f"closed {writer.path}: {writer.message_count} messages")
+
+    def _free_path(self, run_id: str) -> Path:
+        path, part = self._folder / f"{run_id}.mcap", 1
+        while path.exists():
+            part += 1
+            path = self._folder / f"{run_id}_part{part}.mcap"
+        return path
+
+    def _ask_parameters(self) -> None:
+        for name in self.watch.peers:
+            self._parameters.ask(name)
+
+
+def main() -> int:
+    """Run the node."""
+    return spin(RecorderNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

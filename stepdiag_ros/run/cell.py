@@ -1,0 +1,45 @@
+"""Which nodes a simulated measurement needs, and with which parameters."""
+
+from pathlib import Path
+
+from stepdiag_ros.run.processes import NodeProcess
+
+
+def simulated_cell(
+    plan: str, machine: str, cell: str, folder: Path, factor: float, rate: float, seed: int
+) -> list[NodeProcess]:
+    """Return the nodes of a measurement in the simulated cell.
+
+    Args:
+        plan: YAML file or name of the test plan.
+        machine: YAML file or name of the machine.
+        cell: YAML file or name of the simulated cell.
+        folder: where the bag goes.
+        factor: simulated seconds in a real second.
+        rate: readings of the interferometer in a simulated second; 0 for the cell's own.
+        seed: of the noise of the readings.
+    """
+    simulated: dict[str, object] = {"use_sim_time": True}
+    return [
+        NodeProcess("clock", {"factor": factor}),
+        NodeProcess("recorder", {**simulated, "folder": folder}),
+        NodeProcess("assembler", simulated),
+        NodeProcess("solver", simulated),
+        NodeProcess("weather", {**simulated, "device": "simulated", "cell": cell}),
+        NodeProcess(
+            "bridge", {**simulated, "device": "simulated", "machine": machine, "cell": cell}
+        ),
+        NodeProcess(
+            "interferometer",
+            {
+                **simulated,
+                "device": "simulated",
+                "cell": cell,
+                "rate": rate,
+                "seed": seed,
+                # One real second: the positions are late when the machine that simulates is busy.
+                "hold_after": max(1.0, factor),
+            },
+        ),
+        NodeProcess("sequencer", {**simulated, "plan": plan, "machine": machine, "cell": cell}),
+    ]

@@ -1,0 +1,114 @@
+"""Starts the nodes of a run as processes and sees to it that none is left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence as Listing
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+END_LIMIT = 5.0
+"""Real seconds that a node has to end after it was asked to."""
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """What to start: a node module and its ROS arguments.
+
+    Attributes:
+        name: of the module in ``stepdiag_ros.nodes``.
+        parameters: name → value, given as ``-p name:=value``.
+    """
+
+    name: str
+    parameters: dict[str, object] = field(default_factory=dict)
+
+    def command(self) -> list[str]:
+        """Return the command line."""
+        arguments = [sys.executable, "-m", f"stepdiag_ros.nodes.{self.name}", "--ros-args"]
+        for name, value in self.parameters.items():
+            arguments += ["-p", f"{name}:={_yaml(value)}"]
+        return arguments
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str | Path):
+        # Quoted, so that a name such as 'on' or '12' stays a text.
+        return "'" + str(value).replace("'", "''") + "'"
+    return repr(value)
+
+
+class Processes:
+    """Node processes, ended together however the block ends.
+
+    Args:
+        nodes: what to start.
+        log_folder: each node's output goes to NAME.log there.
+    """
+
+    def __init__(self, nodes: Listing[NodeProcess], log_folder: Path) -> None:
+        self._nodes = nodes
+        self._logs = log_folder
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> "Processes":
+        self._logs.mkdir(parents=True, exist_ok=True)
+        for node in self._nodes:
+            self.start(node)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.end()
+
+    def start(self, node: NodeProcess) -> None:
+        """Start one node, or start it again."""
+        # One numerical thread a node: the matrices are small, and threads of several processes
+        # on few cores only wait for each other.
+        environment = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ}
+        with (self._logs / f"{node.name}.log").open("ab") as log:
+            self.running[node.name] = subprocess.Popen(
+                node.command(),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                # Ctrl-C is for the command line, which then ends the nodes in order.
+                start_new_session=True,
+            )
+
+    def ended(self) -> str:
+        """Return a sentence about the first node that has ended; empty if all run."""
+        for name, process in self.running.items():
+            code = process.poll()
+            if code is not None:
+                how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+                return f"the {name} node has ended ({how}): {self._last_words(name)}"
+        return ""
+
+    def end(self) -> None:
+        """Ask every node to end, and end those that do not."""
+        for process in self.running.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + END_LIMIT
+        for process in self.running.values():
+            try:
+                process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _last_words(self, name: str) -> str:
+        log = self._logs / f"{name}.log"
+        lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        return f"{lines[-1].strip()} (see {log})" if lines else f"it said nothing (see {log})"

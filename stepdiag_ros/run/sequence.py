@@ -1,0 +1,395 @@
+"""The course of a run: which command comes next, what it waits for, and what stops it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
+
+NANOSECONDS = 1_000_000_000
+ANSWER_LIMIT = 2.0
+"""Real seconds within which the bridge must answer a command."""
+MOVE_ALLOWANCE = 5.0
+"""ROS seconds that a move may take beyond twice its nominal time."""
+
+
+class State(IntEnum):
+    """State of a run; the numbers are those of RunState.msg."""
+
+    IDLE = 0
+    RUNNING = 1
+    PAUSED = 2
+    WAITING_FOR_SETUP = 3
+    FINISHED = 4
+    ABORTED = 5
+    FAULT = 6
+
+
+class Purpose(IntEnum):
+    """Purpose of a command; the numbers are those of StepCommand.msg."""
+
+    STOP = 0
+    POSITION = 1
+
+
+class Answer(IntEnum):
+    """What became of a command; the numbers are those of CommandStatus.msg."""
+
+    ACCEPTED = 0
+    MOVING = 1
+    IN_POSITION = 2
+    REJECTED = 3
+    STOPPED = 4
+    FAULT = 5
+
+
+@dataclass(frozen=True)
+class Command:
+    """One single-axis move (fields as in StepCommand.msg; m, m/s)."""
+
+    command_id: int
+    purpose: Purpose
+    line_index: int
+    attempt: int
+    setup: str
+    stop: int
+    axis: str
+    target: tuple[float, float, float]
+    feed: float
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run is (fields as in RunState.msg; s)."""
+
+    state: State
+    line_index: int
+    line: str
+    stop: int
+    stop_count: int
+    stops_done: int
+    stops_total: int
+    remaining_time: float
+    text: str
+
+
+class _Phase(Enum):
+    READY = 1
+    ANSWER = 2
+    MOTION = 3
+    SETTLING = 4
+    DWELL = 5
+
+
+class Sequence:
+    """Executes a plan one single-axis move at a time, each only when the stop before has settled.
+
+    Every method takes the ROS time in ns (``now``) and a clock that never steps in s (``real``):
+    durations of the machine count in ROS time, silence of other nodes in real time.
+
+    Args:
+        plan: the test plan.
+        position: actual position of the machine, m.
+        send: is given each command to be executed.
+        stop_motion: asks the machine to stop at once.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        position: tuple[float, float, float],
+        send: Callable[[Command], None],
+        stop_motion: Callable[[], None],
+    ) -> None:
+        self._plan = plan
+        self._position = np.asarray(position, dtype=np.float64)
+        self._send = send
+        self._stop_motion = stop_motion
+        self._stops = [line.stops(plan.volume) for line in plan.lines]
+        self._total = plan.stop_count
+        self.state = State.IDLE
+        self.text = "nothing was started"
+        self._line_index = 0
+        self._attempt = 1
+        self._stop = 0
+        self._positioned = False
+        self._phase = _Phase.READY
+        self._command: Command | None = None
+        self._command_count = 0
+        self._setup_count: dict[str, int] = {}
+        self._confirmed_setup = ""
+        self._sent_real = 0.0
+        self._deadline = 0
+        self._arrived = 0
+        self._rejected: list[str] = []
+        self._first_stop_time = 0
+        self._stops_measured = 0
+        self._pause_wanted = False
+        self._assembled = False
+        self._dwell = round(plan.sampling.dwell * NANOSECONDS)
+        self.incomplete: list[str] = []
+
+    # What an operator does -------------------------------------------------------------------
+
+    def start(self, now: int, real: float) -> None:
+        """Start at the first line.
+
+        Raises:
+            ValueError: the run was started before.
+        """
+        if self.state is not State.IDLE:
+            raise ValueError("this run was started before")
+        self._first_stop_time = now
+        self._enter(State.RUNNING, "measuring")
+        self.update(now, real)
+
+    def pause(self) -> None:
+        """Stand still after the present stop has been measured.
+
+        Raises:
+            ValueError: the run is not running.
+        """
+        if self.state is not State.RUNNING:
+            raise ValueError(f"cannot pause: the run is {self.state.name.lower()}")
+        self._pause_wanted = True
+        self.text = "pausing after this stop"
+
+    def resume(self, now: int, real: float, position: tuple[float, float, float]) -> None:
+        """Go on after a pause or a setup; after a fault measure the present line again.
+
+        Raises:
+            ValueError: there is nothing to resume.
+        """
+        if self.state is State.RUNNING and self._pause_wanted:
+            self._pause_wanted = False
+            self.text = "measuring"
+            return
+        if self.state is State.WAITING_FOR_SETUP:
+            self._confirmed_setup = self._setup()
+        elif self.state is State.FAULT:
+            # Whatever stopped the run may have moved the beam or lost the fringe count.
+            self._position = np.asarray(position, dtype=np.float64)
+            self._restart_line()
+        elif self.state is not State.PAUSED:
+            raise ValueError(f"cannot resume: the run is {self.state.name.lower()}")
+        self._enter(State.RUNNING, "measuring")
+        self.update(now, real)
+
+    def abort(self, text: str) -> None:
+        """Stop the machine and end the run for good.
+
+        Raises:
+            ValueError: the run has ended.
+        """
+        if self.state in (State.FINISHED, State.ABORTED):
+            raise ValueError(f"cannot abort: the run is {self.state.name.lower()}")
+        self._stop_motion()
+        self._enter(State.ABORTED, text)
+
+    def fault(self, text: str) -> None:
+        """Stop the machine because something is wrong; ``resume`` restarts the present line."""
+        if self.active:
+            self._stop_motion()
+            self._enter(State.FAULT, text)
+
+    # What the other nodes say ----------------------------------------------------------------
+
+    def answered(
+        self,
+        command_id: int,
+        answer: Answer,
+        reason: str,
+        now: int,
+        real: float,
+    ) -> None:
+        """Take the bridge's answer to a command; answers to other commands are ignored."""
+        command = self._command
+        if command is None or command.command_id != command_id or not self.active:
+            return
+        if answer in (Answer.REJECTED, Answer.STOPPED, Answer.FAULT):
+            self.fault(f"{answer.name.lower()} move of {command.axis or 'no axis'}: {reason}")
+            return
+        if answer in (Answer.ACCEPTED, Answer.MOVING):
+            if self._phase is _Phase.ANSWER:
+                self._phase = _Phase.MOTION
+            return
+        self._position = np.asarray(command.target)
+        if command.purpose is Purpose.POSITION:
+            self._phase = _Phase.READY
+        elif self._phase in (_Phase.ANSWER, _Phase.MOTION):
+            self._phase = _Phase.DWELL if self._assembled else _Phase.SETTLING
+            self._arrived = now
+            wait = self._plan.sampling.longest_wait + MOVE_ALLOWANCE
+            self._deadline = now + round(wait * NANOSECONDS)
+            self._sent_real = real
+        self.update(now, real)
+
+    def settled(self, line_index: int, attempt: int, stop: int, rejection: str) -> None:
+        """Take the assembler's word on a stop; words on other stops are ignored.
+
+        Args:
+            line_index: of the stop's line.
+            attempt: at that line.
+            stop: which one.
+            rejection: why the stop has no value; empty if it settled.
+        """
+        if (line_index, attempt, stop) != (self._line_index, self._attempt, self._stop):
+            return
+        if self._assembled or not self.active:
+            return
+        # The bridge's and the assembler's messages travel apart and may overtake each other.
+        self._assembled = True
+        if rejection:
+            self._rejected.append(f"stop {stop}: {rejection}")
+        self._stops_measured += 1
+        if self._phase is _Phase.SETTLING:
+            self._phase = _Phase.DWELL
+
+    # What follows ----------------------------------------------------------------------------
+
+    def update(self, now: int, real: float) -> None:
+        """Send the next command if it is due, or find that something has taken too long."""
+        if self.state is not State.RUNNING:
+            return
+        if self._phase is _Phase.ANSWER and real - self._sent_real > ANSWER_LIMIT:
+            self.fault(f"the CNC bridge has not answered a command for {ANSWER_LIMIT:g} s")
+        elif self._phase in (_Phase.MOTION, _Phase.SETTLING) and now > self._deadline:
+            # A stopped or hurried clock alone is no fault of the machine.
+            if real - self._sent_real > ANSWER_LIMIT:
+                moving = self._phase is _Phase.MOTION
+                what = "move has not ended" if moving else "stop has not been assembled"
+                self.fault(f"the {what} in the time it should take")
+        elif self._phase is _Phase.DWELL and now >= self._arrived + self._dwell:
+            self._advance()
+        if self._phase is _Phase.READY and self.state is State.RUNNING:
+            self._command_next(now, real)
+
+    def progress(self, now: int) -> Progress:
+        """Return where the run is."""
+        done = min(self._line_index, len(self._stops))
+        stops_done = sum(len(stops) for stops in self._stops[:done]) + self._stop
+        remaining = math.nan
+        if self._stops_measured and self.active:
+            each = (now - self._first_stop_time) / NANOSECONDS / self._stops_measured
+            remaining = each * (self._total - stops_done)
+        ended = done == len(self._stops)
+        return Progress(
+            state=self.state,
+            line_index=self._line_index,
+            line="" if ended else str(self._line),
+            stop=self._stop,
+            stop_count=0 if ended else len(self._stops[done]),
+            stops_done=stops_done,
+            stops_total=self._total,
+            remaining_time=remaining,
+            text=self.text,
+        )
+
+    @property
+    def active(self) -> bool:
+        """Say whether the run has begun and not ended (a fault or pause may hold it)."""
+        return self.state in (State.RUNNING, State.PAUSED, State.WAITING_FOR_SETUP)
+
+    @property
+    def _line(self) -> Line:
+        return self._plan.lines[self._line_index]
+
+    def _setup(self) -> str:
+        """Return the identity of alignment and zero; a new one after each restart of a line."""
+        count = self._setup_count.get(self._line.setup, 1)
+        return self._line.setup + (f" #{count}" if count > 1 else "")
+
+    def _enter(self, state: State, text: str) -> None:
+        self.state = state
+        self.text = text
+        self._pause_wanted = False
+
+    def _restart_line(self) -> None:
+        self._attempt += 1
+        self._stop = 0
+        self._positioned = False
+        self._rejected = []
+        self._phase = _Phase.READY
+        self._setup_count[self._line.setup] = self._setup_count.get(self._line.setup, 1) + 1
+
+    def _advance(self) -> None:
+        self._phase = _Phase.READY
+        self._stop += 1
+        if self._stop == len(self._stops[self._line_index]):
+            if self._rejected and self._attempt < self._plan.sampling.line_attempts:
+                self._restart_line()
+                return
+            if self._rejected:
+                self.incomplete.append(f"{self._line}: {self._rejected[0]}")
+            self._line_index += 1
+            self._attempt = 1
+            self._stop = 0
+            self._positioned = False
+            self._rejected = []
+        if self._line_index == len(self._stops):
+            left = f"; left incomplete: {'; '.join(self.incomplete)}" if self.incomplete else ""
+            self._enter(State.FINISHED, f"all lines are measured{left}")
+        elif self._pause_wanted:
+            self._enter(State.PAUSED, "paused by the operator")
+
+    def _command_next(self, now: int, real: float) -> None:
+        setup = self._setup()
+        if self._plan.pause_for_setup and setup != self._confirmed_setup:
+            self._enter(
+                State.WAITING_FOR_SETUP,
+                f"align laser and mirror for {self._line.name}, then resume",
+            )
+            return
+        stops = self._stops[self._line_index]
+        target = self._position.copy()
+        purpose = Purpose.POSITION
+        if not self._positioned:
+            # One axis at a time, so that the machine never leaves the edges of its box.
+            away = [axis for axis in range(3) if self._position[axis] != stops[0][axis]]
+            if away:
+                target[away[0]] = stops[0][away[0]]
+            else:
+                self._positioned = True
+        if self._positioned:
+            purpose = Purpose.STOP
+            target = stops[self._stop]
+        self._command_count += 1
+        axis = moved_axis(self._position, target)
+        self._command = Command(
+            command_id=self._command_count,
+            purpose=purpose,
+            line_index=self._line_index,
+            attempt=self._attempt,
+            setup=setup,
+            stop=self._stop,
+            axis=axis,
+            target=(float(target[0]), float(target[1]), float(target[2])),
+            feed=self._plan.feed,
+        )
+        distance = abs(target[AXES.index(axis)] - self._position[AXES.index(axis)]) if axis else 0.0
+        allowed = 2.0 * distance / self._plan.feed + MOVE_ALLOWANCE
+        self._deadline = now + round(allowed * NANOSECONDS)
+        self._sent_real = real
+        self._assembled = False
+        self._phase = _Phase.ANSWER
+        self._send(self._command)
+
+
+def out_of_limits(
+    plan: Plan, low: tuple[float, float, float], high: tuple[float, float, float]
+) -> str:
+    """Say which line first leaves the soft limits (m); empty if none does."""
+    for line in plan.lines:
+        stops = line.stops(plan.volume)
+        for axis in range(3):
+            reach = stops[:, axis].min(), stops[:, axis].max()
+            if reach[0] < low[axis] or reach[1] > high[axis]:
+                return (
+                    f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m, "
+                    f"outside the soft limits {low[axis]:g} m to {high[axis]:g} m"
+                )
+    return ""

@@ -1,0 +1,156 @@
+"""One measurement from the command line: start the nodes, start the run, follow it to its end."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.run.processes import NodeProcess, Processes
+from stepdiag_ros.run.sequence import State
+
+if TYPE_CHECKING:
+    from stepdiag_ros.nodes.operator import OperatorNode
+
+LOOK_AROUND = 1.5
+"""Real seconds in which a measurement that already runs in the domain would be heard."""
+START_LIMIT = 40.0
+"""Real seconds within which all nodes must be up."""
+SETTLE_LIMIT = 3.0
+"""Real seconds in which a refused start is tried again."""
+CLOSE_LIMIT = 15.0
+"""Real seconds that the recorder has to close the bag after the run."""
+
+
+class RunFailed(ValueError):
+    """The run did not finish; the text says why, and what was recorded."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What whoever shows the run is told (fields of RunState.msg).
+
+    Attributes:
+        text: what is going on, in words.
+        done: stops measured.
+        total: stops of the plan; 0 while the nodes start.
+        remaining: s of ROS time; NaN if not known.
+    """
+
+    text: str
+    done: int = 0
+    total: int = 0
+    remaining: float = float("nan")
+
+
+class Session:
+    """Runs one plan on nodes that it starts and ends.
+
+    Args:
+        nodes: to be started.
+        folder: bag and logs go there.
+        tell: is told how far the run is.
+    """
+
+    def __init__(
+        self, nodes: list[NodeProcess], folder: Path, tell: Callable[[Told], None]
+    ) -> None:
+        self._nodes = nodes
+        self._folder = folder
+        self._tell = tell
+
+    def measure(self) -> Path:
+        """Execute the whole run and return its bag.
+
+        Raises:
+            RunFailed: it did not finish; the machine stands still and the bag is closed.
+            KeyboardInterrupt: as asked; likewise.
+        """
+        import rclpy
+
+        from stepdiag_ros.nodes.operator import OperatorNode
+
+        rclpy.init(args=[])
+        try:
+            operator = OperatorNode()
+            self._refuse_company(operator)
+            with Processes(self._nodes, self._folder / "logs") as processes:
+                return self._measure(operator, processes)
+        finally:
+            rclpy.try_shutdown()
+
+    def _refuse_company(self, operator: "OperatorNode") -> None:
+        operator.spin_until(lambda: bool(operator.watch.peers), LOOK_AROUND)
+        others = sorted(operator.watch.peers)
+        if others:
+            domain = os.environ.get("ROS_DOMAIN_ID", "0")
+            raise RunFailed(
+                f"another measurement is on ROS domain {domain} (node {others[0]}): end it, or set "
+                "ROS_DOMAIN_ID to another number"
+            )
+
+    def _measure(self, operator: "OperatorNode", processes: Processes) -> Path:
+        self._tell(Told("starting the nodes"))
+        # Each process is a node with a role of its own; all of them beat before anything is asked.
+        count = len(self._nodes)
+        peers = operator.watch.peers
+
+        def all_up() -> bool:
+            return len(peers) >= count and not any(peer.faulty for peer in peers.values())
+
+        operator.spin_until(lambda: all_up() or bool(processes.ended()), START_LIMIT)
+        self._check(processes)
+        if not all_up():
+            faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
+            raise RunFailed(f"only {len(peers)} of {count} nodes came up. {'; '.join(faults)}")
+        run_id = self._start(operator)
+        try:
+            self._follow(operator, processes)
+        except BaseException:
+            self._abort(operator)
+            raise
+        finally:
+            closed = operator.spin_until(lambda: _bag_is_closed(operator), CLOSE_LIMIT)
+        if not closed:
+            raise RunFailed("the recorder has not closed the bag in time")
+        return self._folder / f"{run_id}.mcap"
+
+    def _start(self, operator: "OperatorNode") -> str:
+        deadline = operator.real_time() + SETTLE_LIMIT
+        while True:
+            try:
+                return operator.start()
+            except ValueError as error:
+                # The sequencer may not have heard yet what this node has heard already.
+                if operator.real_time() > deadline:
+                    raise RunFailed(str(error)) from None
+            operator.spin_until(lambda: False, 0.2)
+
+    def _follow(self, operator: "OperatorNode", processes: Processes) -> None:
+        ended = (State.FINISHED, State.ABORTED, State.FAULT)
+        while operator.state is None or operator.state.state not in ended:
+            operator.spin_until(lambda: False, 0.2)
+            self._check(processes)
+            if operator.state is not None:
+                state = operator.state
+                words = state.line if state.state == State.RUNNING else state.text
+                self._tell(Told(words, state.stops_done, state.stops_total, state.remaining_time))
+        if operator.state.state != State.FINISHED:
+            raise RunFailed(f"the run has stopped: {operator.state.text}")
+
+    def _check(self, processes: Processes) -> None:
+        ended = processes.ended()
+        if ended:
+            raise RunFailed(ended)
+
+    def _abort(self, operator: "OperatorNode") -> None:
+        try:
+            operator.call("sequencer/abort")
+        except ValueError:
+            # It has ended already, or the sequencer itself is what died.
+            self._tell(Told("the run could not be aborted: it has ended or its sequencer is gone"))
+
+
+def _bag_is_closed(operator: "OperatorNode") -> bool:
+    recorders = [peer for peer in operator.watch.peers.values() if peer.role == "recorder"]
+    return bool(recorders) and recorders[0].text.startswith("ready; recorded")

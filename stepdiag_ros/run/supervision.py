@@ -1,0 +1,100 @@
+"""Who takes part in a run and who has fallen silent, from heartbeats alone."""
+
+from dataclasses import dataclass, field
+
+HEARTBEAT_PERIOD = 0.5
+"""Real seconds between two heartbeats of a node."""
+SILENCE_LIMIT = 2.0
+"""Real seconds without a heartbeat after which a node counts as lost."""
+
+
+@dataclass
+class Peer:
+    """One node as its heartbeats show it.
+
+    Attributes:
+        role: what it is in a run, for example ``recorder``.
+        last_seen: time of the last heartbeat, s of a clock that never steps.
+        session: identity of the process; a node that was started again has another.
+        run_id: of the run that it says it works on; empty if none.
+        text: what it says of itself.
+        faulty: it says that something is wrong with itself.
+    """
+
+    role: str
+    last_seen: float
+    session: str
+    run_id: str
+    text: str = ""
+    faulty: bool = False
+
+
+@dataclass
+class Watch:
+    """Keeps count of the nodes that were heard, and of those that have gone.
+
+    Attributes:
+        peers: node name → what is known of it.
+        lost: node name → sentence that says so; cleared when the node is heard again.
+        twins: names under which two processes speak at the same time.
+    """
+
+    peers: dict[str, Peer] = field(default_factory=dict)
+    lost: dict[str, str] = field(default_factory=dict)
+    twins: set[str] = field(default_factory=set)
+
+    def heard(self, name: str, peer: Peer) -> None:
+        """Take note of a heartbeat."""
+        before = self.peers.get(name)
+        # A node that died and came back was silent at least for the time that a start takes.
+        if (
+            before is not None
+            and before.session != peer.session
+            and peer.last_seen - before.last_seen < HEARTBEAT_PERIOD
+        ):
+            self.twins.add(name)
+        self.peers[name] = peer
+        self.lost.pop(name, None)
+
+    def check(self, now: float) -> list[str]:
+        """Return the sentences about nodes that have been found lost just now.
+
+        Args:
+            now: time on the clock of ``Peer.last_seen``, s.
+        """
+        found = []
+        for name, peer in self.peers.items():
+            silence = now - peer.last_seen
+            if silence > SILENCE_LIMIT and name not in self.lost:
+                self.lost[name] = f"{peer.role} node {name} is silent for {silence:.1f} s"
+                found.append(self.lost[name])
+        return found
+
+    def present(self, role: str, run_id: str | None = None) -> bool:
+        """Say whether a node of that role is alive (and, if asked, works on that run)."""
+        return any(
+            peer.role == role and name not in self.lost and run_id in (None, peer.run_id)
+            for name, peer in self.peers.items()
+        )
+
+    def missing(self, roles: tuple[str, ...]) -> list[str]:
+        """Return a sentence for each of these roles that no healthy node fills."""
+        found = []
+        for role in roles:
+            if self.present(role):
+                faults = [
+                    f"{role}: {peer.text}"
+                    for name, peer in self.peers.items()
+                    if peer.role == role and peer.faulty and name not in self.lost
+                ]
+                found += faults
+            else:
+                said = [text for name, text in self.lost.items() if self.peers[name].role == role]
+                found += said or [f"there is no {role} node"]
+        return found
+
+    def forget(self, name: str) -> None:
+        """Drop a node, for example when no run needs it any more."""
+        self.peers.pop(name, None)
+        self.lost.pop(name, None)
+        self.twins.discard(name)

@@ -1,0 +1,259 @@
+import math
+
+import pytest
+
+from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan, Sampling, Volume
+from stepdiag_ros.run.sequence import (
+    ANSWER_LIMIT,
+    Answer,
+    Command,
+    Purpose,
+    Sequence,
+    State,
+    out_of_limits,
+)
+
+SECOND = 1_000_000_000
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def a_plan(pause_for_setup=False, line_attempts=2):
+    return Plan(
+        name="two short lines",
+        volume=Volume((0.0, 0.0, 0.0), (0.01, 0.02, 0.03), 2),
+        lines=(
+            Line(LINEAR, "x", "", 0, FORWARD),
+            Line(STEP_DIAGONAL, "npp", "YZX", 0, FORWARD),
+        ),
+        feed=0.01,
+        sampling=Sampling(dwell=0.5, line_attempts=line_attempts),
+        pause_for_setup=pause_for_setup,
+    )
+
+
+class Rig:
+    """A sequence with a machine that obeys at once, on a clock that the test moves."""
+
+    def __init__(self, plan=None):
+        self.sent: list[Command] = []
+        self.stops = 0
+        self.now = 0
+        self.real = 0.0
+        self.sequence = Sequence(plan or a_plan(), ORIGIN, self.sent.append, self._stop)
+
+    def _stop(self):
+        self.stops += 1
+
+    def start(self):
+        self.sequence.start(self.now, self.real)
+
+    def wait(self, seconds):
+        self.now += round(seconds * SECOND)
+        self.real += seconds
+        self.sequence.update(self.now, self.real)
+
+    def answer(self, answer, reason="", command=None):
+        command = command or self.sent[-1]
+        self.sequence.answered(command.command_id, answer, reason, self.now, self.real)
+
+    def settle(self, rejection=""):
+        command = self.sent[-1]
+        self.sequence.settled(command.line_index, command.attempt, command.stop, rejection)
+
+    def obey(self, rejection=""):
+        """Bring the last command to its end."""
+        command = self.sent[-1]
+        self.answer(Answer.ACCEPTED)
+        self.answer(Answer.IN_POSITION)
+        if command.purpose is Purpose.STOP:
+            self.settle(rejection)
+            self.wait(0.6)
+
+    def finish(self, limit=200):
+        for _ in range(limit):
+            if self.sequence.state is not State.RUNNING:
+                return
+            self.obey()
+        raise AssertionError("the run does not end")
+
+
+def test_nothing_moves_before_the_start():
+    rig = Rig()
+    rig.wait(100.0)
+    assert rig.sent == []
+    assert rig.sequence.state is State.IDLE
+
+
+def test_every_command_moves_one_axis_at_most_and_ends_at_the_stops_of_the_plan():
+    rig = Rig()
+    rig.start()
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+    position = list(ORIGIN)
+    for command in rig.sent:
+        moved = [axis for axis in range(3) if command.target[axis] != position[axis]]
+        assert len(moved) <= 1
+        assert command.axis == ("XYZ"[moved[0]] if moved else "")
+        position = list(command.target)
+    plan = a_plan()
+    for index, line in enumerate(plan.lines):
+        targets = [
+            command.target
+            for command in rig.sent
+            if command.line_index == index and command.purpose is Purpose.STOP
+        ]
+        assert targets == [tuple(stop) for stop in line.stops(plan.volume)]
+    assert [command.command_id for command in rig.sent] == list(range(1, len(rig.sent) + 1))
+
+
+def test_waits_for_the_assembler_and_for_the_dwell():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.ACCEPTED)
+    rig.answer(Answer.IN_POSITION)
+    rig.wait(1.0)
+    assert len(rig.sent) == 1, "went on before the stop was assembled"
+    rig.settle()
+    rig.wait(0.0)
+    assert len(rig.sent) == 2
+    rig.answer(Answer.IN_POSITION)
+    rig.settle()
+    rig.wait(0.4)
+    assert len(rig.sent) == 2, "went on before the dwell was over"
+    rig.wait(0.2)
+    assert len(rig.sent) == 3
+
+
+def test_the_assembler_may_speak_before_the_bridge():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.ACCEPTED)
+    rig.settle()
+    rig.answer(Answer.IN_POSITION)
+    rig.wait(0.6)
+    assert len(rig.sent) == 2
+
+
+def test_pause_takes_effect_after_the_stop_and_resume_goes_on():
+    rig = Rig()
+    rig.start()
+    rig.sequence.pause()
+    assert rig.sequence.state is State.RUNNING
+    rig.obey()
+    assert rig.sequence.state is State.PAUSED
+    count = len(rig.sent)
+    rig.wait(50.0)
+    assert len(rig.sent) == count
+    rig.sequence.resume(rig.now, rig.real, rig.sent[-1].target)
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+
+
+def test_abort_stops_the_machine_for_good():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.MOVING)
+    rig.sequence.abort("by the test")
+    assert rig.stops == 1
+    rig.answer(Answer.IN_POSITION)
+    rig.settle()
+    rig.wait(10.0)
+    assert len(rig.sent) == 1
+    with pytest.raises(ValueError, match="cannot resume: the run is aborted"):
+        rig.sequence.resume(rig.now, rig.real, ORIGIN)
+
+
+@pytest.mark.parametrize("answer", [Answer.REJECTED, Answer.STOPPED, Answer.FAULT])
+def test_a_refused_move_is_a_fault_and_resume_measures_the_line_again(answer):
+    rig = Rig()
+    rig.start()
+    rig.obey()
+    rig.answer(answer, "for the test")
+    assert rig.sequence.state is State.FAULT
+    assert "for the test" in rig.sequence.text
+    assert rig.stops == 1
+    before = rig.sent[-1]
+    rig.sequence.resume(rig.now, rig.real, (0.003, 0.0, 0.0))
+    again = rig.sent[-1]
+    assert again.attempt == before.attempt + 1
+    assert again.setup != before.setup, "the zero is lost, so it is another setup"
+    assert again.purpose is Purpose.POSITION
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+
+
+def test_a_silent_bridge_is_a_fault():
+    rig = Rig()
+    rig.start()
+    rig.wait(ANSWER_LIMIT - 0.1)
+    assert rig.sequence.state is State.RUNNING
+    rig.wait(0.2)
+    assert rig.sequence.state is State.FAULT
+    assert "not answered" in rig.sequence.text
+
+
+def test_a_move_that_never_ends_is_a_fault():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.MOVING)
+    rig.wait(60.0)
+    assert rig.sequence.state is State.FAULT
+    assert "move has not ended" in rig.sequence.text
+
+
+def test_a_stop_that_is_never_assembled_is_a_fault():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.IN_POSITION)
+    rig.wait(60.0)
+    assert rig.sequence.state is State.FAULT
+    assert "not been assembled" in rig.sequence.text
+
+
+def test_a_hurried_clock_alone_is_no_fault():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.MOVING)
+    rig.now += 60 * SECOND
+    rig.real += 0.1
+    rig.sequence.update(rig.now, rig.real)
+    assert rig.sequence.state is State.RUNNING
+
+
+def test_a_line_with_a_rejected_stop_is_measured_again_then_left_incomplete():
+    rig = Rig(a_plan(line_attempts=2))
+    rig.start()
+    while rig.sent[-1].line_index == 0:
+        rig.obey("beam lost" if rig.sent[-1].stop == 1 else "")
+    attempts = {command.attempt for command in rig.sent if command.line_index == 0}
+    assert attempts == {1, 2}
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+    assert "beam lost" in rig.sequence.text
+
+
+def test_waits_for_the_operator_before_each_setup():
+    rig = Rig(a_plan(pause_for_setup=True))
+    rig.start()
+    assert rig.sequence.state is State.WAITING_FOR_SETUP
+    assert rig.sent == []
+    rig.sequence.resume(rig.now, rig.real, ORIGIN)
+    rig.finish()
+    assert rig.sequence.state is State.WAITING_FOR_SETUP
+    assert rig.sequence.progress(rig.now).line.startswith("npp")
+
+
+def test_remaining_time_is_unknown_at_first_and_then_falls():
+    rig = Rig()
+    rig.start()
+    assert math.isnan(rig.sequence.progress(rig.now).remaining_time)
+    rig.obey()
+    first = rig.sequence.progress(rig.now).remaining_time
+    rig.obey()
+    assert 0.0 < rig.sequence.progress(rig.now).remaining_time < first
+
+
+def test_a_plan_beyond_the_soft_limits_is_named():
+    assert out_of_limits(a_plan(), ORIGIN, (1.0, 1.0, 1.0)) == ""
+    text = out_of_limits(a_plan(), ORIGIN, (1.0, 0.03, 1.0))
+    assert "npp" in text and "Y" in text

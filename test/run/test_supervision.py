@@ -1,0 +1,51 @@
+from stepdiag_ros.run.supervision import SILENCE_LIMIT, Peer, Watch
+
+
+def a_peer(time, session="one", role="recorder", run_id="", faulty=False):
+    return Peer(role, time, session, run_id, "all well", faulty)
+
+
+def test_a_silent_node_is_lost_once_and_found_again():
+    watch = Watch()
+    watch.heard("/recorder", a_peer(0.0))
+    assert watch.check(SILENCE_LIMIT - 0.1) == []
+    found = watch.check(SILENCE_LIMIT + 0.1)
+    assert len(found) == 1 and "recorder" in found[0] and "silent" in found[0]
+    assert watch.check(SILENCE_LIMIT + 0.2) == []
+    assert watch.missing(("recorder",)) == found
+    watch.heard("/recorder", a_peer(5.0, session="two"))
+    assert watch.missing(("recorder",)) == []
+    assert watch.twins == set()
+
+
+def test_a_role_that_was_never_heard_is_missing():
+    assert Watch().missing(("solver",)) == ["there is no solver node"]
+
+
+def test_another_node_can_stand_in_for_a_lost_one():
+    watch = Watch()
+    watch.heard("/a", a_peer(0.0))
+    watch.heard("/b", a_peer(3.0, session="two"))
+    watch.check(3.0)
+    assert "/a" in watch.lost
+    assert watch.missing(("recorder",)) == []
+
+
+def test_a_node_that_says_it_is_faulty_is_missing():
+    watch = Watch()
+    watch.heard("/recorder", a_peer(0.0, faulty=True))
+    assert watch.missing(("recorder",)) == ["recorder: all well"]
+
+
+def test_presence_can_be_asked_for_a_run():
+    watch = Watch()
+    watch.heard("/recorder", a_peer(0.0, run_id="r1"))
+    assert watch.present("recorder", "r1")
+    assert not watch.present("recorder", "r2")
+
+
+def test_two_processes_of_one_name_are_noticed():
+    watch = Watch()
+    watch.heard("/recorder", a_peer(0.0, session="one"))
+    watch.heard("/recorder", a_peer(0.2, session="two"))
+    assert watch.twins == {"/recorder"}
