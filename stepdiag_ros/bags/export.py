@@ -1,0 +1,362 @@
+"""A bag as tables: the run table again, stops, blocks, lines, results, and readings if wanted."""
+
+import csv
+import importlib.util
+import io
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from math import isnan
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from stepdiag_ros.bags.case import FILE_NAME as CASE_FILE
+from stepdiag_ros.bags.errors import BagError, BagWriteError
+from stepdiag_ros.bags.run import RecordedRun, load_run
+from stepdiag_ros.bags.table import case_of_run
+from stepdiag_ros.bags.table_rows import COLUMNS, ENVIRONMENT_COLUMNS
+from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
+from stepdiag_ros.metrology.measurement import MeasuredLine, latest_attempts
+from stepdiag_ros.metrology.plan import Line
+
+Format = Literal["csv", "parquet"]
+Row = Sequence[Any]
+
+LINE_COLUMNS = ("line_index", "attempt", "kind", "line", "order", "repeat", "direction")
+POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table: its name, the names of its columns, and its rows."""
+
+    name: str
+    columns: Sequence[str]
+    rows: Iterable[Row]
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What was written, and what could not be: files in the order of writing, sentences."""
+
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...]
+
+
+def export_bag(
+    bag: str | Path,
+    folder: str | Path,
+    format: Format = "csv",
+    *,
+    readings: bool = False,
+    overwrite: bool = False,
+) -> ExportReport:
+    """Write a bag's run as tables, in SI units, every number with all its digits.
+
+    ``run`` is a run table again (with ``case.yaml`` beside it) of all complete lines, each with its
+    last attempt; ``lines``, ``stops``, ``blocks`` hold every attempt; ``results`` the error curves
+    with standard uncertainties and ``figures`` the single figures, each solver's last. Unknown
+    numbers are empty cells.
+
+    Args:
+        bag: the bag.
+        folder: where the files go; made if it is not there.
+        format: ``csv``, or ``parquet`` if pyarrow is installed.
+        readings: write every reading of the interferometer too.
+        overwrite: replace files that exist.
+
+    Raises:
+        BagError: the bag cannot be read, a file exists, or pyarrow is missing.
+        BagWriteError: a file cannot be written.
+        ValueError: the format is unknown.
+    """
+    if format not in ("csv", "parquet"):
+        raise ValueError(f"'{format}' is no format of tables; use csv or parquet")
+    if format == "parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise BagError(
+            "Parquet needs pyarrow, which is not installed: pip install pyarrow, or use csv"
+        )
+    run = load_run(bag)
+    folder = Path(folder)
+    complete, remarks = _complete_lines(run)
+    tables = [table for table in _tables(run, complete, readings) if table is not None]
+    case = case_of_run(run.volume, dict(run.machine), complete).case_text().encode()
+    writers: list[tuple[Path, Callable[[], bytes]]] = [
+        (folder / f"{table.name}.{format}", _encoder(table, format)) for table in tables
+    ]
+    if complete:
+        writers.append((folder / CASE_FILE, lambda: case))
+    existing = [path for path, _ in writers if path.exists()]
+    if existing and not overwrite:
+        raise BagError(f"{existing[0]} exists already; choose another folder or allow overwriting")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path, make in writers:
+            _write_whole(path, make())
+    except OSError as error:
+        raise BagWriteError(f"{folder} cannot be written: {error.strerror}") from error
+    return ExportReport(tuple(path for path, _ in writers), tuple(remarks))
+
+
+def _complete_lines(run: RecordedRun) -> tuple[tuple[MeasuredLine, ...], list[str]]:
+    latest = latest_attempts(run.lines)
+    complete = tuple(sorted((line for line in latest if line.complete), key=_start))
+    remarks = [
+        f"Line '{line.line}' has stops without a value and is not in the run table."
+        for line in latest
+        if not line.complete
+    ]
+    if not latest:
+        remarks.append("The bag holds no finished line, so there is no run table.")
+    return complete, remarks
+
+
+def _start(line: MeasuredLine) -> float:
+    return float(line.time[0])
+
+
+def _tables(
+    run: RecordedRun, complete: tuple[MeasuredLine, ...], readings: bool
+) -> Iterator[Table | None]:
+    yield Table("run", COLUMNS, _run_rows(complete)) if complete else None
+    yield _lines_table(run) if run.lines else None
+    yield _stops_table(run) if run.stops else None
+    yield _blocks_table(run) if run.blocks else None
+    latest = {result.method: result for result in run.results}
+    if latest:
+        yield _results_table(latest)
+        yield Table(
+            "figures",
+            ("method", "figure", "value", "standard_uncertainty", "unit"),
+            [
+                (method, figure.name, figure.value, figure.standard_uncertainty, figure.unit)
+                for method, result in latest.items()
+                for figure in result.figures
+            ],
+        )
+    if readings:
+        yield _readings_table(run)
+
+
+def _run_rows(lines: Iterable[MeasuredLine]) -> Iterator[Row]:
+    for line in lines:
+        which = line.line
+        for stop, time in enumerate(line.time):
+            yield (
+                time,
+                which.kind,
+                which.name,
+                which.order,
+                which.repeat,
+                which.direction,
+                stop,
+                *line.target[stop],
+                line.displacement[stop],
+                *line.environment[stop],
+            )
+
+
+def _identity(line: Line, line_index: int, attempt: int) -> Row:
+    return (line_index, attempt, line.kind, line.name, line.order, line.repeat, line.direction)
+
+
+def _lines_table(run: RecordedRun) -> Table:
+    return Table(
+        "lines",
+        (
+            *LINE_COLUMNS,
+            "setup",
+            "stop",
+            "time_s",
+            *POSITION_COLUMNS,
+            "displacement_m",
+            "standard_uncertainty_m",
+            *ENVIRONMENT_COLUMNS,
+        ),
+        [
+            (
+                *_identity(line.line, line.line_index, line.attempt),
+                line.setup,
+                stop,
+                line.time[stop],
+                *line.target[stop],
+                line.displacement[stop],
+                line.standard_uncertainty[stop],
+                *line.environment[stop],
+            )
+            for line in run.lines
+            for stop in range(len(line.time))
+        ],
+    )
+
+
+def _stops_table(run: RecordedRun) -> Table:
+    return Table(
+        "stops",
+        (
+            *LINE_COLUMNS,
+            "setup",
+            "stop",
+            "axis",
+            "time_ns",
+            *POSITION_COLUMNS,
+            *(f"actual_{name}" for name in POSITION_COLUMNS),
+            "settled",
+            "reason",
+            "displacement_m",
+            "raw_displacement_m",
+            "standard_uncertainty_m",
+            "standard_deviation_m",
+            "readings",
+            "first_sequence",
+            "last_sequence",
+            "in_position_time_ns",
+            "window_start_ns",
+            "window_end_ns",
+            *ENVIRONMENT_COLUMNS,
+        ),
+        [
+            (
+                *_identity(stop.line, stop.command.line_index, stop.command.attempt),
+                stop.command.setup,
+                stop.command.stop,
+                stop.command.axis,
+                stop.time,
+                *stop.command.target,
+                *stop.position,
+                stop.settled,
+                stop.reason,
+                stop.displacement,
+                stop.raw_displacement,
+                stop.standard_uncertainty,
+                stop.standard_deviation,
+                stop.readings,
+                stop.first_sequence,
+                stop.last_sequence,
+                stop.in_position_time,
+                stop.window_start,
+                stop.window_end,
+                *stop.environment,
+            )
+            for stop in run.stops
+        ],
+    )
+
+
+def _blocks_table(run: RecordedRun) -> Table:
+    return Table(
+        "blocks",
+        (
+            *LINE_COLUMNS,
+            "time_ns",
+            "block",
+            "axis",
+            "from_stop",
+            "to_stop",
+            "nominal_displacement_m",
+            "displacement_m",
+            "standard_uncertainty_m",
+        ),
+        [
+            (
+                *_identity(block.line, block.line_index, block.attempt),
+                block.time,
+                block.block,
+                block.axis,
+                block.from_stop,
+                block.to_stop,
+                block.nominal_displacement,
+                block.displacement,
+                block.standard_uncertainty,
+            )
+            for block in run.blocks
+        ],
+    )
+
+
+def _results_table(latest: dict[str, Any]) -> Table:
+    return Table(
+        "results",
+        ("method", "curve", "node", "position_m", "error_m", "standard_uncertainty_m"),
+        [
+            (
+                method,
+                name,
+                node,
+                position,
+                result.curves[name][node],
+                result.standard_uncertainty[name][node],
+            )
+            for method, result in latest.items()
+            for name in TRANSLATIONS
+            for node, position in enumerate(result.nodes[AXES.index(name[-1])])
+        ],
+    )
+
+
+def _readings_table(run: RecordedRun) -> Table:
+    return Table(
+        "readings",
+        (
+            "time_ns",
+            "sequence",
+            "raw_displacement_m",
+            "compensated_displacement_m",
+            "signal_strength",
+            "status",
+            *ENVIRONMENT_COLUMNS,
+        ),
+        ((*reading[:-1], *reading.environment) for reading in run.readings()),
+    )
+
+
+def _encoder(table: Table, format_: Format) -> Callable[[], bytes]:
+    return (lambda: _csv(table)) if format_ == "csv" else (lambda: _parquet(table))
+
+
+def _csv(table: Table) -> bytes:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.columns)
+    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        # The shortest text that gives the same number again.
+        return "" if isnan(value) else repr(float(value))
+    return str(value)
+
+
+def _parquet(table: Table) -> bytes:
+    import pyarrow  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    import pyarrow.parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+    columns = list(zip(*table.rows, strict=True)) or [() for _ in table.columns]
+    arrays = {
+        name: pyarrow.array([_plain(value) for value in column])
+        for name, column in zip(table.columns, columns, strict=True)
+    }
+    sink = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(arrays), sink)
+    return sink.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as Python's; unknown numbers as none, as Parquet has them."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(plain, float) and isnan(plain) else plain
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    # Beside the target and then renamed, so that a file that is there is whole.
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

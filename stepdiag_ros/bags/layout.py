@@ -1,0 +1,272 @@
+"""How the bytes of an MCAP file are framed, and whether they are those that were written.
+
+A record is one byte of opcode, eight bytes of length and a body (mcap.dev/spec). The MCAP library's
+own readers neither tell where a file is damaged nor go on behind the damage; recovery and exact
+error messages need both, so the frame is walked here and only the bodies are left to the library.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.stream_reader import get_chunk_data_stream
+
+MAGIC = b"\x89MCAP0\r\n"
+FRAME = 9
+"""Bytes of opcode and length in front of a body."""
+FOOTER_SIZE = FRAME + 20
+DATA_END_SIZE = FRAME + 4
+_LENGTH = struct.Struct("<Q")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_COMPRESSIONS = (b"", b"zstd", b"lz4")
+
+
+class RawRecord(NamedTuple):
+    """One framed record: where it begins and ends in the file, and what kind it is."""
+
+    offset: int
+    opcode: int
+    end: int
+
+    def body(self, data: Any) -> bytes:
+        """Return the record's body out of the file's bytes."""
+        return bytes(data[self.offset + FRAME : self.end])
+
+
+class RawMessage(NamedTuple):
+    """One message of a chunk."""
+
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    cdr: bytes
+
+
+class Torn(Exception):
+    """The frame is broken at ``offset``: what stands there is no whole record."""
+
+    def __init__(self, offset: int) -> None:
+        super().__init__(f"no whole record at byte {offset}")
+        self.offset = offset
+
+
+class Damaged(Exception):
+    """A record's content is not what was written."""
+
+
+def record_at(data: Any, offset: int) -> RawRecord:
+    """Return the record that begins at an offset of the file's bytes.
+
+    Raises:
+        Torn: there is none, or it ends behind the end of the file.
+    """
+    if offset + FRAME > len(data):
+        raise Torn(offset)
+    opcode = data[offset]
+    end = offset + FRAME + _LENGTH.unpack_from(data, offset + 1)[0]
+    if opcode == 0 or end > len(data):
+        raise Torn(offset)
+    return RawRecord(offset, opcode, end)
+
+
+def records(data: Any, offset: int = len(MAGIC)) -> Iterator[RawRecord]:
+    """Walk the frame from an offset to the footer.
+
+    Raises:
+        Torn: the frame breaks before the footer.
+    """
+    while True:
+        record = record_at(data, offset)
+        yield record
+        if record.opcode == Opcode.FOOTER:
+            return
+        offset = record.end
+
+
+def ends_properly(data: Any) -> bool:
+    """Say whether the file has a footer and closing magic where they belong."""
+    if len(data) < 2 * len(MAGIC) + FOOTER_SIZE or bytes(data[-len(MAGIC) :]) != MAGIC:
+        return False
+    footer = len(data) - len(MAGIC) - FOOTER_SIZE
+    length: int = _LENGTH.unpack_from(data, footer + 1)[0]
+    return bool(data[footer] == Opcode.FOOTER and length == FOOTER_SIZE - FRAME)
+
+
+class Footer(NamedTuple):
+    """Where the data section and the summary end, with their checksums (0: none was written)."""
+
+    data_end: int
+    data_crc: int
+    summary_start: int
+    summary_crc: int
+    offset: int
+
+
+def footer_of(data: Any) -> Footer:
+    """Return the footer of a file that ``ends_properly``.
+
+    Raises:
+        Damaged: footer and end of the data section do not fit together.
+    """
+    offset = len(data) - len(MAGIC) - FOOTER_SIZE
+    summary_start, _, summary_crc = struct.unpack_from("<QQI", data, offset + FRAME)
+    data_end = (summary_start or offset) - DATA_END_SIZE
+    if not 0 <= data_end < offset or data[data_end] != Opcode.DATA_END:
+        raise Damaged("the footer does not point at the end of the data")
+    (data_crc,) = struct.unpack_from("<I", data, data_end + FRAME)
+    return Footer(data_end, data_crc, summary_start, summary_crc, offset)
+
+
+def data_section_is_intact(data: Any, footer: Footer) -> bool:
+    """Compare the checksum of everything in front of the summary; true where none was written."""
+    return footer.data_crc in (0, _crc(data, 0, footer.data_end))
+
+
+def summary_is_intact(data: Any, footer: Footer) -> bool:
+    """Compare the checksum of the summary and the footer; true where none was written."""
+    start = footer.summary_start or footer.offset
+    # The checksum stands last in the footer and covers all of it that stands before.
+    return footer.summary_crc in (0, _crc(data, start, footer.offset + FOOTER_SIZE - 4))
+
+
+def _crc(data: Any, start: int, end: int) -> int:
+    with memoryview(data) as view, view[start:end] as part:
+        return zlib.crc32(part)
+
+
+def _parsed(reader: Any, body: bytes) -> Any:
+    try:
+        return reader(ReadDataStream(BytesIO(body)))
+    except (McapError, struct.error, UnicodeDecodeError) as error:
+        raise Damaged(str(error) or type(error).__name__) from None
+
+
+def schema_of(body: bytes) -> Schema:
+    """Parse a schema record; raises ``Damaged``."""
+    parsed: Schema = _parsed(Schema.read, body)
+    return parsed
+
+
+def channel_of(body: bytes) -> Channel:
+    """Parse a channel record; raises ``Damaged``."""
+    parsed: Channel = _parsed(Channel.read, body)
+    return parsed
+
+
+def metadata_of(body: bytes) -> Metadata:
+    """Parse a metadata record; raises ``Damaged``."""
+    parsed: Metadata = _parsed(Metadata.read, body)
+    return parsed
+
+
+def attachment_of(body: bytes) -> Attachment:
+    """Parse an attachment record and compare its checksum; raises ``Damaged``."""
+    # The library skips the checksum of attachments.
+    written = struct.unpack_from("<I", body, len(body) - 4)[0] if len(body) >= 4 else 0
+    if written not in (0, zlib.crc32(body[:-4])):
+        raise Damaged("the checksum of an attachment is wrong")
+    parsed: Attachment = _parsed(Attachment.read, body)
+    return parsed
+
+
+def chunk_times(data: Any, record: RawRecord) -> tuple[int, int]:
+    """Return the first and the last log time of a chunk, ns, from its head alone."""
+    first, last = struct.unpack_from("<QQ", data, record.offset + FRAME)
+    return int(first), int(last)
+
+
+def chunk_content(body: bytes) -> bytes:
+    """Return the records of a chunk, decompressed, with its checksum compared.
+
+    Raises:
+        Damaged: the chunk cannot be decompressed or its checksum is wrong.
+    """
+    chunk: Chunk = _parsed(Chunk.read, body)
+    try:
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+        content = stream.read(length)
+    except (McapError, zstandard.ZstdError, ValueError, RuntimeError, MemoryError) as error:
+        raise Damaged(str(error)) from None
+    if len(content) != chunk.uncompressed_size:
+        raise Damaged(f"a chunk of {chunk.uncompressed_size} bytes has {len(content)}")
+    return content
+
+
+def chunk_records(content: bytes) -> Iterator[tuple[int, RawMessage | bytes]]:
+    """Walk the records of a chunk: its messages, and the bodies of its schemas and channels.
+
+    Yields:
+        opcode, and the message or the body.
+
+    Raises:
+        Damaged: the chunk's inner frame is broken.
+    """
+    position, size = 0, len(content)
+    while position < size:
+        if position + FRAME > size:
+            raise Damaged("the records of a chunk do not fill it")
+        opcode = content[position]
+        start = position + FRAME
+        position = start + _LENGTH.unpack_from(content, position + 1)[0]
+        if position > size:
+            raise Damaged("the records of a chunk do not fit into it")
+        if opcode == Opcode.MESSAGE:
+            yield opcode, message_of(content, start, position)
+        else:
+            yield opcode, content[start:position]
+
+
+def message_of(content: bytes, start: int, end: int) -> RawMessage:
+    """Parse the message record whose body stands from start to end; raises ``Damaged``."""
+    if end - start < _MESSAGE.size:
+        raise Damaged("a message is too short")
+    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, start)
+    return RawMessage(
+        channel, sequence, log_time, publish_time, content[start + _MESSAGE.size : end]
+    )
+
+
+def next_chunk(data: Any, offset: int) -> RawRecord | None:
+    """Look for the next place at or behind an offset where a chunk with the right checksum begins.
+
+    Args:
+        data: the file's bytes, with a ``find`` (an mmap).
+        offset: where to begin.
+    """
+    mark = bytes([Opcode.CHUNK])
+    while (offset := data.find(mark, offset)) >= 0:
+        try:
+            record = record_at(data, offset)
+            if _looks_like_chunk(data, record):
+                chunk_content(record.body(data))
+                return record
+        except (Torn, Damaged):
+            pass
+        offset += 1
+    return None
+
+
+def _looks_like_chunk(data: Any, record: RawRecord) -> bool:
+    # Cheap and selective: only one byte in many millions gets as far as being decompressed.
+    start = record.offset + FRAME
+    if record.end - start < _CHUNK_HEAD.size:
+        return False
+    first, last, _, _, name = _CHUNK_HEAD.unpack_from(data, start)
+    return (
+        first <= last and name <= 4 and bytes(data[start + 32 : start + 32 + name]) in _COMPRESSIONS
+    )
+
+
+def indexed_messages(data: Any, record: RawRecord) -> int:
+    """Return how many messages a message index record lists."""
+    (size,) = struct.unpack_from("<I", data, record.offset + FRAME + 2)
+    return int(size) // 16

@@ -1,0 +1,341 @@
+"""Reads bags: ours and those of ``ros2 bag record``. Checksums are always compared."""
+
+import heapq
+import mmap
+from collections.abc import Collection, Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from stepdiag_ros.bags import layout
+from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
+from stepdiag_ros.bags.header import METADATA_NAME, Attachment, RunHeader
+from stepdiag_ros.bags.types import MessageTypes, types_from_schemas
+
+Order = Literal["file", "time"]
+
+
+class Record(NamedTuple):
+    """One recorded message.
+
+    Attributes:
+        topic: full name.
+        type_name: for example ``stepdiag_ros/msg/RunState``.
+        log_time: when it was received, ns.
+        publish_time: when it was sent, ns.
+        sequence: of the publisher; 0 if not known.
+        data: serialised message (CDR with its encapsulation).
+    """
+
+    topic: str
+    type_name: str
+    log_time: int
+    publish_time: int
+    sequence: int
+    data: bytes
+
+
+def map_file(path: Path) -> mmap.mmap:
+    """Map a file's bytes for reading.
+
+    Raises:
+        BagError: it is not there, cannot be read, is empty or is no MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            if file.seek(0, 2) == 0:
+                raise BagCutError(f"{path} is empty; nothing was recorded into it")
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except FileNotFoundError:
+        raise BagError(f"there is no bag {path}") from None
+    except OSError as error:
+        raise BagError(f"{path} cannot be read: {error.strerror}") from None
+    if data[: len(layout.MAGIC)] != layout.MAGIC:
+        data.close()
+        raise BagError(f"{path} is no MCAP file")
+    return data
+
+
+class BagReader:
+    """A complete bag, opened for reading; a context manager closes it.
+
+    Args:
+        path: the file.
+
+    Raises:
+        BagError: not there, or no MCAP file.
+        BagCutError: the end is missing.
+        BagCorruptError: a checksum is wrong; the text names the offset.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._data = map_file(self.path)
+        try:
+            self._open()
+        except BaseException:
+            self._data.close()
+            raise
+
+    def __enter__(self) -> "BagReader":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; harmless when called again."""
+        self._data.close()
+
+    @property
+    def size(self) -> int:
+        """Return the size of the file in bytes."""
+        return len(self._data)
+
+    @property
+    def has_data_checksum(self) -> bool:
+        """Say whether a checksum covers all that stands before the summary (``ros2 bag``: none)."""
+        return self._footer.data_crc != 0
+
+    @property
+    def chunk_count(self) -> int:
+        """Return the number of chunks."""
+        return len(self._chunks)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Return the full names of the topics and their types, in the order of first recording."""
+        return {channel.topic: self._type_of(channel) for channel in self._channels.values()}
+
+    @cached_property
+    def start_time(self) -> int:
+        """Return the first log time, ns; 0 without messages."""
+        return min((self._times(chunk)[0] for chunk in self._chunks), default=0)
+
+    @cached_property
+    def end_time(self) -> int:
+        """Return the last log time, ns; 0 without messages."""
+        return max((self._times(chunk)[1] for chunk in self._chunks), default=0)
+
+    @cached_property
+    def header(self) -> RunHeader:
+        """Return the identity of the run and the texts that it was made from.
+
+        Raises:
+            BagError: the bag was not made by this software.
+        """
+        if METADATA_NAME not in self.metadata:
+            raise BagError(
+                f"{self.path} does not hold a run of stepdiag_ros: its identity is missing"
+            )
+        return RunHeader.from_parts(self.metadata[METADATA_NAME], self.attachments)
+
+    @cached_property
+    def types(self) -> MessageTypes:
+        """Return the message definitions that the bag carries.
+
+        Raises:
+            BagError: a topic's definition is not there as ``ros2msg`` text or cannot be used.
+        """
+        texts = {}
+        for schema in self._schemas.values():
+            if schema.encoding != "ros2msg":
+                raise BagError(
+                    f"{self.path}: the definition of {schema.name} is '{schema.encoding}'; "
+                    "only ros2msg can be decoded"
+                )
+            texts[schema.name] = schema.data.decode()
+        return types_from_schemas(texts)
+
+    def records(
+        self,
+        order: Order = "file",
+        topics: Collection[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+    ) -> Iterator[Record]:
+        """Go through the recorded messages.
+
+        Args:
+            order: ``file``: as they were written; ``time``: by log time, equal times as written.
+            topics: full names of the wanted topics; all if None.
+            start: first log time, ns.
+            end: last log time, ns.
+
+        Raises:
+            BagCorruptError: a chunk's checksum is wrong; the text names the offset.
+        """
+        wanted = {
+            number: (channel.topic, self._type_of(channel))
+            for number, channel in self._channels.items()
+            if topics is None or channel.topic in topics
+        }
+        low = 0 if start is None else start
+        high = 2**64 if end is None else end
+        source = (
+            self._in_time_order(low, high) if order == "time" else self._in_file_order(low, high)
+        )
+        for channel, sequence, log_time, publish_time, cdr in source:
+            if channel in wanted and low <= log_time <= high:
+                topic, type_name = wanted[channel]
+                yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
+            elif channel not in self._channels:
+                raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
+
+    def decode(self, record: Record) -> Any:
+        """Return a recorded message as an object with the message's attributes.
+
+        Raises:
+            BagError: it cannot be decoded; the text names topic and time.
+        """
+        try:
+            return self.types.decode(record.type_name, record.data)
+        except BagError as error:
+            raise BagError(
+                f"{self.path}: the message on {record.topic} at {record.log_time} ns "
+                f"cannot be decoded: {error}"
+            ) from None
+
+    def messages(
+        self, order: Order = "file", topics: Collection[str] | None = None
+    ) -> Iterator[tuple[Record, Any]]:
+        """Go through the recorded messages and decode each; see ``records`` and ``decode``."""
+        for record in self.records(order, topics):
+            yield record, self.decode(record)
+
+    # -- opening --------------------------------------------------------------
+
+    @property
+    def _advice(self) -> str:
+        return f"what is intact can be saved: stepdiag recover {self.path}"
+
+    def _open(self) -> None:
+        data = self._data
+        if not layout.ends_properly(data):
+            raise BagCutError(
+                f"{self.path} is cut off: it was not closed, or is still being recorded; "
+                f"make it whole: stepdiag recover {self.path}"
+            )
+        try:
+            self._footer = layout.footer_of(data)
+        except layout.Damaged as error:
+            raise BagCorruptError(f"{self.path}: {error}; {self._advice}") from None
+        self.metadata: dict[str, Mapping[str, str]] = {}
+        self.attachments: list[Attachment] = []
+        self._chunks: list[layout.RawRecord] = []
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        intact = layout.data_section_is_intact(data, self._footer)
+        if not layout.summary_is_intact(data, self._footer):
+            raise BagCorruptError(f"{self.path}: the summary's checksum is wrong; {self._advice}")
+        offset = len(layout.MAGIC)
+        try:
+            for record in layout.records(data):
+                offset = record.offset
+                self._take(record, check=not intact)
+        except layout.Torn as torn:
+            raise BagCorruptError(
+                f"{self.path}: the frame is broken at byte {torn.offset}; {self._advice}"
+            ) from None
+        except layout.Damaged as error:
+            raise BagCorruptError(
+                f"{self.path}: the record at byte {offset} is damaged ({error}); {self._advice}"
+            ) from None
+        if not intact:
+            raise BagCorruptError(
+                f"{self.path}: the checksum over bytes 0 to {self._footer.data_end} is wrong, "
+                f"though every chunk's own is right; {self._advice}"
+            )
+        if not self._channels:
+            self._channels_from_chunks()
+
+    def _take(self, record: layout.RawRecord, check: bool) -> None:
+        opcode = record.opcode
+        if opcode == Opcode.CHUNK:
+            self._chunks.append(record)
+            if check:
+                layout.chunk_content(record.body(self._data))
+        elif opcode == Opcode.MESSAGE:
+            self._chunks.append(record)
+        elif opcode == Opcode.METADATA:
+            metadata = layout.metadata_of(record.body(self._data))
+            self.metadata[metadata.name] = metadata.metadata
+        elif opcode == Opcode.ATTACHMENT:
+            found = layout.attachment_of(record.body(self._data))
+            self.attachments.append(Attachment(found.name, found.media_type, found.data))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._define(opcode, record.body(self._data))
+
+    def _define(self, opcode: int, body: bytes) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = layout.schema_of(body)
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = layout.channel_of(body)
+            self._channels[channel.id] = channel
+
+    def _channels_from_chunks(self) -> None:
+        """Collect the topics of a bag without a summary."""
+        for chunk in self._chunks:
+            if chunk.opcode == Opcode.CHUNK:
+                for opcode, item in self._content(chunk):
+                    if isinstance(item, bytes):
+                        self._define(opcode, item)
+
+    def _type_of(self, channel: Channel) -> str:
+        schema = self._schemas.get(channel.schema_id)
+        return "" if schema is None else schema.name
+
+    # -- going through --------------------------------------------------------
+
+    def _content(self, chunk: layout.RawRecord) -> Iterator[tuple[int, layout.RawMessage | bytes]]:
+        try:
+            yield from layout.chunk_records(layout.chunk_content(chunk.body(self._data)))
+        except layout.Damaged as error:
+            raise BagCorruptError(
+                f"{self.path}: the chunk at byte {chunk.offset} is damaged ({error}); "
+                f"{self._advice}"
+            ) from None
+
+    def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:
+        if chunk.opcode == Opcode.CHUNK:
+            return layout.chunk_times(self._data, chunk)
+        time = layout.message_of(chunk.body(self._data), 0, chunk.end - chunk.offset).log_time
+        return time, time
+
+    def _messages_of(self, chunk: layout.RawRecord) -> Iterator[layout.RawMessage]:
+        if chunk.opcode == Opcode.CHUNK:
+            for _, item in self._content(chunk):
+                if isinstance(item, layout.RawMessage):
+                    yield item
+        else:
+            body = chunk.body(self._data)
+            yield layout.message_of(body, 0, len(body))
+
+    def _in_file_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
+        for chunk in self._chunks:
+            first, last = self._times(chunk)
+            if first <= high and last >= low:
+                yield from self._messages_of(chunk)
+
+    def _in_time_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
+        spans = [(*self._times(chunk), chunk) for chunk in self._chunks]
+        spans = sorted(span for span in spans if span[0] <= high and span[1] >= low)
+        waiting: list[tuple[int, int, int, layout.RawMessage]] = []
+        for first, _, chunk in spans:
+            # Whatever is older than the first message of all chunks still to come can go.
+            while waiting and waiting[0][0] < first:
+                yield heapq.heappop(waiting)[3]
+            for place, message in enumerate(self._messages_of(chunk)):
+                heapq.heappush(waiting, (message.log_time, chunk.offset, place, message))
+        while waiting:
+            yield heapq.heappop(waiting)[3]

@@ -1,0 +1,296 @@
+"""A recorded run as data classes: everything that a bag says about it, without any ROS client."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.configuration import parse_yaml, plan_from_text
+from stepdiag_ros.metrology.measurement import (
+    Arrival,
+    BlockDisplacement,
+    MeasuredLine,
+    Measurement,
+    Reading,
+    SettledStop,
+    StopCommand,
+    latest_attempts,
+)
+from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.topics import Topic
+
+UNKNOWN_FEED = "unknown"
+"""Stands for the feed in the plan of a run that was imported from a table."""
+
+Event = StopCommand | Arrival | Reading
+
+
+class StateChange(NamedTuple):
+    """A change of the run's state, without the heartbeats in between.
+
+    Attributes:
+        time: ns.
+        state: STATE_* of RunState.msg.
+        line_index: of the plan, from 0.
+        line: in words.
+        stop: from 0.
+        text: why it is in this state, in plain words.
+    """
+
+    time: int
+    state: int
+    line_index: int
+    line: str
+    stop: int
+    text: str
+
+
+class Diagnostic(NamedTuple):
+    """A change in what a part of the system says of itself: time (ns), level (0 good), who."""
+
+    time: int
+    level: int
+    name: str
+    message: str
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What a bag says about one run. Readings are many, so they are read when asked for.
+
+    Attributes:
+        path: of the bag.
+        namespace: that the run's topics were in.
+        run_id: identity of the run.
+        software_version: of stepdiag_ros that made the run.
+        schema_version: of its messages.
+        start_time: ns.
+        plan_text: YAML of the test plan.
+        machine_text: YAML of the machine.
+        cell_text: YAML of the simulated cell; empty on a real machine.
+        plan: the test plan; its feed is NaN where it is not known (imported tables).
+        commands: that end at a stop.
+        arrivals: in position.
+        stops: settled or rejected, as recorded.
+        blocks: as recorded.
+        lines: as recorded, every attempt.
+        results: of all solvers, as recorded.
+        states: changes of the run's state.
+        diagnostics: changes of what the parts say of themselves.
+    """
+
+    path: Path
+    namespace: str
+    run_id: str
+    software_version: str
+    schema_version: int
+    start_time: int
+    plan_text: str
+    machine_text: str
+    cell_text: str
+    plan: Plan
+    commands: tuple[StopCommand, ...]
+    arrivals: tuple[Arrival, ...]
+    stops: tuple[SettledStop, ...]
+    blocks: tuple[BlockDisplacement, ...]
+    lines: tuple[MeasuredLine, ...]
+    results: tuple[VolumetricErrors, ...]
+    states: tuple[StateChange, ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+    @property
+    def volume(self) -> Volume:
+        """Return the measured box."""
+        return self.plan.volume
+
+    @cached_property
+    def machine(self) -> Mapping[str, Any]:
+        """Return the machine's YAML, parsed; of an imported table only what its case file told."""
+        parsed = parse_yaml(self.machine_text, f"{self.path}: machine") if self.machine_text else {}
+        return parsed if isinstance(parsed, Mapping) else {}
+
+    @property
+    def chain(self) -> str:
+        """Return the order of the axes from workpiece to tool, such as YXZ; empty if not known."""
+        chain = self.machine.get("chain", "")
+        return "".join(chain)
+
+    @property
+    def measurement(self) -> Measurement:
+        """Return the recorded lines, each with its last attempt, over the measured box."""
+        return Measurement(self.volume, latest_attempts(self.lines))
+
+    def events(self) -> Iterator[Event]:
+        """Go through commands, arrivals and readings in the order in which they were recorded.
+
+        Raises:
+            BagError: the bag has changed or gone since it was loaded.
+        """
+        convert: dict[str, Callable[[Any], Event | None]] = {
+            topics.absolute(topics.READING, self.namespace): conversion.to_reading,
+            topics.absolute(topics.MACHINE_COMMAND, self.namespace): self._own_command,
+            topics.absolute(topics.COMMAND_STATUS, self.namespace): self._own_arrival,
+        }
+        with BagReader(self.path) as bag:
+            for record, message in bag.messages(topics=convert.keys()):
+                event = convert[record.topic](message)
+                if event is not None:
+                    yield event
+
+    def readings(self) -> Iterator[Reading]:
+        """Go through the readings in the order in which they were recorded."""
+        name = topics.absolute(topics.READING, self.namespace)
+        with BagReader(self.path) as bag:
+            for _, message in bag.messages(topics=(name,)):
+                yield conversion.to_reading(message)
+
+    def _own_command(self, message: Any) -> StopCommand | None:
+        return conversion.to_stop_command(message) if message.run_id == self.run_id else None
+
+    def _own_arrival(self, message: Any) -> Arrival | None:
+        return conversion.to_arrival(message) if message.run_id == self.run_id else None
+
+
+def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
+    """Read a bag's run.
+
+    Args:
+        path: the bag.
+        run_id: which run, where a bag holds more than one.
+
+    Raises:
+        BagError: the bag is cut off or damaged, holds no run, several, or one that cannot be read.
+    """
+    with BagReader(path) as bag:
+        namespace, description = _description(bag, run_id)
+        source = f"{bag.path}: plan"
+        try:
+            plan = plan_of(description.plan, source)
+        except ValueError as error:
+            raise BagError(str(error)) from None
+        parts = _parts(bag, namespace, description.run_id)
+        return RecordedRun(
+            path=bag.path,
+            namespace=namespace,
+            run_id=description.run_id,
+            software_version=description.software_version,
+            schema_version=int(description.schema_version),
+            start_time=conversion.to_nanoseconds(description.header.stamp),
+            plan_text=description.plan,
+            machine_text=description.machine,
+            cell_text=description.simulated_cell,
+            plan=plan,
+            **parts,
+        )
+
+
+def plan_of(text: str, source: str) -> Plan:
+    """Make a plan from its YAML, also from one whose feed is not known.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    parsed = parse_yaml(text, source)
+    if isinstance(parsed, dict) and parsed.get("feed_m_per_s") == UNKNOWN_FEED:
+        known = Plan.from_mapping({**parsed, "feed_m_per_s": 1.0}, source)
+        return replace(known, feed=float("nan"))
+    return plan_from_text(text, source)
+
+
+def _description(bag: BagReader, run_id: str | None) -> tuple[str, Any]:
+    names = _full_names(bag, topics.RUN_DESCRIPTION)
+    found: dict[str, tuple[str, Any]] = {}
+    for record, message in bag.messages(topics=names):
+        found[message.run_id] = (names[record.topic], message)
+    if run_id is not None:
+        found = {key: value for key, value in found.items() if key == run_id}
+    if not found:
+        which = "" if run_id is None else f" '{run_id}'"
+        raise BagError(f"{bag.path} holds no run{which}: there is no RunDescription in it")
+    if len(found) > 1:
+        raise BagError(f"{bag.path} holds several runs; say which: {', '.join(sorted(found))}")
+    return next(iter(found.values()))
+
+
+def _full_names(bag: BagReader, wanted: Topic) -> dict[str, str]:
+    """Return the full names under which a topic is in the bag, and their namespaces."""
+    found = {}
+    for name in bag.topics:
+        known = topics.topic_of(name)
+        if known is not None and known[0] is wanted:
+            found[name] = known[1]
+    return found
+
+
+def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, ...]]:
+    converters: dict[Topic, tuple[str, Callable[[Any], Any]]] = {
+        topics.MACHINE_COMMAND: ("commands", conversion.to_stop_command),
+        topics.COMMAND_STATUS: ("arrivals", conversion.to_arrival),
+        topics.STOP: ("stops", conversion.to_settled_stop),
+        topics.BLOCK: ("blocks", conversion.to_block),
+        topics.LINE: ("lines", conversion.to_measured_line),
+        topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
+        topics.RUN_STATE: ("states", _state_change),
+    }
+    by_name = {topics.absolute(topic, namespace): entry for topic, entry in converters.items()}
+    parts: dict[str, list[Any]] = {name: [] for name, _ in converters.values()}
+    diagnostics = _DiagnosticChanges()
+    diagnostics_name = topics.absolute(topics.DIAGNOSTICS)
+    for record, message in bag.messages(topics=(*by_name, diagnostics_name)):
+        if record.topic == diagnostics_name:
+            diagnostics.add(message)
+            continue
+        name, convert = by_name[record.topic]
+        if message.run_id != run_id:
+            continue
+        try:
+            converted = convert(message)
+        except ValueError as error:
+            raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+        if converted is not None and not _only_heartbeat(parts[name], converted):
+            parts[name].append(converted)
+    return {
+        **{name: tuple(found) for name, found in parts.items()},
+        "diagnostics": tuple(diagnostics.changes),
+    }
+
+
+def _state_change(message: Any) -> StateChange:
+    return StateChange(
+        time=conversion.to_nanoseconds(message.header.stamp),
+        state=int(message.state),
+        line_index=int(message.line_index),
+        line=str(message.line),
+        stop=int(message.stop),
+        text=str(message.text),
+    )
+
+
+def _only_heartbeat(before: list[Any], new: Any) -> bool:
+    if not isinstance(new, StateChange) or not before:
+        return False
+    last: StateChange = before[-1]
+    return (last.state, last.line_index, last.text) == (new.state, new.line_index, new.text)
+
+
+class _DiagnosticChanges:
+    """Keeps what is new in a stream of repeated diagnostics."""
+
+    def __init__(self) -> None:
+        self.changes: list[Diagnostic] = []
+        self._last: dict[str, tuple[int, str]] = {}
+
+    def add(self, message: Any) -> None:
+        time = conversion.to_nanoseconds(message.header.stamp)
+        for status in message.status:
+            raw = status.level
+            level = raw[0] if isinstance(raw, bytes) else int(raw)
+            said = (level, str(status.message))
+            if self._last.get(status.name) != said:
+                self._last[status.name] = said
+                self.changes.append(Diagnostic(time, level, str(status.name), said[1]))

@@ -1,0 +1,338 @@
+"""From the rows of a run table to measured lines; refuses what contradicts itself.
+
+A pass is a group of rows that belong together (line, order, repeat, direction). A setup is a group
+of consecutive passes along the same line in the same order: they share alignment and zero.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.bags.case import Case
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.table_rows import Row, refusal
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    LINEAR_LINES,
+    MOVE_ORDERS,
+    Vector,
+    beam_direction,
+    line_signs,
+)
+from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.metrology.plan import (
+    BACKWARD,
+    FORWARD,
+    LINEAR,
+    STEP_DIAGONAL,
+    Line,
+    Volume,
+)
+
+POSITION_TOLERANCE = 1.5e-6
+"""m: positions printed with six decimals are off by up to half of one; so is the box's corner."""
+READING_TOLERANCE = 0.01
+"""Part of the line's length by which a reading may differ from the commanded displacement."""
+LARGEST_STEP = 0.5
+"""m: blocks that are larger are taken for a mistaken unit unless a case file states them."""
+MOST_REPEATS = 1000
+_NANOSECONDS = 1e9
+
+
+@dataclass(frozen=True)
+class TableSetup:
+    """Consecutive passes that share alignment and zero: their identity, and the passes in order."""
+
+    identity: str
+    lines: tuple[tuple[Line, tuple[Row, ...]], ...]
+
+
+def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
+    """Group rows into passes and check that the stops of each count from 0 without a gap.
+
+    Raises:
+        TableError: a stop is missing, out of order or there twice; names the row.
+    """
+    passes = []
+    for which, group in groupby(rows, key=lambda row: row.which):
+        stops = tuple(group)
+        for expected, row in enumerate(stops):
+            if row.stop == expected:
+                continue
+            if expected > 0 and row.stop == expected - 1:
+                twice = (
+                    "the row is there twice"
+                    if _same(row, stops[expected - 1])
+                    else (f"stop {row.stop} of '{which}' is there twice")
+                )
+                raise refusal(source, row.number, twice)
+            if row.stop == 0:
+                raise refusal(
+                    source,
+                    row.number,
+                    f"'{which}' begins again after {expected} stops; count its repeats, "
+                    "or take out the rows that are there twice",
+                )
+            if row.stop > expected:
+                raise refusal(
+                    source,
+                    row.number,
+                    f"stop {expected} of '{which}' is missing before stop {row.stop}",
+                )
+            raise refusal(
+                source,
+                row.number,
+                f"stop {row.stop} of '{which}' comes after stop {expected - 1}; stops count from 0 "
+                "along the direction",
+            )
+        passes.append(stops)
+    return passes
+
+
+def _same(row: Row, other: Row) -> bool:
+    return (row.time, row.position, row.reading) == (other.time, other.position, other.reading)
+
+
+def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
+    """Find the measured box from the positions.
+
+    Raises:
+        TableError: they do not tell all of it, or it is so large that the unit must be mistaken.
+    """
+    diagonals = [stops for stops in passes if stops[0].which.kind == STEP_DIAGONAL]
+    if diagonals:
+        points = np.array([row.position for stops in diagonals for row in stops])
+        counts = Counter((len(stops) - 1) // 3 for stops in diagonals)
+        low, high = points.min(axis=0), points.max(axis=0)
+    else:
+        counts = Counter(len(stops) - 1 for stops in passes)
+        low, high = np.full(3, np.nan), np.full(3, np.nan)
+        for stops in passes:
+            axis = LINEAR_LINES.index(stops[0].which.line)
+            along = [row.position[axis] for row in stops]
+            low[axis] = np.fmin(low[axis], min(along))
+            high[axis] = np.fmax(high[axis], max(along))
+    blocks = counts.most_common(1)[0][0]
+    if blocks < 1:
+        raise refusal(source, passes[0][0].number, "the line has a single stop; nothing moved")
+    for axis, name in enumerate(AXES):
+        if not high[axis] - low[axis] > 0:
+            raise TableError(
+                f"{source}: no line moves {name}, so the size of the measured box is not known; "
+                "put a case.yaml with origin_m, step_m and blocks beside the table"
+            )
+    step = (high - low) / blocks
+    if step.max() > LARGEST_STEP:
+        raise refusal(
+            source,
+            passes[0][1].number,
+            f"the blocks would be {step.max():g} m long; positions are in metres, these look like "
+            "millimetres (if they are right, state step_m in a case.yaml beside the table)",
+        )
+    return Volume(_rounded(low), _rounded(step), blocks)
+
+
+def _rounded(values: Vector) -> tuple[float, float, float]:
+    # To the picometre: takes the noise of binary fractions off numbers that were printed decimally.
+    x, y, z = (round(float(value), 12) + 0.0 for value in values)
+    return x, y, z
+
+
+def setups_of(passes: list[tuple[Row, ...]], volume: Volume, source: str) -> list[TableSetup]:
+    """Check every pass against the box and group the passes into setups.
+
+    Raises:
+        TableError: positions or readings contradict what the row says; names the row.
+    """
+    checked = []
+    for stops in passes:
+        line = _line_of(stops, volume)
+        _check_positions(line, stops, volume, source)
+        checked.append((line, stops))
+    setups: list[TableSetup] = []
+    seen: Counter[str] = Counter()
+    for identity, group in groupby(checked, key=lambda entry: entry[0].setup):
+        lines = tuple(group)
+        _check_repeats(lines, source)
+        _check_readings(lines, volume, source)
+        seen[identity] += 1
+        again = "" if seen[identity] == 1 else f" #{seen[identity]}"
+        setups.append(TableSetup(identity + again, lines))
+    return setups
+
+
+def _line_of(stops: tuple[Row, ...], volume: Volume) -> Line:
+    which = stops[0].which
+    offset = (0.0, 0.0, 0.0)
+    if which.kind == LINEAR:
+        start = stops[0] if which.direction == FORWARD else stops[-1]
+        away = np.asarray(start.position) - np.asarray(volume.origin)
+        away[LINEAR_LINES.index(which.line)] = 0.0
+        away[np.abs(away) <= POSITION_TOLERANCE] = 0.0
+        offset = _rounded(away)
+    return Line(which.kind, which.line, which.order, which.repeat, which.direction, offset)
+
+
+def _check_positions(line: Line, stops: tuple[Row, ...], volume: Volume, source: str) -> None:
+    expected = line.stops(volume)
+    actual = np.array([row.position for row in stops])
+    if len(expected) == len(actual) and _equal(expected, actual).all():
+        return
+    moved = _moved_like(line, actual, volume)
+    if moved:
+        raise refusal(source, stops[0].number, f"the row says '{line}', but {moved}")
+    for row, nominal in zip(stops, expected, strict=False):
+        if not _equal(np.asarray(row.position), nominal).all():
+            raise refusal(source, row.number, _position_reason(row, line, nominal, volume))
+    if len(stops) < len(expected):
+        raise refusal(
+            source,
+            stops[-1].number,
+            f"'{line}' ends at stop {len(stops) - 1}; stop {len(stops)} to {len(expected) - 1} "
+            "are missing",
+        )
+    raise refusal(
+        source,
+        stops[len(expected)].number,
+        f"'{line}' goes on behind its last stop {len(expected) - 1}",
+    )
+
+
+def _equal(first: Vector, second: Vector) -> NDArray[np.bool_]:
+    equal: NDArray[np.bool_] = np.abs(first - second) <= POSITION_TOLERANCE
+    return equal
+
+
+def _moved_like(line: Line, actual: Vector, volume: Volume) -> str:
+    """Say what the positions are if they are those of another pass; an empty text if of none."""
+    names = LINEAR_LINES if line.kind == LINEAR else BODY_DIAGONALS
+    orders = ("",) if line.kind == LINEAR else MOVE_ORDERS
+    for direction in (FORWARD, BACKWARD):
+        for name in names:
+            for order in orders:
+                other = Line(line.kind, name, order, line.repeat, direction, line.offset)
+                expected = other.stops(volume)
+                if len(expected) != len(actual) or not _equal(expected, actual).all():
+                    continue
+                if (name, order) == (line.name, line.order):
+                    return f"the positions run {direction}"
+                return f"the positions are those of '{other}'"
+    return ""
+
+
+def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> str:
+    for axis, name in enumerate(AXES):
+        value = row.position[axis]
+        if abs(value - nominal[axis]) <= POSITION_TOLERANCE:
+            continue
+        place = (
+            f"{name} is {value:g} m at stop {row.stop} of '{line}', expected {nominal[axis]:g} m"
+        )
+        away = volume.nodes(axis)
+        nearest = float(away[np.argmin(np.abs(away - value))])
+        if nominal[axis] and abs(value / nominal[axis] - 1000.0) < 1.0:
+            return f"{place}; positions are in metres, this looks like millimetres"
+        if abs(value - nearest) > POSITION_TOLERANCE:
+            return f"{place}; it is off the grid, whose nearest node is {nearest:g} m"
+        return f"{place}; the position does not follow the line's name and order"
+    raise AssertionError("called for a position that is right")
+
+
+def _check_repeats(lines: tuple[tuple[Line, tuple[Row, ...]], ...], source: str) -> None:
+    seen: dict[Line, int] = {}
+    for line, stops in lines:
+        if line.repeat >= MOST_REPEATS:
+            raise refusal(
+                source, stops[0].number, f"'repeat' is {line.repeat}; repeats count from 0"
+            )
+        if line in seen:
+            raise refusal(
+                source,
+                stops[0].number,
+                f"'{line}' was measured already from row {seen[line]} on; count its repeats",
+            )
+        seen[line] = stops[0].number
+
+
+def _check_readings(
+    lines: tuple[tuple[Line, tuple[Row, ...]], ...], volume: Volume, source: str
+) -> None:
+    first_line, first_stops = lines[0]
+    step = np.asarray(volume.step)
+    beam = beam_direction(first_line.name, step)
+    length = float(np.linalg.norm(line_signs(first_line.name) * step) * volume.blocks)
+    start = first_stops[0]
+    for line, stops in lines:
+        for row in stops:
+            nominal = float(beam @ (np.asarray(row.position) - np.asarray(start.position)))
+            reading = row.reading - start.reading
+            if abs(reading - nominal) > READING_TOLERANCE * length:
+                raise refusal(source, row.number, _reading_reason(line, row, nominal, reading))
+
+
+def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> str:
+    place = (
+        f"the reading has changed by {reading:g} m since the first stop of the setup at stop "
+        f"{row.stop} of '{line}', where the positions have changed by {nominal:g} m along the beam"
+    )
+    ratio = reading / nominal if nominal else 0.0
+    if abs(ratio + 1.0) < 0.05:
+        return f"{place}; its sign is wrong, a reading grows along the beam"
+    if 900.0 < abs(ratio) < 1100.0:
+        return f"{place}; readings are in metres, this looks like millimetres"
+    return place
+
+
+def measured_lines(setups: list[TableSetup], case: Case) -> Iterator[tuple[int, MeasuredLine]]:
+    """Make the measured lines: for each the place of its setup, and the line.
+
+    The line's index is its place in the plan that ``plan_mapping`` makes of the same setups.
+    """
+    begin = 0
+    for place, setup in enumerate(setups):
+        repeats, directions = _extent(setup)
+        for line, stops in setup.lines:
+            index = begin + line.repeat * len(directions) + directions.index(line.direction)
+            yield (
+                place,
+                MeasuredLine(
+                    line=line,
+                    line_index=index,
+                    attempt=1,
+                    setup=setup.identity,
+                    time=np.array([row.time for row in stops]),
+                    end_time=round(stops[-1].time * _NANOSECONDS),
+                    target=np.array([row.position for row in stops]),
+                    displacement=np.array([row.reading for row in stops]),
+                    standard_uncertainty=np.full(len(stops), case.reading_noise),
+                    environment=np.array([row.environment for row in stops], dtype=np.float64),
+                ),
+            )
+        begin += repeats * len(directions)
+
+
+def _extent(setup: TableSetup) -> tuple[int, list[str]]:
+    repeats = 1 + max(line.repeat for line, _ in setup.lines)
+    return repeats, list(dict.fromkeys(line.direction for line, _ in setup.lines))
+
+
+def plan_groups(setups: list[TableSetup]) -> list[dict[str, object]]:
+    """Return the ``lines`` of a test plan that measures these setups, as a plan file has them."""
+    groups: list[dict[str, object]] = []
+    for setup in setups:
+        line = setup.lines[0][0]
+        repeats, directions = _extent(setup)
+        group: dict[str, object] = {"kind": line.kind, "names": [line.name]}
+        if line.order:
+            group["orders"] = [line.order]
+        if any(line.offset):
+            group["offset_m"] = list(line.offset)
+        group["repeats"] = repeats
+        group["directions"] = directions
+        groups.append(group)
+    return groups

@@ -1,0 +1,255 @@
+"""Message definitions of bags: schemas, type hashes, CDR to objects and back, without a ROS client.
+
+Our own definitions come from ``msg/``, the standard ones from the texts that ship with the package.
+A bag is decoded with the definitions that it carries, so that bags of older schemas stay readable.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.store import Typestore
+
+from stepdiag_ros import resources
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.embedded.packages import OWN, TEXTS
+
+_SEPARATOR = "=" * 80
+_DUMMY = "structure_needs_at_least_one_member"
+_WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
+_DTYPES = {"bool": "bool", "byte": "uint8", "char": "uint8", "float32": "float32"}
+
+
+class MessageTypes:
+    """A set of message definitions, with what can be done with them.
+
+    Args:
+        store: the rosbags type store that holds them.
+        texts: ``ros2msg`` schema text of each type whose original text is known, by full type name.
+    """
+
+    def __init__(self, store: Typestore, texts: Mapping[str, str]) -> None:
+        self._store = store
+        self._texts = dict(texts)
+
+    def __contains__(self, type_name: str) -> bool:
+        return type_name in self._store.fielddefs
+
+    def schema(self, type_name: str) -> str:
+        """Return the ``ros2msg`` schema of a type: its text and those of all types in it.
+
+        Raises:
+            BagError: the type is not known.
+        """
+        self._require(type_name)
+        parts = [self._text(type_name)]
+        parts += [
+            f"{_SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{self._text(name)}"
+            for name in self._nested(type_name)
+        ]
+        return "\n".join(part.rstrip("\n") for part in parts) + "\n"
+
+    def type_hash(self, type_name: str) -> str:
+        """Return the RIHS01 hash by which ROS 2 compares types.
+
+        Raises:
+            BagError: the type is not known.
+        """
+        self._require(type_name)
+        return str(self._store.hash_rihs01(type_name))
+
+    def decode(self, type_name: str, cdr: bytes) -> Any:
+        """Return a message as an object with the message's attributes; its arrays are read-only.
+
+        Args:
+            type_name: full type name.
+            cdr: serialised message with its four bytes of encapsulation.
+
+        Raises:
+            BagError: the type is not known, or these bytes are no message of it.
+        """
+        self._require(type_name)
+        try:
+            return self._store.deserialize_cdr(cdr, type_name)
+        except (SerdeError, AssertionError, IndexError) as error:
+            raise BagError(f"these {len(cdr)} bytes are no {type_name} ({error})") from None
+
+    def encode(self, type_name: str, message: Any) -> bytes:
+        """Return any object with the message's attributes as CDR, little-endian.
+
+        Raises:
+            BagError: an attribute is missing or its value does not fit the field's type.
+        """
+        self._require(type_name)
+        return bytes(
+            self._store.serialize_cdr(
+                self._filled(type_name, message), type_name, little_endian=True
+            )
+        )
+
+    def new(self, type_name: str) -> Any:
+        """Return an object with the message's attributes, all zero or empty, to be filled."""
+        self._require(type_name)
+        fields = self._store.fielddefs[type_name][1]
+        return SimpleNamespace(
+            **{name: self._empty(kind) for name, kind in fields if name != _DUMMY}
+        )
+
+    def constant(self, type_name: str, name: str) -> Any:
+        """Return the value of a constant of a message.
+
+        Raises:
+            BagError: the type is not known, or has no such constant.
+        """
+        self._require(type_name)
+        for constant, _, value in self._store.fielddefs[type_name][0]:
+            if constant == name:
+                return value
+        raise BagError(f"{type_name} has no constant {name}")
+
+    def _require(self, type_name: str) -> None:
+        if type_name not in self._store.fielddefs:
+            raise BagError(f"message type {type_name} is not known here")
+
+    def _nested(self, type_name: str) -> list[str]:
+        found: list[str] = []
+
+        def visit(name: str) -> None:
+            for _, kind in self._store.fielddefs[name][1]:
+                node: Any = kind[0]
+                content: Any = kind[1]
+                if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                    node, content = content[0]
+                if node == Nodetype.NAME and content not in found:
+                    found.append(str(content))
+                    visit(str(content))
+
+        visit(type_name)
+        return found
+
+    def _text(self, type_name: str) -> str:
+        known = self._texts.get(type_name)
+        if known is not None:
+            return known
+        text, _ = self._store.generate_msgdef(type_name, ros_version=2)
+        return text.split(_SEPARATOR)[0]
+
+    def _empty(self, kind: Any) -> Any:
+        node, content = kind
+        if node == Nodetype.NAME:
+            return self.new(content)
+        if node == Nodetype.BASE:
+            name = content[0]
+            return (
+                ""
+                if name == "string"
+                else False
+                if name == "bool"
+                else 0
+                if name in _WHOLE
+                else 0.0
+            )
+        if node == Nodetype.ARRAY:
+            return [self._empty(content[0]) for _ in range(content[1])]
+        return []
+
+    def _filled(self, type_name: str, message: Any) -> Any:
+        values = {}
+        for name, kind in self._store.fielddefs[type_name][1]:
+            if name == _DUMMY:
+                values[name] = 0
+                continue
+            try:
+                values[name] = self._value(kind, getattr(message, name))
+            except AttributeError:
+                raise BagError(f"{type_name}: the message has no field '{name}'") from None
+            except (TypeError, ValueError, OverflowError) as error:
+                raise BagError(f"{type_name}: field '{name}' cannot be written ({error})") from None
+        return self._store.types[type_name](**values)
+
+    def _value(self, kind: Any, value: Any) -> Any:
+        node, content = kind
+        if node == Nodetype.NAME:
+            return self._filled(content, value)
+        if node == Nodetype.BASE:
+            return _primitive(content[0], value)
+        (inner_node, inner), size = content
+        if node == Nodetype.ARRAY and len(value) != size:
+            raise ValueError(f"{len(value)} values instead of {size}")
+        if inner_node == Nodetype.NAME or inner[0] == "string":
+            return [self._value((inner_node, inner), item) for item in value]
+        # rosbags writes an array's bytes as they lie in memory, whatever their type: convert here.
+        given = np.asarray(value)
+        array = given.astype(_DTYPES.get(inner[0], inner[0]))
+        if inner[0] in _WHOLE and not np.array_equal(array, given):
+            raise ValueError(f"values that are no {inner[0]}")
+        return array
+
+
+def _primitive(name: str, value: Any) -> Any:
+    if name == "string":
+        if not isinstance(value, str):
+            raise TypeError(f"{value!r} is no text")
+        return value
+    if name == "bool":
+        return bool(value)
+    if name in _WHOLE:
+        whole = int(value)
+        if whole != value:
+            raise ValueError(f"{value!r} is no whole number")
+        limits = np.iinfo(_DTYPES.get(name, name))
+        if not limits.min <= whole <= limits.max:
+            raise ValueError(f"{value!r} is outside {limits.min} to {limits.max}")
+        return whole
+    return float(value)
+
+
+@lru_cache(maxsize=1)
+def own_types() -> MessageTypes:
+    """Return the definitions of this software: its own messages and those of ROS 2 Jazzy."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    texts = {
+        f"{OWN}/msg/{path.stem}": path.read_text(encoding="utf-8")
+        for path in sorted(resources.directory("msg").glob("*.msg"))
+    }
+    parsed: dict[str, Any] = {}
+    for name, text in texts.items():
+        parsed.update(get_types_from_msg(text, name))
+    store.register(parsed)
+    for path in sorted(TEXTS.glob("*/msg/*.msg")):
+        texts.setdefault(_standard_name(path), path.read_text(encoding="utf-8"))
+    return MessageTypes(store, texts)
+
+
+def _standard_name(path: Path) -> str:
+    return f"{path.parent.parent.name}/msg/{path.stem}"
+
+
+def types_from_schemas(schemas: Mapping[str, str]) -> MessageTypes:
+    """Return the definitions that a bag carries.
+
+    Args:
+        schemas: ``ros2msg`` text of each type of the bag, by full type name.
+
+    Raises:
+        BagError: a text is no message definition, or two define one type differently.
+    """
+    own = own_types()
+    if all(name in own and own.schema(name) == text for name, text in schemas.items()):
+        return own
+    store = get_typestore(Stores.EMPTY)
+    for name, text in schemas.items():
+        try:
+            store.register(get_types_from_msg(text, name))
+        except (TypesysError, SyntaxError, ValueError) as error:
+            raise BagError(
+                f"the definition of {name} in the bag cannot be used ({error})"
+            ) from None
+    return MessageTypes(store, {})
