@@ -1,0 +1,104 @@
+"""The ``stepdiag`` command line.
+
+Exit codes: 0 done, 1 refused or failed (one sentence on standard error says why), 2 wrong usage,
+130 stopped with Ctrl-C, 141 whoever read the output has gone away.
+"""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+COMMANDS = (
+    "demo",
+    "run",
+    "replay",
+    "solve",
+    "import_table",
+    "export",
+    "recover",
+    "info",
+    "node",
+)
+"""Modules of ``stepdiag_ros.commands`` in the order in which the help lists them."""
+
+_DESCRIPTION = """\
+Laser step-diagonal measurement of three-axis machine tools: positioning, straightness and
+squareness errors of all axes from one laser interferometer. A measurement is recorded in one
+file, a bag (.mcap), from which every result can be had again."""
+
+_EXIT_REFUSED = 1
+_EXIT_INTERRUPTED = 128 + signal.SIGINT
+_EXIT_BROKEN_PIPE = 141
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    from stepdiag_ros import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="stepdiag",
+        description=_DESCRIPTION,
+        epilog="'stepdiag COMMAND --help' explains a command, with an example.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"stepdiag {__version__}")
+    parser.add_argument(
+        "--traceback",
+        action="store_true",
+        help="when a command fails, show where in the program (for a bug report)",
+    )
+    subparsers = parser.add_subparsers(
+        title="commands", metavar="COMMAND", dest="command", required=True
+    )
+    for name in COMMANDS:
+        import_module(f"stepdiag_ros.commands.{name}").add_parser(subparsers)
+    return parser
+
+
+def _sentence(error: Exception) -> str:
+    """Say in one line what is wrong."""
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _leave_pipe() -> None:
+    """Keep Python from complaining about the closed pipe once more when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Args:
+        argv: arguments without the program's name; those of the process if not given.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that cannot show µ shall show a question mark, not end the program.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    arguments = make_parser().parse_args(argv)
+    try:
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("stepdiag: stopped", file=sys.stderr)
+        return _EXIT_INTERRUPTED
+    except BrokenPipeError:
+        _leave_pipe()
+        return _EXIT_BROKEN_PIPE
+    except (ValueError, OSError) as error:
+        if arguments.traceback:
+            raise
+        print(f"stepdiag: error: {_sentence(error)}", file=sys.stderr)
+        return _EXIT_REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

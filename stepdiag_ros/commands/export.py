@@ -1,0 +1,65 @@
+"""``stepdiag export``: tables from a bag."""
+
+import json
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "export",
+        help="write the tables of a bag (CSV or Parquet)",
+        description="Write what a bag holds as tables for other programs, in SI units with all"
+        " digits: the run table, which 'stepdiag import' reads again, the stops, blocks and lines"
+        " with their uncertainties, and the recorded results. Unknown numbers are empty cells.",
+        epilog="examples:\n"
+        "  stepdiag export run.mcap             writes into run_tables/\n"
+        "  stepdiag export run.mcap --readings  every reading of the interferometer, too",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    parser.add_argument(
+        "--output", type=Path, metavar="FOLDER", help="default: NAME_tables beside the bag"
+    )
+    parser.add_argument(
+        "--format", choices=("csv", "parquet"), default="csv", help="of the tables (default: csv)"
+    )
+    parser.add_argument(
+        "--readings", action="store_true", help="write every reading of the interferometer, too"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace files that are there already"
+    )
+    parser.add_argument("--json", action="store_true", help="print the names of the files as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Export the bag; see the module."""
+    from stepdiag_ros.bags.export import export_bag
+
+    folder = arguments.output or arguments.bag.with_name(f"{arguments.bag.stem}_tables")
+    with progress_bar(f"exporting {arguments.bag.name}"):
+        report = export_bag(
+            arguments.bag,
+            folder,
+            arguments.format,
+            readings=arguments.readings,
+            overwrite=arguments.overwrite,
+        )
+    if arguments.json:
+        document = {
+            "bag": str(arguments.bag),
+            "files": [str(path) for path in report.files],
+            "remarks": list(report.remarks),
+        }
+        print(json.dumps(document, indent=2, ensure_ascii=False))
+    else:
+        for path in report.files:
+            print(path)
+    for remark in report.remarks:
+        say(remark)
+    return 0

@@ -1,0 +1,104 @@
+"""``stepdiag info``: what is in a bag, and whether it is whole."""
+
+import json
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stepdiag_ros.bags.info import BagInfo
+
+_MOST_GAPS = 10
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "info",
+        help="show what is in a bag, and whether it is whole",
+        description="Show whose measurement a bag is, what was recorded, whether every checksum is"
+        " right and whether readings of the interferometer are missing. A damaged or cut bag is"
+        " reported with exit code 1.",
+        epilog="example:\n  stepdiag info run.mcap",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the bag (.mcap)")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Show the summary; see the module."""
+    from stepdiag_ros.bags.info import bag_info
+
+    with progress_bar(f"checking {arguments.bag.name}"):
+        info = bag_info(arguments.bag)
+    if arguments.json:
+        print(json.dumps(info.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        _print(info)
+    if info.problem:
+        raise ValueError(info.problem)
+    return 0
+
+
+def _print(info: "BagInfo") -> None:
+    from stepdiag_ros.report.tables import make_console
+
+    console = make_console(sys.stdout)
+    rows = [("File", f"{info.path}, {info.size:,} bytes")]
+    if info.header is not None:
+        rows += [
+            ("Run", info.header.run_id),
+            ("Plan", info.header.plan_name),
+            ("Made by", f"stepdiag_ros {info.header.software_version}, {info.header.middleware}"),
+        ]
+    rows += [
+        ("State", _state(info)),
+        ("Messages", f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks"),
+        ("Lines", str(len(info.lines))),
+        ("Readings", _gaps(info)),
+    ]
+    for name, text in rows:
+        console.print(f"{name + ':':<10}{text}", soft_wrap=True)
+    if info.topics:
+        console.print()
+        console.print(_topics(info))
+
+
+def _state(info: "BagInfo") -> str:
+    if not info.complete:
+        return "cut off: the end is missing"
+    if info.intact is None:
+        return "complete, checksums not checked"
+    return "complete, every checksum is right" if info.intact else "DAMAGED: a checksum is wrong"
+
+
+def _gaps(info: "BagInfo") -> str:
+    from stepdiag_ros.topics import READING
+
+    counts = [count for name, count in info.topics.values() if name == READING.type_name]
+    if not counts:
+        return "none recorded"
+    if not info.gaps:
+        return f"{sum(counts)}, none missing"
+    missing = sum(gap.missing for gap in info.gaps)
+    shown = ", ".join(f"{gap.after} to {gap.before}" for gap in info.gaps[:_MOST_GAPS])
+    more = " …" if len(info.gaps) > _MOST_GAPS else ""
+    return f"{missing} MISSING in {len(info.gaps)} gaps of the sequence: {shown}{more}"
+
+
+def _topics(info: "BagInfo") -> "Table":
+    from rich import box
+    from rich.table import Table
+
+    table = Table("topic", "type", "messages", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.columns[2].justify = "right"
+    for name, (type_name, count) in info.topics.items():
+        table.add_row(name, type_name, str(count))
+    return table

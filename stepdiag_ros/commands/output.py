@@ -1,0 +1,144 @@
+"""How commands talk: results on standard output, everything else on standard error."""
+
+import argparse
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from stepdiag_ros.report.content import Report
+
+_PICTURE_CHOICES = ("png", "svg", "pdf", "none")
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Wraps a paragraph of one line, and leaves lines that were broken on purpose (examples)."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" not in text:
+            return super()._fill_text(text, width, indent)
+        return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
+
+
+def say(text: str) -> None:
+    """Tell the user something that is not the result."""
+    print(text, file=sys.stderr)
+
+
+class Progress(Protocol):
+    """Told how far a piece of work has come."""
+
+    def __call__(self, done: float, text: str = "") -> None:
+        """Say that ``done`` (0..1) of the work is done, and what is being done."""
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """Show a progress bar on standard error while the block runs; nothing if that is no terminal.
+
+    Args:
+        title: what is being done.
+    """
+    if not sys.stderr.isatty():
+
+        def ignore(done: float, text: str = "") -> None:
+            del done, text
+
+        yield ignore
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    with Bar(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def show(done: float, text: str = "") -> None:
+            bar.update(task, completed=done, description=f"{title} {text}".rstrip())
+
+        yield show
+
+
+def add_result_options(parser: ArgumentParser, default_folder: str) -> None:
+    """Add the options of every command that prints a result.
+
+    Args:
+        parser: of the command.
+        default_folder: where results go if ``--output`` is not given, in words.
+    """
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print JSON (SI units, curves under their ISO 230-1 names) instead of tables",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help=f"folder for pictures, results.json and report.txt (default: {default_folder})",
+    )
+    parser.add_argument(
+        "--pictures",
+        choices=_PICTURE_CHOICES,
+        default="png",
+        help="format of the pictures, or none (default: png)",
+    )
+    parser.add_argument(
+        "--squareness-sign",
+        choices=("rotation", "angle"),
+        default="rotation",
+        help="rotation: right-handed, as ISO 230-1 names it (default);"
+        " angle: positive where the angle between the positive axes is larger than 90 degrees;"
+        " JSON always holds the rotation",
+    )
+
+
+def show_report(report: "Report", arguments: Namespace, default_folder: Path) -> int:
+    """Write a report into its folder and print it as the user asked; return the exit code.
+
+    Args:
+        report: what is shown.
+        arguments: parsed, with the options of ``add_result_options``.
+        default_folder: where results go if the user named no folder.
+
+    Returns:
+        0; 1 if the lines were not enough for any method, or a result differs from the recorded one.
+    """
+    from stepdiag_ros.report.documents import report_json
+    from stepdiag_ros.report.publish import publish
+    from stepdiag_ros.report.tables import make_console, print_report
+
+    folder = arguments.output or default_folder
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    with progress_bar("writing results") as progress:
+        files = publish(
+            report,
+            folder,
+            formats,
+            arguments.squareness_sign,
+            progress=lambda name: progress(0.0, name),
+        )
+    if arguments.json:
+        print(report_json(report))
+    else:
+        print_report(report, make_console(sys.stdout), arguments.squareness_sign)
+    say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    if not report.results:
+        raise ValueError("the measured lines are not enough for any method; the reasons are above")
+    differing = [method for method, same in report.equals_recorded.items() if not same]
+    if differing:
+        say(
+            f"stepdiag: warning: {', '.join(differing)}: not the same numbers as the result that"
+            " is recorded in the bag"
+        )
+    return 0

@@ -1,0 +1,63 @@
+"""``stepdiag recover``: make a clean bag from one that was cut off or damaged."""
+
+import json
+import math
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "recover",
+        help="make a clean bag from one that was cut off or damaged",
+        description="Copy everything that is whole out of a bag whose recording was cut off (power,"
+        " full disk, a killed program) or whose bytes were damaged, and say what was lost. The"
+        " damaged bag is not touched.",
+        epilog="example:\n  stepdiag recover run.mcap      writes run_recovered.mcap beside it",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the damaged bag (.mcap)")
+    parser.add_argument(
+        "target",
+        type=Path,
+        nargs="?",
+        help="the clean bag (default: NAME_recovered.mcap beside it)",
+    )
+    parser.add_argument("--json", action="store_true", help="print what was saved and lost as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Recover the bag; see the module."""
+    from stepdiag_ros.bags.recover import default_target, recover
+
+    target = arguments.target or default_target(arguments.bag)
+    with progress_bar(f"recovering {arguments.bag.name}"):
+        report = recover(arguments.bag, target)
+    if not arguments.json:
+        print(report.text)
+        return 0
+    duration = math.nan
+    if report.start_time is not None and report.end_time is not None:
+        duration = (report.end_time - report.start_time) / 1e9
+    document = {
+        "source": str(report.source),
+        "target": str(report.target),
+        "source_was_closed": report.was_closed,
+        "messages": report.messages,
+        "messages_lost": report.messages_lost,
+        "lost_is_known": report.lost_is_known,
+        "damaged_chunks": report.damaged_chunks,
+        "unreadable_bytes": report.unreadable_bytes,
+        "attachments": report.attachments,
+        "topics": report.topics,
+        "duration_s": duration if math.isfinite(duration) else None,
+        "losses": report.losses,
+    }
+    print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    for loss in report.losses:
+        say(loss)
+    return 0

@@ -1,0 +1,79 @@
+"""``stepdiag replay``: publish a recorded run into a live graph."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import progress_bar, say
+
+if TYPE_CHECKING:
+    from stepdiag_ros.nodes.player import Played
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="publish a recorded run to live nodes, with its clock",
+        description="Publish what the devices and the sequencer said in a recorded run, with "
+        "/clock, so that assembler, solver and monitors that run now see it as if it "
+        "happened again. With --check an assembler and a solver are started for it, and "
+        "their words are compared with the recorded ones to the last bit.",
+        epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
+    )
+    parser.add_argument("bag", type=Path, help="the recorded run (.mcap)")
+    parser.add_argument(
+        "--rate",
+        type=_rate,
+        default=1.0,
+        help="recorded seconds in a real second; 0: as fast as the nodes take it (default: 1)",
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="assemble and solve again; compare with the recording"
+    )
+    parser.add_argument("--json", action="store_true", help="print what was done as JSON")
+    parser.set_defaults(run=run)
+
+
+def _rate(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+    if not 0.0 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1000000")
+    return value
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay, and compare if asked."""
+    from stepdiag_ros.bags.reader import BagReader
+    from stepdiag_ros.run.replay import replay
+
+    with BagReader(arguments.bag) as bag, progress_bar("replaying") as progress:
+        played = replay(bag, arguments.rate, arguments.check, progress)
+    if arguments.json:
+        print(json.dumps(_document(arguments.bag, played), indent=2))
+    else:
+        say(
+            f"replayed {played.messages} messages, {played.recorded_seconds:.1f} s of recording in "
+            f"{played.real_seconds:.1f} s ({played.recorded_seconds / played.real_seconds:.0f} x)"
+        )
+        for topic, same in played.same.items():
+            print(f"{topic}: {'the same to the last bit' if same else 'DIFFERENT'}")
+    if all(played.same.values()):
+        return 0
+    print("stepdiag: error: the replay differs from the recording", file=sys.stderr)
+    return 1
+
+
+def _document(bag: Path, played: "Played") -> dict[str, object]:
+    return {
+        "bag": str(bag),
+        "messages": played.messages,
+        "recorded_seconds": played.recorded_seconds,
+        "real_seconds": played.real_seconds,
+        "same": played.same,
+    }

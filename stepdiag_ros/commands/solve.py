@@ -1,0 +1,182 @@
+"""``stepdiag solve``: from a bag to volumetric errors, without any node."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    Progress,
+    add_result_options,
+    progress_bar,
+    say,
+    show_report,
+)
+
+if TYPE_CHECKING:
+    from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, Reading
+    from stepdiag_ros.report.content import Report, Truth
+
+_READINGS_BETWEEN_STEPS = 1000
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "solve",
+        help="compute the volumetric errors of a recorded measurement",
+        description="Compute positioning, straightness and squareness errors of all axes from a"
+        " bag, by every method that the measured lines are enough for. Where the bag has the"
+        " interferometer's readings, the lines are assembled again from them, as in the live run;"
+        " the result is then compared with the recorded one to the last bit.",
+        epilog="examples:\n"
+        "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
+        "  stepdiag solve run.mcap --json          the same as JSON\n"
+        "  stepdiag solve run.mcap --pictures pdf  pictures for print",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    parser.add_argument(
+        "--recorded-lines",
+        action="store_true",
+        help="solve from the lines as recorded, do not assemble them again from the readings",
+    )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="FILE",
+        help="compare with known error curves: YAML with E_XX ... E_ZZ, one value in m for each"
+        " node; not needed for a simulated cell, whose truth is in the bag",
+    )
+    add_result_options(parser, "NAME_results beside the bag")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Solve the bag; see the module."""
+    from stepdiag_ros.report.publish import results_folder
+
+    report = report_of(arguments.bag, arguments.recorded_lines, arguments.truth)
+    return show_report(report, arguments, results_folder(arguments.bag))
+
+
+def report_of(bag: Path, recorded_lines: bool = False, truth: Path | None = None) -> "Report":
+    """Solve a bag by every method.
+
+    Args:
+        bag: the file.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        truth: file of known error curves; that of a simulated cell is in the bag.
+
+    Raises:
+        ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
+    """
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.report.build import build_report
+
+    with progress_bar(f"reading {bag.name}") as progress:
+        recorded = load_run(bag)
+        measurement, remark = _measurement(recorded, recorded_lines, progress)
+    name = recorded.machine.get("name", "")
+    return build_report(
+        measurement,
+        run_id=recorded.run_id,
+        plan=recorded.plan.name,
+        machine=name if isinstance(name, str) else "",
+        chain=recorded.chain,
+        run_software_version=recorded.software_version,
+        simulated=True if recorded.cell_text else None,
+        truth=_truth(recorded, measurement, truth),
+        bag=bag,
+        recorded=recorded.results,
+        remarks=(remark,),
+    )
+
+
+def _truth(
+    recorded: "RecordedRun", measurement: "Measurement", given: Path | None
+) -> "Truth | None":
+    from stepdiag_ros.configuration import cell_from_text, read_yaml
+    from stepdiag_ros.report.build import truth_from_curves, truth_of
+
+    lines = [line.line.name for line in measurement.lines]
+    if given is not None:
+        curves = read_yaml(given)
+        if not isinstance(curves, dict):
+            raise ValueError(f"{given}: expected error curves, for example 'E_XX: [0.0, 1.0e-7]'")
+        try:
+            return truth_from_curves(curves, measurement.volume, lines)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{given}: {error}") from None
+    if not recorded.cell_text:
+        return None
+    cell = cell_from_text(recorded.cell_text, f"{recorded.path}: simulated cell")
+    return truth_of(cell, measurement.volume, lines)
+
+
+def _measurement(
+    recorded: "RecordedRun", recorded_lines: bool, progress: Progress
+) -> "tuple[Measurement, str]":
+    """Return the lines, and in words where they come from."""
+    from stepdiag_ros.metrology.assembly import assemble
+    from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
+
+    readings = _Counted(recorded, progress)
+    if recorded_lines or not recorded.commands:
+        return recorded.measurement, "solved from the lines as recorded"
+    events = assemble(
+        recorded.plan, recorded.start_time, recorded.commands, recorded.arrivals, readings
+    )
+    if not readings.count:
+        return recorded.measurement, "solved from the lines as recorded: the bag has no readings"
+    lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    if _same_lines(lines, recorded.lines):
+        comparison = "the same lines to the last bit as recorded"
+    else:
+        comparison = "NOT the same lines as recorded"
+        say("stepdiag: warning: the lines assembled from the readings differ from those recorded")
+    return (
+        Measurement(recorded.volume, latest_attempts(lines)),
+        f"assembled again from {readings.count} readings: {comparison}",
+    )
+
+
+def _same_lines(first: "tuple[MeasuredLine, ...]", second: "tuple[MeasuredLine, ...]") -> bool:
+    """Say whether two runs of lines are the same in every bit of what a solver uses."""
+    import numpy as np
+
+    def numbers(line: "MeasuredLine") -> bytes:
+        parts = (line.time, line.target, line.displacement, line.standard_uncertainty)
+        # There are many bit patterns of NaN; all mean unknown.
+        return b"".join(np.where(np.isnan(part), np.nan, part).tobytes() for part in parts)
+
+    def words(line: "MeasuredLine") -> tuple[object, ...]:
+        return line.line, line.line_index, line.attempt, line.setup
+
+    return len(first) == len(second) and all(
+        words(a) == words(b) and numbers(a) == numbers(b)
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+class _Counted:
+    """The readings of a run, counted as they go by."""
+
+    def __init__(self, recorded: "RecordedRun", progress: Progress) -> None:
+        self.count = 0
+        self._recorded = recorded
+        self._progress = progress
+
+    def __iter__(self) -> "Iterator[Reading]":
+        from stepdiag_ros.bags.reader import BagReader
+
+        with BagReader(self._recorded.path) as bag:
+            start, end = bag.start_time, bag.end_time
+        length = max(end - start, 1)
+        for reading in self._recorded.readings():
+            self.count += 1
+            if self.count % _READINGS_BETWEEN_STEPS == 0:
+                self._progress((reading.time - start) / length)
+            yield reading

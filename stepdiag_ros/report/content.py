@@ -1,0 +1,193 @@
+"""What a report is made of, and how a result compares with the truth of a simulated cell."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR
+
+ZERO_BY_DEFINITION = 1e-15
+"""Below this standard uncertainty, m, a value is fixed by the frame; what is left is rounding."""
+
+METHOD_TITLES = {
+    "conventional": "Conventional (Wang)",
+    "setup_robust": "Setup-robust (Ibaraki & Hata)",
+    "least_squares": "Least squares",
+}
+METHODS = tuple(METHOD_TITLES)
+"""In the order in which they are shown; the last is the one to rely on."""
+
+
+def method_title(method: str) -> str:
+    """Return the name of a method for people."""
+    return METHOD_TITLES.get(method, method)
+
+
+def short_title(method: str) -> str:
+    """Return the name of a method for the head of a narrow column."""
+    return method_title(method).split(" (")[0]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The error curves that a simulated cell was built with.
+
+    Attributes:
+        curves: ISO 230-1 name → errors at the nodes, m, in the frame of the results.
+        figures: squareness, straightness and positioning of these curves.
+    """
+
+    curves: Mapping[str, Vector]
+    figures: tuple[Figure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How far a result lies from the truth.
+
+    Attributes:
+        rms: over all determined points of all curves, m; NaN if there is none.
+        largest: largest absolute deviation of a point, m; NaN if there is none.
+        points: number of determined points.
+        points_with_uncertainty: of those, the ones whose uncertainty is known and not zero.
+        points_inside: of those, the ones whose 95 % band holds the truth.
+    """
+
+    rms: float
+    largest: float
+    points: int
+    points_with_uncertainty: int
+    points_inside: int
+
+    @property
+    def coverage(self) -> float:
+        """Return the share (0..1) of points whose 95 % band holds the truth; NaN without bands."""
+        if not self.points_with_uncertainty:
+            return float("nan")
+        return self.points_inside / self.points_with_uncertainty
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that a person is shown of one run.
+
+    Attributes:
+        results: one for each method that could be used.
+        refused: method → why these lines are not enough for it.
+        run_id: identity of the run; empty if it has none.
+        plan: name of the plan.
+        machine: name of the machine.
+        chain: order of its axes from workpiece to tool; empty if unknown.
+        run_software_version: of stepdiag_ros that made the run; empty if unknown.
+        bag: the file; None if the run was not recorded.
+        simulated: whether the run was made on a simulated cell; None if unknown.
+        truth: of the simulated cell; None if unknown.
+        measurement: the lines; None leaves their picture out.
+        equals_recorded: method → whether the result equals the one in the bag to the last bit;
+            methods without a recorded result are not there.
+        remarks: about the run as a whole, in words.
+    """
+
+    results: tuple[VolumetricErrors, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
+    run_id: str = ""
+    plan: str = ""
+    machine: str = ""
+    chain: str = ""
+    run_software_version: str = ""
+    bag: Path | None = None
+    simulated: bool | None = None
+    truth: Truth | None = None
+    measurement: Measurement | None = None
+    equals_recorded: Mapping[str, bool] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    def ordered_results(self) -> tuple[VolumetricErrors, ...]:
+        """Return the results in the order in which they are shown."""
+        known = [result for name in METHODS for result in self.results if result.method == name]
+        return (*known, *(result for result in self.results if result.method not in METHODS))
+
+    def preferred(self) -> VolumetricErrors | None:
+        """Return the result to rely on: least squares before setup-robust before conventional."""
+        ordered = self.ordered_results()
+        return ordered[-1] if ordered else None
+
+
+def compare_with_truth(result: VolumetricErrors, truth: Truth) -> Comparison:
+    """Compare the nine curves of a result with the truth, node by node.
+
+    Points without uncertainty are fixed by the definition of the frame; they count for the rms, but
+    not for the coverage.
+
+    Raises:
+        ValueError: the truth lacks a curve or has it at other nodes.
+    """
+    deviations, uncertainties = [], []
+    for name in TRANSLATIONS:
+        estimated = np.asarray(result.curves[name], dtype=np.float64)
+        if name not in truth.curves:
+            raise ValueError(f"the truth has no curve {name}")
+        true = np.asarray(truth.curves[name], dtype=np.float64)
+        if true.shape != estimated.shape:
+            raise ValueError(
+                f"the truth of {name} has {true.size} nodes, the result has {estimated.size}"
+            )
+        deviations.append(estimated - true)
+        uncertainties.append(np.asarray(result.standard_uncertainty[name], dtype=np.float64))
+    deviation = np.concatenate(deviations)
+    uncertainty = np.concatenate(uncertainties)
+    determined = np.isfinite(deviation)
+    banded = determined & np.isfinite(uncertainty) & (uncertainty > ZERO_BY_DEFINITION)
+    inside = np.abs(deviation[banded]) <= COVERAGE_FACTOR * uncertainty[banded]
+    found = np.abs(deviation[determined])
+    return Comparison(
+        rms=float(np.sqrt(np.mean(found**2))) if found.size else float("nan"),
+        largest=float(np.max(found)) if found.size else float("nan"),
+        points=int(np.count_nonzero(determined)),
+        points_with_uncertainty=int(np.count_nonzero(banded)),
+        points_inside=int(np.count_nonzero(inside)),
+    )
+
+
+def _same_bits(first: object, second: object) -> bool:
+    a = np.atleast_1d(np.asarray(first, dtype=np.float64))
+    b = np.atleast_1d(np.asarray(second, dtype=np.float64))
+    if a.shape != b.shape:
+        return False
+    both_unknown = np.isnan(a) & np.isnan(b)
+    return bool(np.all(both_unknown | (a.view(np.int64) == b.view(np.int64))))
+
+
+def same_to_the_last_bit(first: VolumetricErrors, second: VolumetricErrors) -> bool:
+    """Say whether two results are the same in every bit of every number, and in every word.
+
+    The covariance is not compared: a recorded result does not hold it.
+    """
+    for entry in fields(VolumetricErrors):
+        if entry.name == "covariance":
+            continue
+        a, b = getattr(first, entry.name), getattr(second, entry.name)
+        if entry.name == "nodes":
+            same = len(a) == len(b) and all(map(_same_bits, a, b))
+        elif entry.name in ("curves", "standard_uncertainty"):
+            same = a.keys() == b.keys() and all(_same_bits(a[name], b[name]) for name in a)
+        elif entry.name == "figures":
+            same = len(a) == len(b) and all(map(_same_figure, a, b))
+        elif entry.name == "chi_squared":
+            same = _same_bits(a, b)
+        else:
+            same = a == b
+        if not same:
+            return False
+    return True
+
+
+def _same_figure(first: Figure, second: Figure) -> bool:
+    return (first.name, first.unit) == (second.name, second.unit) and _same_bits(
+        [first.value, first.standard_uncertainty], [second.value, second.standard_uncertainty]
+    )

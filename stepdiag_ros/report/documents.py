@@ -1,0 +1,116 @@
+"""The JSON of a report; its schema is ``report/result.schema.json`` (JSON Schema 2020-12).
+
+SI everywhere. What is not known is ``null``, never 0.
+"""
+
+import json
+import math
+from importlib import resources as package_files
+from typing import Any
+
+import numpy as np
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.report.content import Report, Truth, compare_with_truth
+from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
+
+SCHEMA_VERSION = 1
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of the document."""
+    text = (
+        package_files.files("stepdiag_ros.report").joinpath("result.schema.json").read_text("utf-8")
+    )
+    loaded: dict[str, Any] = json.loads(text)
+    return loaded
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(value) for value in np.asarray(values, dtype=np.float64)]
+
+
+def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
+    """Return one method's entry of the document."""
+    comparison = None
+    if report.truth is not None:
+        found = compare_with_truth(result, report.truth)
+        comparison = {
+            "rms": _number(found.rms),
+            "largest_deviation": _number(found.largest),
+            "points": found.points,
+            "coverage_95": _number(found.coverage),
+            "points_with_uncertainty": found.points_with_uncertainty,
+        }
+    return {
+        "frame": result.frame,
+        "lines": result.lines,
+        "nodes": {axis: _numbers(nodes) for axis, nodes in zip(AXES, result.nodes, strict=True)},
+        "curves": {name: _numbers(result.curves[name]) for name in TRANSLATIONS},
+        "standard_uncertainty": {
+            name: _numbers(result.standard_uncertainty[name]) for name in TRANSLATIONS
+        },
+        "figures": {
+            figure.name: {
+                "value": _number(figure.value),
+                "standard_uncertainty": _number(figure.standard_uncertainty),
+                "unit": figure.unit,
+            }
+            for figure in result.figures
+        },
+        "chi_squared": _number(result.chi_squared),
+        "degrees_of_freedom": result.degrees_of_freedom,
+        "not_determined": list(result.not_determined),
+        "remarks": list(result.remarks),
+        "equals_recorded": report.equals_recorded.get(result.method),
+        "comparison_with_truth": comparison,
+    }
+
+
+def _truth_document(truth: Truth) -> dict[str, Any]:
+    return {
+        "curves": {name: _numbers(truth.curves[name]) for name in TRANSLATIONS},
+        "figures": {
+            figure.name: {"value": _number(figure.value), "unit": figure.unit}
+            for figure in truth.figures
+        },
+    }
+
+
+def report_document(report: Report) -> dict[str, Any]:
+    """Return the whole report as a mapping that ``json`` can write.
+
+    Raises:
+        ValueError: the truth does not fit the results.
+    """
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "run": {
+            "run_id": report.run_id or None,
+            "plan": report.plan or None,
+            "machine": report.machine or None,
+            "chain": report.chain or None,
+            "software_version": report.run_software_version or None,
+            "simulated": report.simulated,
+            "remarks": list(report.remarks),
+        },
+        "bag": None if report.bag is None else str(report.bag),
+        "squareness_sign": SIGN_DEFINITIONS["rotation"],
+        "methods": {
+            result.method: method_document(result, report) for result in report.ordered_results()
+        },
+        "not_solved": dict(report.refused),
+        "truth": None if report.truth is None else _truth_document(report.truth),
+    }
+
+
+def report_json(report: Report) -> str:
+    """Return the whole report as JSON text; see ``report_document``."""
+    return json.dumps(report_document(report), indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,92 @@
+"""How numbers are written: one rule for every table.
+
+An uncertainty is given to two significant digits and the value to the same place (JCGM 100:2008,
+7.2.6). What is not known is written "unknown", never as a number.
+"""
+
+import math
+from decimal import ROUND_HALF_EVEN, Decimal
+
+UNKNOWN = "unknown"
+
+COVERAGE_FACTOR = 1.96
+"""U = 1.96 u holds the true value with a probability of 95 % (normal distribution)."""
+
+MICRO = 1e6
+"""Metres to µm, and rad to µm/m."""
+ARC_SECONDS = 180.0 * 3600.0 / math.pi
+"""Radians to arc-seconds."""
+
+_SIGNIFICANT_DIGITS = 2
+_PLACE_WITHOUT_UNCERTAINTY = -2
+_ROUNDING = 1e-9
+"""Less than this, in the unit that is shown, is rounding of the computation and written as zero."""
+
+
+def _place_of(uncertainty: Decimal) -> int:
+    """Return the power of ten of the last digit that is written."""
+    place = uncertainty.adjusted() - _SIGNIFICANT_DIGITS + 1
+    # 0.0996 rounds to 0.100: one digit too many, so one place less.
+    rounded = uncertainty.quantize(Decimal(1).scaleb(place), rounding=ROUND_HALF_EVEN)
+    return rounded.adjusted() - _SIGNIFICANT_DIGITS + 1
+
+
+def _written(number: Decimal, place: int) -> str:
+    rounded = number.quantize(Decimal(1).scaleb(place), rounding=ROUND_HALF_EVEN)
+    if rounded == 0:
+        rounded = abs(rounded)
+    return f"{rounded:f}"
+
+
+def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
+    """Write a value and its uncertainty, both in the unit in which they are shown.
+
+    Args:
+        value: NaN if unknown.
+        uncertainty: of the value; NaN if unknown, 0 if the frame fixes the value.
+
+    Returns:
+        The two texts. Without a known uncertainty the value is written to two decimals.
+
+    Raises:
+        ValueError: the uncertainty is negative.
+    """
+    if uncertainty < 0:
+        raise ValueError(f"an uncertainty cannot be negative, but this one is {uncertainty!r}")
+    known = math.isfinite(uncertainty)
+    place = _PLACE_WITHOUT_UNCERTAINTY
+    if known and uncertainty > 0:
+        place = _place_of(Decimal(repr(float(uncertainty))))
+    value_text = _written(Decimal(repr(float(value))), place) if math.isfinite(value) else UNKNOWN
+    if not known:
+        return value_text, UNKNOWN
+    if uncertainty == 0:
+        return value_text, "0"
+    return value_text, _written(Decimal(repr(float(uncertainty))), place)
+
+
+def plus_minus(value: float, standard_uncertainty: float, scale: float = 1.0) -> str:
+    """Write a value with its expanded uncertainty (95 %), for example ``-1.20 ± 0.13``.
+
+    Args:
+        value: in SI; NaN if unknown.
+        standard_uncertainty: in SI; NaN if unknown.
+        scale: from SI to the unit that is shown.
+    """
+    if not math.isfinite(value):
+        return UNKNOWN
+    expanded = COVERAGE_FACTOR * standard_uncertainty * scale
+    if abs(expanded) < _ROUNDING:
+        expanded = 0.0
+        value = 0.0 if abs(value * scale) < _ROUNDING else value
+    value_text, uncertainty_text = with_uncertainty(value * scale, expanded)
+    if expanded == 0:
+        return "0" if value == 0 else value_text
+    if uncertainty_text == UNKNOWN:
+        return f"{value_text} ± {UNKNOWN}"
+    return f"{value_text} ± {uncertainty_text}"
+
+
+def plain(value: float, decimals: int = 2) -> str:
+    """Write a number without uncertainty to fixed decimals, or "unknown"."""
+    return _written(Decimal(repr(float(value))), -decimals) if math.isfinite(value) else UNKNOWN

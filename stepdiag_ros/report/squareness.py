@@ -1,0 +1,31 @@
+"""The two sign definitions of squareness, by the short names under which a user chooses one.
+
+A result holds squareness as a right-handed rotation; ``metrology.forward`` says what that means and
+how the other definition follows from it.
+"""
+
+from typing import Literal
+
+from stepdiag_ros.metrology.forward import (
+    OVER_90_DEGREES,
+    RIGHT_HANDED,
+    SQUARENESS_DEFINITIONS,
+)
+
+SignDefinition = Literal["rotation", "angle"]
+
+SIGN_DEFINITIONS: dict[SignDefinition, str] = {
+    "rotation": RIGHT_HANDED,
+    "angle": OVER_90_DEGREES,
+}
+AXES_OF = {"C0Y": ("X", "Y"), "B0Z": ("X", "Z"), "A0Z": ("Y", "Z")}
+"""Squareness → the axis it refers to, and the axis that is out of square to it."""
+
+
+def sign(name: str, definition: SignDefinition) -> float:
+    """Return +1 or -1: the factor from the value of a result to the value in a sign definition.
+
+    Raises:
+        KeyError: the name is no squareness.
+    """
+    return SQUARENESS_DEFINITIONS[SIGN_DEFINITIONS[definition]][name]

@@ -1,0 +1,291 @@
+"""The results as text tables for a terminal (and for ``report.txt`` in the results folder)."""
+
+import math
+from typing import IO
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.report.content import (
+    Comparison,
+    Report,
+    compare_with_truth,
+    method_title,
+    short_title,
+)
+from stepdiag_ros.report.numbers import (
+    ARC_SECONDS,
+    COVERAGE_FACTOR,
+    MICRO,
+    UNKNOWN,
+    plain,
+    plus_minus,
+)
+from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
+
+_LEAST_WIDTH = 110
+
+
+class _PlainConsole(Console):
+    """A console that leaves it to its user what happens when nobody reads on."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def make_console(stream: IO[str]) -> Console:
+    """Return a console for plain text, never so narrow that a number would be cut."""
+    console = _PlainConsole(file=stream, markup=False, highlight=False, emoji=False)
+    if not console.is_terminal or console.width < _LEAST_WIDTH:
+        console.width = _LEAST_WIDTH
+    return console
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        header_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number == 0 else "right", no_wrap=True)
+    return table
+
+
+def _find(figures: tuple[Figure, ...], name: str) -> Figure | None:
+    return next((figure for figure in figures if figure.name == name), None)
+
+
+def _squareness_cells(
+    figure: Figure | None, scale: float, definition: SignDefinition, name: str
+) -> str:
+    if figure is None:
+        return UNKNOWN
+    return plus_minus(
+        sign(name, definition) * figure.value, figure.standard_uncertainty, scale=scale
+    )
+
+
+def squareness_table(report: Report, definition: SignDefinition) -> Table:
+    """Return squareness by all methods side by side, in µm/m and arc-seconds."""
+    results = report.ordered_results()
+    columns = [short_title(result.method) for result in results]
+    if report.truth is not None:
+        columns.append("Truth")
+    table = _table("Squareness", "", "unit", *columns)
+    for name in SQUARENESS:
+        reference, other = AXES_OF[name]
+        for number, (unit, scale) in enumerate((("µm/m", MICRO), ("arcsec", ARC_SECONDS))):
+            cells = [
+                _squareness_cells(_find(result.figures, name), scale, definition, name)
+                for result in results
+            ]
+            if report.truth is not None:
+                true = _find(report.truth.figures, name)
+                value = math.nan if true is None else sign(name, definition) * true.value
+                cells.append(plain(value * scale, 2 if number == 0 else 3))
+            label = f"{name}  {other} to {reference}" if number == 0 else ""
+            table.add_row(label, unit, *cells)
+    return table
+
+
+def length_table(report: Report, prefix: str, title: str) -> Table | None:
+    """Return the figures in m whose names begin with a word, by all methods side by side, in µm.
+
+    None if no method has such a figure.
+    """
+    results = report.ordered_results()
+    names: list[str] = []
+    for result in results:
+        for figure in result.figures:
+            if figure.name.split(" ")[0] == prefix and figure.name not in names:
+                names.append(figure.name)
+    if not names:
+        return None
+    columns = [short_title(result.method) for result in results]
+    if report.truth is not None:
+        columns.append("Truth")
+    table = _table(title, "", "unit", *columns)
+    for name in names:
+        cells = []
+        for result in results:
+            found = _find(result.figures, name)
+            cells.append(
+                UNKNOWN
+                if found is None
+                else plus_minus(found.value, found.standard_uncertainty, MICRO)
+            )
+        if report.truth is not None:
+            true = _find(report.truth.figures, name)
+            cells.append(UNKNOWN if true is None else plain(true.value * MICRO))
+        table.add_row(_words(name), "µm", *cells)
+    return table
+
+
+def _words(name: str) -> str:
+    """Say what a figure is: ``straightness E_YX`` → ``E_YX  of X in Y``."""
+    curve = name.split(" ")[-1]
+    if curve not in TRANSLATIONS:
+        return name
+    error, axis = curve[2], curve[3]
+    return f"{curve}  of {axis}" if error == axis else f"{curve}  of {axis} in {error}"
+
+
+def setup_table(result: VolumetricErrors) -> Table | None:
+    """Return the setup errors that a method found; None if it has none."""
+    common = {"straightness", "positioning", "diagonal"}
+    others = [
+        figure
+        for figure in result.figures
+        if figure.name not in SQUARENESS and figure.name.split(" ")[0] not in common
+    ]
+    if not others:
+        return None
+    table = _table(f"Setup errors, {method_title(result.method)}", "", "unit", "value ± U")
+    for figure in others:
+        unit = "µrad" if figure.unit == "rad" else "µm"
+        table.add_row(
+            figure.name, unit, plus_minus(figure.value, figure.standard_uncertainty, MICRO)
+        )
+    return table
+
+
+def curve_tables(result: VolumetricErrors) -> list[Table]:
+    """Return the nine error curves of a method: one table an axis, one row a node, in µm."""
+    tables = []
+    for axis, (letter, nodes) in enumerate(zip(AXES, result.nodes, strict=True)):
+        names = TRANSLATIONS[3 * axis : 3 * axis + 3]
+        table = _table(
+            f"Errors as {letter} moves, {method_title(result.method)}",
+            f"{letter} / mm",
+            *(f"{name} / µm" for name in names),
+        )
+        table.columns[0].justify = "right"
+        for node, position in enumerate(nodes):
+            table.add_row(
+                plain(position * 1e3, 3),
+                *(
+                    plus_minus(
+                        result.curves[name][node], result.standard_uncertainty[name][node], MICRO
+                    )
+                    for name in names
+                ),
+            )
+        tables.append(table)
+    return tables
+
+
+def fit_table(report: Report) -> Table:
+    """Return what each method was made from, how well it fits and how far from the truth it is."""
+    results = report.ordered_results()
+    table = _table("Methods", "", "unit", *(short_title(result.method) for result in results))
+    table.add_row("lines used", "", *(str(result.lines) for result in results))
+    table.add_row("degrees of freedom", "", *(str(r.degrees_of_freedom) for r in results))
+    table.add_row("χ² / degrees of freedom", "", *(_reduced_chi_squared(r) for r in results))
+    if report.truth is not None:
+        found = [compare_with_truth(result, report.truth) for result in results]
+        table.add_row("rms from the truth", "µm", *(plain(c.rms * MICRO, 3) for c in found))
+        table.add_row("largest deviation", "µm", *(plain(c.largest * MICRO, 3) for c in found))
+        table.add_row("truth inside the 95 % bands", "points", *(_inside(c) for c in found))
+    if report.equals_recorded:
+        table.add_row(
+            "same as recorded",
+            "",
+            *(_equality(report.equals_recorded.get(r.method)) for r in results),
+        )
+    return table
+
+
+def _reduced_chi_squared(result: VolumetricErrors) -> str:
+    if not result.degrees_of_freedom:
+        return "none left"
+    return plain(result.chi_squared / result.degrees_of_freedom)
+
+
+def _inside(comparison: Comparison) -> str:
+    if not comparison.points_with_uncertainty:
+        return UNKNOWN
+    return f"{comparison.points_inside} of {comparison.points_with_uncertainty}"
+
+
+def _equality(same: bool | None) -> str:
+    if same is None:
+        return "none recorded"
+    return "to the last bit" if same else "NO, DIFFERS"
+
+
+def _sentences(report: Report, definition: SignDefinition) -> list[str]:
+    lines: list[str] = []
+    frames = {result.frame for result in report.ordered_results()}
+    lines.extend(f"Frame: {frame}." for frame in sorted(frames))
+    lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
+    lines.append(
+        f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."
+        " Errors are motions of the tool relative to the workpiece."
+    )
+    lines.extend(f"Run: {remark}" for remark in report.remarks)
+    for result in report.ordered_results():
+        title = method_title(result.method)
+        lines.extend(f"{title}, not determined: {text}" for text in result.not_determined)
+        lines.extend(f"{title}: {text}" for text in result.remarks)
+    lines.extend(
+        f"{method_title(method)}: not solved, {reason}" for method, reason in report.refused.items()
+    )
+    return lines
+
+
+def _heading(report: Report) -> list[str]:
+    rows = [
+        ("Run", report.run_id),
+        ("Plan", report.plan),
+        ("Machine", report.machine + (f" (chain {report.chain})" if report.chain else "")),
+        ("Bag", "" if report.bag is None else str(report.bag)),
+    ]
+    return [f"{name + ':':<9}{text}" for name, text in rows if text.strip()]
+
+
+def print_report(
+    report: Report,
+    console: Console,
+    definition: SignDefinition = "rotation",
+    curves: bool = True,
+) -> None:
+    """Print a report.
+
+    Args:
+        report: what is printed.
+        console: where to.
+        definition: sign definition of the squareness that is printed.
+        curves: print the nine curves of the method to rely on, node by node, too.
+    """
+
+    def sentence(text: str) -> None:
+        console.print(text, soft_wrap=not console.is_terminal)
+
+    for line in _heading(report):
+        sentence(line)
+    if report.results:
+        console.print()
+        tables: list[Table | None] = [fit_table(report), squareness_table(report, definition)]
+        tables.append(length_table(report, "positioning", "Positioning error over the travel"))
+        tables.append(
+            length_table(report, "straightness", "Straightness (largest minus smallest deviation)")
+        )
+        tables.append(length_table(report, "diagonal", "Displacement error over body diagonals"))
+        preferred = report.preferred()
+        if preferred is not None:
+            tables.append(setup_table(preferred))
+            if curves:
+                tables.extend(curve_tables(preferred))
+        for table in tables:
+            if table is not None:
+                console.print(table)
+                console.print()
+    for line in _sentences(report, definition):
+        sentence(line)
