@@ -26,12 +26,13 @@ setup(
     install_requires=[
         "cyclonedds>=11.0.1,<11.1",
         "matplotlib>=3.7,<4",
-        "mcap>=1.2,<2",
+        "mcap>=1.5,<2",
         "numpy>=1.26,<3",
         "pyyaml>=6.0,<7",
         "rich>=13,<16",
         "rosbags>=0.11,<0.12",
         "scipy>=1.11,<2",
+        "threadpoolctl>=3.1,<4",
     ],
     extras_require={
         "test": [

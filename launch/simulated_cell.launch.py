@@ -1,10 +1,11 @@
 """A whole measurement in the simulated cell: ros2 launch stepdiag_ros simulated_cell.launch.py."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
 
 ARGUMENTS = {
     "plan": ("demo", "test plan: YAML file, or a name in config/plans"),

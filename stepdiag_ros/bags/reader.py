@@ -1,7 +1,7 @@
 """Reads bags: ours and those of ``ros2 bag record``. Checksums are always compared."""
 
-import heapq
 import mmap
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -333,9 +333,14 @@ class BagReader:
         waiting: list[tuple[int, int, int, layout.RawMessage]] = []
         for first, _, chunk in spans:
             # Whatever is older than the first message of all chunks still to come can go.
-            while waiting and waiting[0][0] < first:
-                yield heapq.heappop(waiting)[3]
-            for place, message in enumerate(self._messages_of(chunk)):
-                heapq.heappush(waiting, (message.log_time, chunk.offset, place, message))
-        while waiting:
-            yield heapq.heappop(waiting)[3]
+            ready = bisect_left(waiting, (first,))
+            for entry in waiting[:ready]:
+                yield entry[3]
+            del waiting[:ready]
+            waiting.extend(
+                (message.log_time, chunk.offset, place, message)
+                for place, message in enumerate(self._messages_of(chunk))
+            )
+            waiting.sort()  # nearly sorted already, which costs next to nothing
+        for entry in waiting:
+            yield entry[3]

@@ -1,7 +1,7 @@
 """A recorded run as data classes: everything that a bag says about it, without any ROS client."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +23,6 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.topics import Topic
-
-UNKNOWN_FEED = "unknown"
-"""Stands for the feed in the plan of a run that was imported from a table."""
 
 Event = StopCommand | Arrival | Reading
 
@@ -170,7 +167,7 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
         namespace, description = _description(bag, run_id)
         source = f"{bag.path}: plan"
         try:
-            plan = plan_of(description.plan, source)
+            plan = plan_from_text(description.plan, source)
         except ValueError as error:
             raise BagError(str(error)) from None
         parts = _parts(bag, namespace, description.run_id)
@@ -187,19 +184,6 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
             plan=plan,
             **parts,
         )
-
-
-def plan_of(text: str, source: str) -> Plan:
-    """Make a plan from its YAML, also from one whose feed is not known.
-
-    Raises:
-        ValueError: names the source, the line or key, and what is expected.
-    """
-    parsed = parse_yaml(text, source)
-    if isinstance(parsed, dict) and parsed.get("feed_m_per_s") == UNKNOWN_FEED:
-        known = Plan.from_mapping({**parsed, "feed_m_per_s": 1.0}, source)
-        return replace(known, feed=float("nan"))
-    return plan_from_text(text, source)
 
 
 def _description(bag: BagReader, run_id: str | None) -> tuple[str, Any]:

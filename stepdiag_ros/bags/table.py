@@ -16,7 +16,6 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.case import FILE_NAME, Case, read_case
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.header import Attachment, RunHeader
-from stepdiag_ros.bags.run import UNKNOWN_FEED
 from stepdiag_ros.bags.table_lines import (
     measured_lines,
     passes_of,
@@ -27,6 +26,7 @@ from stepdiag_ros.bags.table_lines import (
 from stepdiag_ros.bags.table_rows import parse_rows, read_text
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
 
@@ -86,7 +86,7 @@ def load_table(path: str | Path, case: str | Path | None = None) -> RunTable:
         "origin_m": list(volume.origin),
         "step_m": list(volume.step),
         "blocks": volume.blocks,
-        "feed_m_per_s": UNKNOWN_FEED,
+        "feed_m_per_s": UNKNOWN,
         "lines": plan_groups(setups),
     }
     return RunTable(

@@ -25,8 +25,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "import",
         help="make a bag from a table of a measurement (CSV)",
         description="Make a bag from a run table, the plain form in which measurements are "
-        "exchanged. A table that cannot be read, is incomplete or contradicts itself is refused with"
-        " the row and the reason.",
+        "exchanged. A table that cannot be read, is incomplete or contradicts itself is refused"
+        " with the row and the reason.",
         epilog=_COLUMNS,
         formatter_class=HelpFormatter,
     )

@@ -68,14 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros.run.session import Session
 
     # Refused here, before any process is started.
-    plan, machine, cell = (
-        str(configuration.find(name, folder))
-        for name, folder in (
-            (arguments.plan, "plans"),
-            (arguments.machine, "machines"),
-            (arguments.cell, "cells"),
-        )
-    )
+    plan = str(configuration.find(arguments.plan, "plans"))
+    machine = str(configuration.find(arguments.machine, "machines"))
+    cell = str(configuration.find(arguments.cell, "cells"))
     configuration.load_plan(plan)
     configuration.load_machine(machine)
     configuration.load_cell(cell)

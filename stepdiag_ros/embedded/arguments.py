@@ -133,7 +133,7 @@ def _reject(text: str) -> Any:
 
 
 def check_value(value: Any, where: str) -> Any:
-    """Return a parameter value from YAML; a list of mixed whole and broken numbers becomes floats.
+    """Return a parameter value from YAML: a single one, or a list whose items have one type.
 
     Raises:
         ArgumentError: No parameter type can hold it.

@@ -9,36 +9,31 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-from ctypes import byref, c_bool, c_int16, c_size_t, c_uint64, c_void_p
+from ctypes import byref, c_bool, c_size_t, c_uint64, c_void_p
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 from . import ddslib
+from .ddsdomain import MAX_PARTICIPANTS, domains
+from .ddsendpoint import (
+    UNLIMITED as UNLIMITED,
+)
+from .ddsendpoint import (
+    EndpointInfo as EndpointInfo,
+)
+from .ddsendpoint import (
+    Qos as Qos,
+)
+from .ddsendpoint import (
+    make_qos,
+    matched_peers,
+    read_endpoint,
+    read_user_data,
+)
 from .ddslib import DdsError as DdsError
 from .ddslib import library
 
-#: Nanoseconds that mean "no limit" in a :class:`Qos`.
-UNLIMITED = ddslib.INFINITE
-
-#: Participants of one machine that find each other; each start sends as many small packets.
-MAX_PARTICIPANTS = 100
-
 _TAKE = 64
-
-
-@dataclass(frozen=True)
-class Qos:
-    """Quality of service of a writer or reader; durations in nanoseconds."""
-
-    reliable: bool = True
-    transient_local: bool = False
-    keep_all: bool = False
-    depth: int = 10
-    deadline: int = UNLIMITED
-    lifespan: int = UNLIMITED
-    manual_liveliness: bool = False
-    lease: int = UNLIMITED
 
 
 @dataclass(frozen=True)
@@ -48,84 +43,6 @@ class Sample:
     data: bytes
     writer: int
     source_timestamp: int
-
-
-@dataclass(frozen=True)
-class EndpointInfo:
-    """A writer or reader anywhere in the domain."""
-
-    guid: bytes
-    participant: bytes
-    topic: str
-    type_name: str
-    user_data: str
-    qos: Qos
-
-
-def discovery_config() -> str:
-    """Return the Cyclone configuration for ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and its peers.
-
-    Raises:
-        DdsError: The variable has a value which ROS 2 does not know.
-    """
-    wanted = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "LOCALHOST"
-    peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
-    parts: list[str] = []
-    if wanted in ("LOCALHOST", "OFF"):
-        parts.append("<General><AllowMulticast>false</AllowMulticast></General>")
-    discovery = ""
-    if wanted == "OFF":
-        # A tag that no other process has keeps everybody out.
-        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>off_{os.getpid()}</Tag>"
-    elif wanted in ("LOCALHOST", "SUBNET"):
-        if wanted == "LOCALHOST":
-            peers.insert(0, "localhost")
-        discovery = (
-            "<ParticipantIndex>auto</ParticipantIndex>"
-            f"<MaxAutoParticipantIndex>{MAX_PARTICIPANTS}</MaxAutoParticipantIndex>"
-        )
-        listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
-        discovery += f"<Peers>{listed}</Peers>" if listed else ""
-    elif wanted != "SYSTEM_DEFAULT":
-        raise DdsError(
-            f"ROS_AUTOMATIC_DISCOVERY_RANGE is '{wanted}'; set it to LOCALHOST, SUBNET, OFF or"
-            " SYSTEM_DEFAULT."
-        )
-    if discovery:
-        parts.append(f"<Discovery>{discovery}</Discovery>")
-    own = f"<CycloneDDS><Domain>{''.join(parts)}</Domain></CycloneDDS>" if parts else ""
-    return ",".join(part for part in (own, os.environ.get("CYCLONEDDS_URI", "")) if part)
-
-
-class _Domains:
-    """The domains this process takes part in, and how many participants use each."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._open: dict[int, tuple[int, int]] = {}
-
-    def open(self, number: int) -> None:
-        lib = library()
-        with self._lock:
-            handle, users = self._open.get(number, (0, 0))
-            if not users:
-                config = discovery_config()
-                handle = lib.check(
-                    lib.dds_create_domain(number, config.encode()), f"open domain {number}"
-                )
-            self._open[number] = (handle, users + 1)
-
-    def close(self, number: int) -> None:
-        with self._lock:
-            handle, users = self._open[number]
-            if users > 1:
-                self._open[number] = (handle, users - 1)
-            else:
-                del self._open[number]
-                library().dds_delete(handle)
-
-
-_domains = _Domains()
 
 
 class Participant:
@@ -142,13 +59,13 @@ class Participant:
         self._lib = library()
         self._builtin: dict[int, int] = {}
         self._lock = threading.Lock()
-        _domains.open(domain)
+        domains.open(domain)
         qos = self._lib.dds_create_qos()
         self._lib.dds_qset_userdata(qos, user_data.encode(), len(user_data.encode()))
         code = self._lib.dds_create_participant(domain, qos, None)
         self._lib.dds_delete_qos(qos)
         if code < 0:
-            _domains.close(domain)
+            domains.close(domain)
         self.handle = self._lib.check(
             code, f"join domain {domain} (are there more than {MAX_PARTICIPANTS} nodes?)"
         )
@@ -164,7 +81,7 @@ class Participant:
             handle, self.handle = self.handle, 0
         if handle:
             self._lib.dds_delete(handle)
-            _domains.close(self.domain)
+            domains.close(self.domain)
 
     def create_writer(self, topic: str, type_name: str, qos: Qos, user_data: str = "") -> Writer:
         """Return a new writer of a topic."""
@@ -183,7 +100,7 @@ class Participant:
             lib.dds_create_topic(self.handle, byref(descriptor), topic.encode(), None, None),
             f"create the topic {topic}",
         )
-        settings = _make_qos(qos, user_data)
+        settings = make_qos(qos, user_data)
         try:
             create = lib.dds_create_writer if kind == "writer" else lib.dds_create_reader
             return lib.check(
@@ -212,7 +129,7 @@ class Participant:
                 count = lib.dds_read_mask(reader, samples, infos, size, size, ddslib.ALIVE_STATE)
                 lib.check(count, "read what discovery found")
                 found = [
-                    _endpoint(ddslib.Endpoint.from_address(samples[i] or 0))
+                    read_endpoint(ddslib.Endpoint.from_address(samples[i] or 0))
                     for i in range(count)
                     if infos[i].valid_data
                 ]
@@ -310,7 +227,7 @@ class Writer(_Entity):
 
     def peers(self) -> list[EndpointInfo]:
         """Return the readers that receive what is written."""
-        return _peers(self.handle, readers=True)
+        return matched_peers(self.handle, readers=True)
 
 
 class Reader(_Entity):
@@ -370,7 +287,7 @@ class Reader(_Entity):
 
     def peers(self) -> list[EndpointInfo]:
         """Return the writers that are received."""
-        return _peers(self.handle, readers=False)
+        return matched_peers(self.handle, readers=False)
 
     def writer_user_data(self, writer: int) -> str:
         """Return the user data of a received writer, given by its instance handle."""
@@ -378,7 +295,7 @@ class Reader(_Entity):
         if not pointer:
             return ""
         try:
-            return _user_data(pointer.contents.qos)
+            return read_user_data(pointer.contents.qos)
         finally:
             self._lib.dds_builtintopic_free_endpoint(pointer)
 
@@ -458,101 +375,3 @@ def _guid(handle: int) -> bytes:
     lib, guid = library(), ddslib.Guid()
     lib.check(lib.dds_get_guid(handle, byref(guid)), "identify an entity")
     return bytes(guid.value)
-
-
-def _make_qos(qos: Qos, user_data: str) -> Any:
-    lib = library()
-    made = lib.dds_create_qos()
-    history = ddslib.KEEP_ALL if qos.keep_all else ddslib.KEEP_LAST
-    depth = -1 if qos.keep_all else qos.depth
-    lib.dds_qset_history(made, history, depth)
-    lib.dds_qset_writer_data_lifecycle(made, False)
-    if qos.reliable:
-        lib.dds_qset_reliability(made, ddslib.RELIABLE, UNLIMITED)
-    else:
-        lib.dds_qset_reliability(made, ddslib.BEST_EFFORT, 0)
-    if qos.transient_local:
-        lib.dds_qset_durability(made, ddslib.TRANSIENT_LOCAL)
-        lib.dds_qset_durability_service(made, 0, history, depth, -1, -1, -1)
-    if qos.lifespan != UNLIMITED:
-        lib.dds_qset_lifespan(made, qos.lifespan)
-    if qos.deadline != UNLIMITED:
-        lib.dds_qset_deadline(made, qos.deadline)
-    if qos.manual_liveliness or qos.lease != UNLIMITED:
-        kind = (
-            ddslib.LIVELINESS_MANUAL_BY_TOPIC
-            if qos.manual_liveliness
-            else ddslib.LIVELINESS_AUTOMATIC
-        )
-        lib.dds_qset_liveliness(made, kind, qos.lease)
-    representation = (c_int16 * 1)(ddslib.XCDR1)
-    lib.dds_qset_data_representation(made, 1, representation)
-    if user_data:
-        lib.dds_qset_userdata(made, user_data.encode(), len(user_data.encode()))
-    return made
-
-
-def _endpoint(found: ddslib.Endpoint) -> EndpointInfo:
-    return EndpointInfo(
-        bytes(found.key.value),
-        bytes(found.participant_key.value),
-        (found.topic_name or b"").decode("utf-8", "replace"),
-        (found.type_name or b"").decode("utf-8", "replace"),
-        _user_data(found.qos),
-        _read_qos(found.qos),
-    )
-
-
-def _peers(handle: int, readers: bool) -> list[EndpointInfo]:
-    lib = library()
-    list_all = lib.dds_get_matched_subscriptions if readers else lib.dds_get_matched_publications
-    get = lib.dds_get_matched_subscription_data if readers else lib.dds_get_matched_publication_data
-    size = 64
-    while True:
-        handles = (c_uint64 * size)()
-        count = list_all(handle, handles, size)
-        if count <= size:
-            break
-        size = count
-    found: list[EndpointInfo] = []
-    for number in handles[: max(count, 0)]:
-        pointer = get(handle, number)
-        if pointer:
-            found.append(_endpoint(pointer.contents))
-            lib.dds_builtintopic_free_endpoint(pointer)
-    return found
-
-
-def _user_data(qos: Any) -> str:
-    lib = library()
-    value, size = c_void_p(), c_size_t()
-    if not qos or not lib.dds_qget_userdata(qos, byref(value), byref(size)) or not value:
-        return ""
-    try:
-        return ctypes.string_at(value, size.value).decode("utf-8", "replace")
-    finally:
-        lib.dds_free(value)
-
-
-def _read_qos(qos: Any) -> Qos:
-    lib = library()
-    reliability, durability, history = (ctypes.c_int32() for _ in range(3))
-    liveliness, depth = ctypes.c_int32(), ctypes.c_int32(0)
-    blocking, lease = ctypes.c_int64(), ctypes.c_int64(UNLIMITED)
-    lifespan, deadline = ctypes.c_int64(UNLIMITED), ctypes.c_int64(UNLIMITED)
-    lib.dds_qget_reliability(qos, byref(reliability), byref(blocking))
-    lib.dds_qget_durability(qos, byref(durability))
-    lib.dds_qget_history(qos, byref(history), byref(depth))
-    lib.dds_qget_liveliness(qos, byref(liveliness), byref(lease))
-    lib.dds_qget_lifespan(qos, byref(lifespan))
-    lib.dds_qget_deadline(qos, byref(deadline))
-    return Qos(
-        reliable=reliability.value == ddslib.RELIABLE,
-        transient_local=durability.value >= ddslib.TRANSIENT_LOCAL,
-        keep_all=history.value == ddslib.KEEP_ALL,
-        depth=depth.value,
-        deadline=deadline.value,
-        lifespan=lifespan.value,
-        manual_liveliness=liveliness.value == ddslib.LIVELINESS_MANUAL_BY_TOPIC,
-        lease=lease.value,
-    )

@@ -386,7 +386,6 @@ class Assembler:
             events.append(_block(line, before, decided, self._plan))
         if command.stop == len(line.targets) - 1:
             events.append(_finished(line, decided, self._start))
-            self._line = None
         self._stop = None
         self._decided_arrival = max(self._decided_arrival, stop.arrival.time)
         # No later stop can be reached before this one was.

@@ -1,6 +1,7 @@
 """The truth of a simulated cell: machine errors, misalignment, noise, weather and drive behaviour.
 
-The simulated devices run on it, and so does the stop-level simulation; nothing that estimates may see it.
+The simulated devices run on it, and so does the stop-level simulation; nothing that estimates may
+see it.
 """
 
 import hashlib
@@ -96,13 +97,15 @@ class WeatherModel:
 class Misalignment:
     """How far beam and mirror of each setup are off.
 
-    A beam tilt is two angles: components of the beam's direction along ``forward.perpendiculars`` of the
-    nominal one. A mirror is set to return the beam, so its own two angles are counted from the beam.
+    A beam tilt is two angles: components of the beam's direction along ``forward.perpendiculars``
+    of the nominal one. A mirror is set to return the beam, so its own two angles are counted from
+    the beam.
 
     Attributes:
         beam_sigma: standard deviation of each angle of the beam, rad.
         mirror_sigma: standard deviation of each angle of the mirror's normal from the beam, rad.
-        explicit: setup or line → beam angle 1, 2 and mirror angle 1, 2, rad, in place of random ones.
+        explicit: setup or line → beam angle 1, 2 and mirror angle 1, 2, rad, in place of random
+            ones.
     """
 
     beam_sigma: float = 0.0
@@ -110,7 +113,7 @@ class Misalignment:
     explicit: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
 
     def angles(self, setup: str, line: str, seed: int) -> tuple[float, float, float, float]:
-        """Return the four angles of a setup, the same for the same seed and setup everywhere, rad."""
+        """Return the four angles of a setup, the same in every process, rad."""
         for name in (setup, line):
             if name in self.explicit:
                 return self.explicit[name]
@@ -192,8 +195,9 @@ class SimulatedCell:
             setup: identity of the setup; the same setup has the same misalignment in every process.
             line: name of the line.
             step: size of one block along X, Y, Z, m.
-            start: machine coordinates of the line's first stop, m: the laser stands the dead path away
-                from it. It moves a reading's zero, and a real effect only where the machine turns.
+            start: machine coordinates of the line's first stop, m: the laser stands the dead path
+                away from it. It moves a reading's zero, and a real effect only where the machine
+                turns.
         """
         beam_1, beam_2, mirror_1, mirror_2 = self.misalignment.angles(setup, line, self.seed)
         nominal = beam_direction(line, np.asarray(step, dtype=np.float64))
@@ -217,9 +221,10 @@ class SimulatedCell:
         return self.weather.at(time_s)
 
     def truth(self, volume: Volume) -> dict[str, Vector]:
-        """Return the nine true translational curves at the volume's nodes in the frame of the results, m.
+        """Return the nine true translational curves in the frame of the results, m.
 
-        Each has shape (N + 1,) and begins at zero; the frame is ``geometry.FRAME``.
+        Each has its values at the volume's nodes, shape (N + 1,), and begins at zero; the frame is
+        ``geometry.FRAME``.
         """
         nodes = [volume.nodes(axis) for axis in range(3)]
         curves: dict[str, Vector] = {}
@@ -230,7 +235,7 @@ class SimulatedCell:
 
 
 def _stable_numbers(text: str) -> list[int]:
-    """Return four integers that depend on a text alone: Python's hash() differs between processes."""
+    """Return four integers from a text alone; Python's hash() differs between processes."""
     digest = hashlib.sha256(text.encode()).digest()
     return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
 
@@ -238,7 +243,7 @@ def _stable_numbers(text: str) -> list[int]:
 def _misalignment(section: Section, source: str) -> Misalignment:
     explicit_section = section.section("lines")
     explicit = {}
-    for name in explicit_section.keys():  # noqa: SIM118 - a Section is no mapping
+    for name in explicit_section.keys():  # noqa: SIM118
         words = name.split()
         if not words:
             raise ValueError(f"{source}: lines: an empty name is no line")
@@ -300,8 +305,8 @@ def _drive(section: Section) -> DriveModel:
 
 
 def _errors(section: Section, source: str, seed: int) -> ErrorCurves:
-    """Read error motions: values at given nodes, or seeded smooth curves; squareness on top of either."""
-    given = "curves" in section.keys()  # noqa: SIM118 - a Section is no mapping
+    """Read error motions: values at nodes, or seeded smooth curves; squareness on top of either."""
+    given = "curves" in section.keys()  # noqa: SIM118
     made = _given_errors(section, source) if given else _generated_errors(section, source, seed)
     squareness = section.section("squareness_rad")
     for name in SQUARENESS:
@@ -322,7 +327,8 @@ def _given_errors(section: Section, source: str) -> ErrorCurves:
     nodes = [np.array(nodes_section.numbers(axis)) for axis in AXES]
     nodes_section.finish()
     curves_section = section.section("curves")
-    curves = {name: np.array(curves_section.numbers(name)) for name in curves_section.keys()}  # noqa: SIM118
+    names = curves_section.keys()
+    curves = {name: np.array(curves_section.numbers(name)) for name in names}
     curves_section.finish()
     try:
         return ErrorCurves.from_curves(nodes, curves)
@@ -331,10 +337,12 @@ def _given_errors(section: Section, source: str) -> ErrorCurves:
 
 
 def _generated_errors(section: Section, source: str, seed: int) -> ErrorCurves:
-    """Make smooth curves: E(u) = size · (slope·u + Σ_w g_w/w · (sin(2πwu + φ_w) - sin φ_w)), u = 0..1.
+    """Make smooth curves.
 
-    With g_w and the slope standard normal and φ_w uniform, w = 1..3, from the seed and the curve's name;
-    straightness curves have no slope of their own (that is squareness).
+    E(u) = size · (slope·u + Σ_w g_w/w · (sin(2πwu + φ_w) - sin φ_w)) with u = 0..1 over the travel.
+
+    With g_w and the slope standard normal and φ_w uniform, w = 1..3, from the seed and the curve's
+    name; straightness curves have no slope of their own (that is squareness).
     """
     low = np.array(section.vector("travel_low_m"))
     high = np.array(section.vector("travel_high_m"))

@@ -2,9 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from math import nan
 from numbers import Real
 from typing import Any
 
+UNKNOWN = "unknown"
+"""What a file says where a number is not known."""
 _MISSING: Any = object()
 
 
@@ -54,6 +57,13 @@ class Section:
         if not low <= float(value) <= high:
             raise self._wrong(key, value, f"a number from {low:g} to {high:g}")
         return float(value)
+
+    def number_or_unknown(self, key: str, low: float, high: float) -> float:
+        """Return a number within [low, high], or NaN where the file says ``unknown``."""
+        if self._mapping.get(key) == UNKNOWN:
+            self._taken.add(key)
+            return nan
+        return self.number(key, low, high)
 
     def integer(self, key: str, low: int, high: int, default: Any = _MISSING) -> int:
         """Return a whole number within [low, high]."""

@@ -1,12 +1,14 @@
 """Forward model: what an interferometer reads on a machine with known errors.
 
-The exact model walks the kinematic chain from workpiece to tool as rigid bodies; the first-order model
-says the same to the first power of every error and misalignment. Both are vectorised over positions.
+The exact model walks the kinematic chain from workpiece to tool as rigid bodies; the first-order
+model says the same to the first power of every error and misalignment. Both are vectorised over
+positions.
 
 Signs: X, Y, Z right-handed; translations and rotations are motions of the tool relative to the
-workpiece; rotations are right-handed about X (A), Y (B), Z (C); a reading grows when the mirror moves
-along the beam. Squareness, as orientation of an axis's straight line by right-handed rotation
-(ISO 230-1: C0Y of Y to X, B0Z of Z to X, A0Z of Z to Y): a turned axis shows as slopes of its own curves,
+workpiece; rotations are right-handed about X (A), Y (B), Z (C); a reading grows when the mirror
+moves along the beam. Squareness, as orientation of an axis's straight line by right-handed rotation
+(ISO 230-1: C0Y of Y to X, B0Z of Z to X, A0Z of Z to Y): a turned axis shows as slopes of its own
+curves,
 
     C0Y = -slope(E_XY) - slope(E_YX),  angle from +X to +Y is 90° + C0Y
     B0Z = +slope(E_XZ) + slope(E_ZX),  angle from +X to +Z is 90° - B0Z
@@ -43,9 +45,10 @@ class ErrorCurves:
     """Error motions of the three axes, linear between nodes and constant beyond the first and last.
 
     Attributes:
-        nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that axis,).
-        values: of X, Y, Z: three translations (m) and three rotations (rad) at the nodes, each shape
-            (nodes, 6), columns E_X E_Y E_Z E_A E_B E_C of that axis.
+        nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that
+            axis,).
+        values: of X, Y, Z: three translations (m) and three rotations (rad) at the nodes, each
+            shape (nodes, 6), columns E_X E_Y E_Z E_A E_B E_C of that axis.
     """
 
     nodes: tuple[Vector, Vector, Vector]
@@ -106,7 +109,8 @@ class Alignment:
 
     Attributes:
         beam: unit vector of the beam, away from the laser, shape (3,).
-        mirror_normal: unit normal of the mirror's plane before the machine turns it, along the beam, (3,).
+        mirror_normal: unit normal of the mirror's plane before the machine turns it, along the
+            beam, (3,).
         origin: reference point L0 of the laser in machine coordinates, m, shape (3,).
     """
 
@@ -116,7 +120,7 @@ class Alignment:
 
 
 def rotation_matrices(vectors: Vector) -> Vector:
-    """Return the rotations by rotation vectors (direction: axis, length: angle in rad, right-handed).
+    """Return the right-handed rotations by rotation vectors (direction: axis, length: angle, rad).
 
     For the three small rotations of an axis the vector is (E_A, E_B, E_C); another order of turning
     about X, Y, Z changes products of two of them only.
@@ -144,8 +148,8 @@ def tool_point(
 ) -> tuple[Vector, Vector | None]:
     """Return where the tool (mirror) really is and how it is turned, exactly.
 
-    Walks the chain from workpiece to tool: p ← p + R·(q_i ê_i + t_i(q_i)), R ← R·rot(ε_i(q_i)), then the
-    offset of the mirror from the point that the coordinates speak of.
+    Walks the chain from workpiece to tool: p ← p + R·(q_i ê_i + t_i(q_i)), R ← R·rot(ε_i(q_i)),
+    then the offset of the mirror from the point that the coordinates speak of.
 
     Args:
         positions: machine coordinates q, m, shape (n, 3).
@@ -189,8 +193,8 @@ def reading(
 ) -> Vector:
     """Return the length of the beam from the laser's origin to the mirror's plane, exactly.
 
-    The beam from L0 along the unit vector l meets the plane through the mirror's point p with the normal
-    m turned by R: s = (p - L0)·(R m) / (l·(R m)).
+    The beam from L0 along the unit vector l meets the plane through the mirror's point p with the
+    normal m turned by R: s = (p - L0)·(R m) / (l·(R m)).
 
     Args:
         positions: machine coordinates, m, shape (n, 3).
@@ -236,9 +240,9 @@ def reading_first_order(
 ) -> Vector:
     """Return the reading to the first order of all errors and of the setup, but for a constant.
 
-    s(q) = n·q + Σ n·t_i(q_i) + Σ (ε_i(q_i) × n)·(q - L_i(q) - L0) + d·(q - L0), with L_i the lever of
-    axis i: misalignment acts through one effective direction, to this order the tilt of the mirror's
-    normal. The beam's own direction is a scale of second order, |δl|²/2 - δl·δm.
+    s(q) = n·q + Σ n·t_i(q_i) + Σ (ε_i(q_i) × n)·(q - L_i(q) - L0) + d·(q - L0), with L_i the lever
+    of axis i: misalignment acts through one effective direction, to this order the tilt of the
+    mirror's normal. The beam's own direction is a scale of second order, |δl|²/2 - δl·δm.
 
     Args:
         positions: machine coordinates q, m, shape (n, 3).
@@ -264,8 +268,8 @@ def reading_first_order(
 def perpendiculars(direction: Vector) -> tuple[Vector, Vector]:
     """Return two unit vectors that make a right-handed triple (u1, u2, n) with a direction n.
 
-    u1 lies in the XY plane (along +Y for a direction along ±Z turned to X by the same rule); the two
-    setup angles of a line are the components of its effective direction along u1 and u2.
+    u1 lies in the XY plane (along +Y for a direction along ±Z); the
+    two setup angles of a line are the components of its effective direction along u1 and u2.
     """
     direction = np.asarray(direction, dtype=np.float64)
     horizontal = np.array([-direction[1], direction[0], 0.0])
@@ -286,11 +290,11 @@ def tilted(direction: Vector, tilts: Sequence[float]) -> Vector:
 
 
 def in_result_frame(nodes: Sequence[Vector], curves: Mapping[str, Vector]) -> dict[str, Vector]:
-    """Return translational curves from zero at the first node, turned into the frame of the results.
+    """Return translational curves from zero at the first node in the frame of the results.
 
-    The coordinate system may be turned by any small θ, which adds θ × (q ê_i) to the curves of axis i; it
-    is turned so that the mean slopes of E_YX, E_ZX and E_YZ are zero, that is, these end at zero
-    (Ibaraki & Hata 2010, eq. 17).
+    The coordinate system may be turned by any small θ, which adds θ × (q ê_i) to the curves of axis
+    i; it is turned so that the mean slopes of E_YX, E_ZX and E_YZ are zero, that is, these end at
+    zero (Ibaraki & Hata 2010, eq. 17).
 
     Args:
         nodes: of X, Y, Z, m, each shape (N + 1,).

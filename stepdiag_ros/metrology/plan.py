@@ -128,7 +128,7 @@ class Plan:
         name: in words.
         volume: the measured box.
         lines: passes in the order in which they are measured.
-        feed: of the moves, m/s.
+        feed: of the moves, m/s; NaN where only the result of a measurement is at hand.
         sampling: how stops are read.
         pause_for_setup: wait for the operator before each new setup (laser and mirror to be
             aligned).
@@ -197,7 +197,7 @@ class Plan:
             name=plan.text("name", default="unnamed"),
             volume=volume,
             lines=tuple(lines),
-            feed=plan.number("feed_m_per_s", low=1e-6, high=5.0),
+            feed=plan.number_or_unknown("feed_m_per_s", low=1e-6, high=5.0),
             sampling=sampling,
             pause_for_setup=plan.flag("pause_for_setup", default=True),
         )

@@ -1,4 +1,4 @@
-"""Simulation of a whole measurement at its stops: no drives, no servo, fast enough for Monte Carlo."""
+"""Simulation of a measurement at its stops: no drives, no servo, fast enough for Monte Carlo."""
 
 import numpy as np
 
@@ -14,8 +14,9 @@ def simulate(
 ) -> Measurement:
     """Measure a plan on a simulated cell.
 
-    The air is taken as compensated and every stop as settled. The noise of a stop is that of the mean of
-    independent readings; a setup's readings share one alignment and one zero, that of its first stop.
+    The air is taken as compensated and every stop as settled. The noise of a stop is that of the
+    mean of independent readings; a setup's readings share one alignment and one zero, that of its
+    first stop.
 
     Args:
         plan: what is measured.

@@ -60,6 +60,8 @@ class StepdiagNode(Node):
         self.run_over = True
         self.watch = Watch()
         self._level, self._text = DiagnosticStatus.OK, "ready"
+        self._waiting = ""
+        self.facts: dict[str, str] = {}
         self._session = uuid.uuid4().hex
         self._real_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.announce(DIAGNOSTICS)
@@ -89,9 +91,9 @@ class StepdiagNode(Node):
             if self.now() > 0:
                 timer.cancel()
                 then()
-                self.healthy("ready")
+                self.ready()
 
-        self._set_health(DiagnosticStatus.ERROR, "waiting for the ROS clock to run")
+        self.not_ready("waiting for the ROS clock to run")
 
         timer = self.create_timer(0.01, look, clock=self._real_clock)
 
@@ -157,6 +159,17 @@ class StepdiagNode(Node):
         """Say that all is well; others see it at once."""
         self._set_health(DiagnosticStatus.OK, text)
 
+    def not_ready(self, text: str) -> None:
+        """Say what is still missing; no run starts until ``ready`` is called."""
+        self._waiting = text
+        self._set_health(DiagnosticStatus.ERROR, text)
+
+    def ready(self) -> None:
+        """Say that nothing is missing any more; harmless when nothing was."""
+        if self._waiting:
+            self._waiting = ""
+            self.healthy("ready")
+
     def unwell(self, text: str) -> None:
         """Say what is wrong, in the log and on /diagnostics."""
         if text != self._text:
@@ -173,11 +186,15 @@ class StepdiagNode(Node):
             values=[
                 KeyValue(key="run_id", value=self.run_id),
                 KeyValue(key="session", value=self._session),
+                *[KeyValue(key=key, value=value) for key, value in self.facts.items()],
             ],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+    def on_heartbeat(self, peer: Peer) -> None:
+        """Called with each heartbeat of another node."""
 
     def on_peer_lost(self, text: str) -> None:
         """Called when a node has fallen silent while a run is going on."""
@@ -235,10 +252,12 @@ class StepdiagNode(Node):
                 run_id=values["run_id"],
                 text=status.message,
                 faulty=status.level == DiagnosticStatus.ERROR,
+                facts=values,
             )
             if status.name == self.get_fully_qualified_name():
                 self.unwell(f"two nodes are named {status.name}: end one of them or rename it")
             self.watch.heard(status.name, peer)
+            self.on_heartbeat(peer)
 
     def _check_peers(self) -> None:
         for text in self.watch.check(self.real_time()):

@@ -2,6 +2,7 @@
 """Node: streams the readings of a laser interferometer."""
 
 import sys
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ from stepdiag_ros.conversion import from_reading, new_message, to_nanoseconds
 from stepdiag_ros.devices import Surroundings, create
 from stepdiag_ros.devices.interferometer import InterferometerDevice
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 
 POLL_PERIOD = 0.002
@@ -42,8 +43,11 @@ class InterferometerNode(StepdiagNode):
             0.0,
             3600.0,
         )
+        age = self.parameter(
+            "weather_age", 10.0, "s after which the weather counts as unknown", 0.1, 86400.0
+        )
         self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
-        self._settings: dict[str, Any] = {"seed": seed, "hold_after_s": hold}
+        self._settings: dict[str, Any] = {"seed": seed, "hold_after_s": hold, "weather_age_s": age}
         if rate:
             self._settings["rate_hz"] = rate
         self._plan: Plan | None = None
@@ -72,7 +76,8 @@ class InterferometerNode(StepdiagNode):
         if self._plan is None or command.run_id != self.run_id:
             return
         line, volume = self._plan.lines[command.line_index], self._plan.volume
-        x, y, z = (float(value) for value in line.stops(volume)[0])
+        # The laser stands before the first stop of the forward pass, whichever pass comes first.
+        x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
         self._device.align(self.now(), command.setup, line.name, volume.step, (x, y, z))
 
     def _on_joints(self, message: Any) -> None:

@@ -5,6 +5,8 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 
+PATIENCE = 5.0
+"""Real seconds that a node has to answer before a run starts without its parameters."""
 VALUE_FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -39,21 +41,39 @@ class ParameterCollector:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._asked: dict[str, Any] = {}
+        self._under_way: set[str] = set()
         self.values: dict[str, dict[str, Any]] = {}
 
-    def ask(self, name: str) -> None:
-        """Ask a node (full name), once it can be reached; harmless when called again."""
-        if name in self.values:
+    def waiting(self, real: float) -> bool:
+        """Say whether a node that was first asked less than ``PATIENCE`` ago has yet to answer.
+
+        Args:
+            real: time on a clock that never steps, s.
+        """
+        return any(
+            name not in self.values and real - asked[0] < PATIENCE
+            for name, asked in self._asked.items()
+        )
+
+    def ask(self, name: str, real: float) -> None:
+        """Ask a node, once it can be reached; harmless when called again.
+
+        Args:
+            name: of the node, in full.
+            real: time on a clock that never steps, s.
+        """
+        if name in self._under_way or name in self.values:
             return
         if name not in self._asked:
             self._asked[name] = (
+                real,
                 self._node.create_client(ListParameters, f"{name}/list_parameters"),
                 self._node.create_client(GetParameters, f"{name}/get_parameters"),
             )
-        lister, getter = self._asked[name]
+        _, lister, getter = self._asked[name]
         if not (lister.service_is_ready() and getter.service_is_ready()):
             return
-        self.values[name] = {}
+        self._under_way.add(name)
 
         def listed(future: Any) -> None:
             names = list(future.result().result.names)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from stepdiag_ros import topics
@@ -17,10 +17,12 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.embedded import client
-from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
 from stepdiag_ros.nodes.parameters import ParameterCollector
+from stepdiag_ros.run.supervision import stored_fact
 from stepdiag_ros.topics import Topic
 
+ASK_PERIOD = 0.2
 LINGER = 1.0
 """Real seconds of silence on lines and results after a run, before its bag is closed."""
 
@@ -37,13 +39,13 @@ class RecorderNode(StepdiagNode):
         self._folder.mkdir(parents=True, exist_ok=True)
         self._writer: BagWriter | None = None
         self._close_at: float | None = None
-        self._parameters = ParameterCollector(self)
+        self._collector = ParameterCollector(self)
         self.follow_run()
         for topic in topics.RECORDED:
             if topic is not topics.RUN_DESCRIPTION:
                 self.listen(topic, partial(self._record, topic), keep_all=True, raw=True)
         self.every(0.2, self._close_when_over, real=True)
-        self.every(1.0, self._ask_parameters, real=True)
+        self.every(ASK_PERIOD, self._ask_parameters, real=True)
 
     def on_run(self, description: Any) -> None:
         """Open the bag of the run; a run that is taken up again gets a bag of its own."""
@@ -58,7 +60,7 @@ class RecorderNode(StepdiagNode):
             plan=description.plan,
             machine=description.machine,
             simulated_cell=description.simulated_cell,
-            parameters=yaml.safe_dump(self._parameters.values),
+            parameters=yaml.safe_dump(self._collector.values),
         )
         writer = BagWriter(self._free_path(description.run_id), header)
         self._writer, self._close_at = writer, None
@@ -81,6 +83,10 @@ class RecorderNode(StepdiagNode):
             self._writer.write(name, topic.type_name, message, self.now())
             if topic in (topics.STOP, topics.RUN_STATE):
                 self._writer.flush()
+            if topic is topics.STOP:
+                stop = deserialize_message(message, message_class(topic))
+                self.facts["stored"] = stored_fact(stop.run_id, stop.command_id)
+                self.beat()
         except BagError as error:
             self._writer = None
             self.unwell(str(error))
@@ -100,8 +106,8 @@ class RecorderNode(StepdiagNode):
         except BagError as error:
             self.unwell(str(error))
             return
-        self.healthy(f"ready; recorded {writer.path} with {writer.message_count} messages")
         self.get_logger().info(f"closed {writer.path}: {writer.message_count} messages")
+        self.healthy(f"ready; recorded {writer.path}")
 
     def _free_path(self, run_id: str) -> Path:
         path, part = self._folder / f"{run_id}.mcap", 1
@@ -111,8 +117,12 @@ class RecorderNode(StepdiagNode):
         return path
 
     def _ask_parameters(self) -> None:
-        for name in self.watch.peers:
-            self._parameters.ask(name)
+        for name in (self.get_fully_qualified_name(), *self.watch.peers):
+            self._collector.ask(name, self.real_time())
+        if self.run_over and self._collector.waiting(self.real_time()):
+            self.not_ready("asking the other nodes for their parameters")
+        else:
+            self.ready()
 
 
 def main() -> int:

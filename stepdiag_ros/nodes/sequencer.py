@@ -3,6 +3,7 @@
 
 import sys
 from collections.abc import Callable
+from math import isnan
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -10,11 +11,17 @@ from std_srvs.srv import Trigger
 import stepdiag_ros
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
-from stepdiag_ros.conversion import from_stop_command, new_message, set_header
+from stepdiag_ros.conversion import (
+    from_stop_command,
+    new_message,
+    set_header,
+    to_nanoseconds,
+)
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import Answer, Command, Progress, Sequence, State, out_of_limits
+from stepdiag_ros.run.supervision import Peer, stored_command
 
 UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
@@ -40,12 +47,15 @@ class SequencerNode(StepdiagNode):
         machine = self.parameter("machine", "demo", "machine: YAML file or name, config/machines")
         cell = self.parameter("cell", "", "simulated cell: YAML file or name; empty on a machine")
         self._plan, self._plan_text = load_plan(plan)
+        if isnan(self._plan.feed):
+            raise ValueError(f"plan '{plan}' has no feed: it can be solved, but not executed")
         self._machine_text = load_machine(machine)[1]
         self._cell_text = load_cell(cell)[1] if cell else ""
         self._sequence: Sequence | None = None
         self._waiting_since: float | None = None
         self._machine_state: Any = None
         self._published: Progress | None = None
+        self._not_before = 0
 
         self._description = self.announce(topics.RUN_DESCRIPTION)
         self._state = self.announce(topics.RUN_STATE)
@@ -116,6 +126,12 @@ class SequencerNode(StepdiagNode):
         self._ended()
         return "aborted"
 
+    def on_heartbeat(self, peer: Peer) -> None:
+        """Take the recorder's word on what is on the disk."""
+        if self._sequence is not None and peer.role == "recorder":
+            self._sequence.stored(stored_command(peer, self.run_id))
+            self._update()
+
     # What the other nodes say ----------------------------------------------------------------
 
     def _on_answer(self, message: Any) -> None:
@@ -136,6 +152,7 @@ class SequencerNode(StepdiagNode):
     def _on_stop(self, message: Any) -> None:
         if self._sequence is not None and message.run_id == self.run_id:
             rejection = "" if message.settled else message.reason
+            self._not_before = to_nanoseconds(message.window_end)
             self._sequence.settled(message.line_index, message.attempt, message.stop, rejection)
             self._update()
 
@@ -172,12 +189,8 @@ class SequencerNode(StepdiagNode):
             self._publish_state()
 
     def _continue(self) -> None:
-        sequence = self._running()
         position = tuple(self._machine_state.position)
-        try:
-            sequence.resume(self.now(), self.real_time(), position)
-        except ValueError as error:
-            self.get_logger().error(str(error))
+        self._running().resume(self.now(), self.real_time(), position)
         self.healthy(f"run {self.run_id}")
         self._publish_state()
 
@@ -207,7 +220,8 @@ class SequencerNode(StepdiagNode):
         self._description.publish(message)
 
     def _send(self, command: Command) -> None:
-        now = self.now()
+        # This node's simulated clock may lag a tick behind the readings of the stop that is left.
+        now = max(self.now(), self._not_before)
         stop = StopCommand(
             command_id=command.command_id,
             line_index=command.line_index,

@@ -10,8 +10,8 @@ from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import from_volumetric_errors, to_measured_line
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Volume
-from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.solving import solve_reproducibly
 
 
 class SolverNode(StepdiagNode):
@@ -42,7 +42,7 @@ class SolverNode(StepdiagNode):
             return
         self._lines.append(to_measured_line(message))
         measurement = Measurement(self._volume, latest_attempts(tuple(self._lines)))
-        results, _ = solve_all(measurement)
+        results, _ = solve_reproducibly(measurement)
         for result in results.values():
             time = self._lines[-1].end_time
             self._results.publish(from_volumetric_errors(result, self.run_id, time))

@@ -9,10 +9,10 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
-from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
 from stepdiag_ros.report.content import Report, Truth, same_to_the_last_bit
+from stepdiag_ros.solving import solve_reproducibly
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
@@ -94,7 +94,7 @@ def build_report(
     """
     if not measurement.lines:
         raise ValueError(f"{bag or 'this run'}: no line was finished, so there is nothing to solve")
-    results, refused = solve_all(measurement)
+    results, refused = solve_reproducibly(measurement)
     last = {result.method: result for result in recorded}
     equal: dict[str, bool] = {}
     more: list[str] = []

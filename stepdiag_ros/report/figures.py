@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, Vector, translation
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.report.content import Report, method_title
+from stepdiag_ros.report.content import ZERO_BY_DEFINITION, Report, method_title
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plus_minus
 from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
 
@@ -64,9 +64,12 @@ def _subtitle(report: Report) -> str:
 def _draw_curve(axes: "Axes", result: VolumetricErrors, name: str, nodes: Vector) -> bool:
     style = STYLES.get(result.method, _OTHER)
     values = result.curves[name] * MICRO
-    if not np.any(np.isfinite(values)):
+    uncertainty = result.standard_uncertainty[name]
+    # What the frame fixes, such as the zero at the first node, says nothing about the machine.
+    measured = np.isfinite(values) & ~(uncertainty <= ZERO_BY_DEFINITION)
+    if not np.any(measured):
         return False
-    band = COVERAGE_FACTOR * result.standard_uncertainty[name] * MICRO
+    band = COVERAGE_FACTOR * uncertainty * MICRO
     axes.fill_between(
         nodes, values - band, values + band, color=style.colour, alpha=0.2, linewidth=0
     )
@@ -129,7 +132,9 @@ def curves_picture(report: Report, with_conventional: bool) -> "Picture":
                     transform=axes.transAxes,
                     ha="center",
                     va="center",
-                    color="0.4",
+                    color="0.3",
+                    bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+                    zorder=5,
                 )
             if axis == 0:
                 axes.set_ylabel("error / µm", fontsize=9)
@@ -175,6 +180,12 @@ def _find(figures: tuple[Figure, ...], name: str) -> Figure | None:
     return next((figure for figure in figures if figure.name == name), None)
 
 
+def _angles(figures: tuple[Figure, ...]) -> list[float]:
+    """Return the sizes of the squareness figures that are known, rad."""
+    found = (_find(figures, name) for name in SQUARENESS)
+    return [abs(one.value) for one in found if one is not None and np.isfinite(one.value)]
+
+
 def squareness_picture(report: Report, definition: SignDefinition = "rotation") -> "Picture":
     """Draw the three squareness errors as they are on the machine, the angles greatly exaggerated.
 
@@ -182,13 +193,10 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
     """
     drawn = [r for r in report.ordered_results() if r.method != "conventional"]
     drawn = drawn or list(report.ordered_results())
-    sizes = [
-        abs(figure.value)
-        for result in drawn
-        for name in SQUARENESS
-        if (figure := _find(result.figures, name)) is not None and np.isfinite(figure.value)
-    ]
-    largest = max(sizes, default=0.0)
+    known = [figures for figures in (result.figures for result in drawn) if _angles(figures)]
+    if not known and report.truth is not None:
+        known = [report.truth.figures]
+    largest = max((angle for figures in known for angle in _angles(figures)), default=0.0)
     exaggeration = _DRAWN_ANGLE / largest if largest > 0 else 1.0
     picture = _picture(11.0, 5.0)
     panels = picture.subplots(1, 3, squeeze=False)[0]

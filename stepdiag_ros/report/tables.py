@@ -222,8 +222,12 @@ def _equality(same: bool | None) -> str:
 
 def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines: list[str] = []
-    frames = {result.frame for result in report.ordered_results()}
-    lines.extend(f"Frame: {frame}." for frame in sorted(frames))
+    frames: dict[str, list[str]] = {}
+    for result in report.ordered_results():
+        frames.setdefault(result.frame, []).append(short_title(result.method))
+    for frame, methods in frames.items():
+        whose = "" if len(frames) == 1 else f" of {' and '.join(methods)}"
+        lines.append(f"Frame{whose}: {frame}.")
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."

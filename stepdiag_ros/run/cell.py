@@ -37,8 +37,9 @@ def simulated_cell(
                 "cell": cell,
                 "rate": rate,
                 "seed": seed,
-                # One real second: the positions are late when the machine that simulates is busy.
+                # Messages are late when the computer that simulates is busy: real seconds count.
                 "hold_after": max(1.0, factor),
+                "weather_age": max(10.0, 5.0 * factor),
             },
         ),
         NodeProcess("sequencer", {**simulated, "plan": plan, "machine": machine, "cell": cell}),

@@ -1,6 +1,5 @@
 """Starts the nodes of a run as processes and sees to it that none is left behind."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -72,16 +71,12 @@ class Processes:
 
     def start(self, node: NodeProcess) -> None:
         """Start one node, or start it again."""
-        # One numerical thread a node: the matrices are small, and threads of several processes
-        # on few cores only wait for each other.
-        environment = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ}
         with (self._logs / f"{node.name}.log").open("ab") as log:
             self.running[node.name] = subprocess.Popen(
                 node.command(),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=environment,
                 # Ctrl-C is for the command line, which then ends the nodes in order.
                 start_new_session=True,
             )

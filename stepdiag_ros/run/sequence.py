@@ -13,6 +13,8 @@ from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
 NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
 """Real seconds within which the bridge must answer a command."""
+STORE_LIMIT = 5.0
+"""Real seconds within which the recorder must have stored a stop."""
 MOVE_ALLOWANCE = 5.0
 """ROS seconds that a move may take beyond twice its nominal time."""
 
@@ -130,6 +132,7 @@ class Sequence:
         self._stops_measured = 0
         self._pause_wanted = False
         self._assembled = False
+        self._stored = 0
         self._dwell = round(plan.sampling.dwell * NANOSECONDS)
         self.incomplete: list[str] = []
 
@@ -249,6 +252,10 @@ class Sequence:
         if self._phase is _Phase.SETTLING:
             self._phase = _Phase.DWELL
 
+    def stored(self, command_id: int) -> None:
+        """Take the recorder's word that the stop of this command is on the disk."""
+        self._stored = max(self._stored, command_id)
+
     # What follows ----------------------------------------------------------------------------
 
     def update(self, now: int, real: float) -> None:
@@ -263,8 +270,8 @@ class Sequence:
                 moving = self._phase is _Phase.MOTION
                 what = "move has not ended" if moving else "stop has not been assembled"
                 self.fault(f"the {what} in the time it should take")
-        elif self._phase is _Phase.DWELL and now >= self._arrived + self._dwell:
-            self._advance()
+        elif self._phase is _Phase.DWELL:
+            self._end_dwell(now, real)
         if self._phase is _Phase.READY and self.state is State.RUNNING:
             self._command_next(now, real)
 
@@ -315,6 +322,15 @@ class Sequence:
         self._rejected = []
         self._phase = _Phase.READY
         self._setup_count[self._line.setup] = self._setup_count.get(self._line.setup, 1) + 1
+
+    def _end_dwell(self, now: int, real: float) -> None:
+        assert self._command is not None
+        # The machine moves on only when what was measured cannot be lost any more.
+        if self._stored < self._command.command_id:
+            if real - self._sent_real > STORE_LIMIT and now > self._deadline:
+                self.fault(f"the recorder has not stored a stop within {STORE_LIMIT:g} s")
+        elif now >= self._arrived + self._dwell:
+            self._advance()
 
     def _advance(self) -> None:
         self._phase = _Phase.READY

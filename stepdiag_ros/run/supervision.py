@@ -19,6 +19,7 @@ class Peer:
         run_id: of the run that it says it works on; empty if none.
         text: what it says of itself.
         faulty: it says that something is wrong with itself.
+        facts: what else it says, for example which stop a recorder has stored last.
     """
 
     role: str
@@ -27,6 +28,18 @@ class Peer:
     run_id: str
     text: str = ""
     faulty: bool = False
+    facts: dict[str, str] = field(default_factory=dict)
+
+
+def stored_fact(run_id: str, command_id: int) -> str:
+    """Return how a recorder says which stop of which run it has stored last."""
+    return f"{run_id} {command_id}"
+
+
+def stored_command(peer: Peer, run_id: str) -> int:
+    """Return the command whose stop a recorder has stored last; 0 if none of this run."""
+    run, _, command = peer.facts.get("stored", "").partition(" ")
+    return int(command) if run == run_id and command.isdigit() else 0
 
 
 @dataclass

@@ -59,6 +59,7 @@ class Rig:
     def settle(self, rejection=""):
         command = self.sent[-1]
         self.sequence.settled(command.line_index, command.attempt, command.stop, rejection)
+        self.sequence.stored(command.command_id)
 
     def obey(self, rejection=""):
         """Bring the last command to its end."""
@@ -132,6 +133,30 @@ def test_the_assembler_may_speak_before_the_bridge():
     rig.answer(Answer.IN_POSITION)
     rig.wait(0.6)
     assert len(rig.sent) == 2
+
+
+def test_moves_on_only_when_the_stop_is_on_the_disk():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.IN_POSITION)
+    first = rig.sent[-1]
+    rig.sequence.settled(first.line_index, first.attempt, first.stop, "")
+    rig.wait(1.0)
+    assert len(rig.sent) == 1
+    rig.sequence.stored(first.command_id)
+    rig.wait(0.0)
+    assert len(rig.sent) == 2
+
+
+def test_a_recorder_that_does_not_store_is_a_fault():
+    rig = Rig()
+    rig.start()
+    rig.answer(Answer.IN_POSITION)
+    first = rig.sent[-1]
+    rig.sequence.settled(first.line_index, first.attempt, first.stop, "")
+    rig.wait(60.0)
+    assert rig.sequence.state is State.FAULT
+    assert "recorder" in rig.sequence.text
 
 
 def test_pause_takes_effect_after_the_stop_and_resume_goes_on():

@@ -1,4 +1,4 @@
-"""Conventional formulation of the step diagonal test (Wang; Ibaraki & Hata 2010, section 2, eqs. 1-3)."""
+"""Conventional formulation of the step diagonal test (Ibaraki & Hata 2010, section 2, eqs. 1-3)."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.solvers.observations import Observations, block_mean
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 NOMINAL_BEAMS = (
-    "directions of the nominal beams, as Ibaraki & Hata 2010, eq. 2 leaves them; the slopes of E_YX, E_ZX "
+    "that of the nominal beams, as Ibaraki & Hata 2010, eq. 2 leaves it; the slopes of E_YX, E_ZX "
     "and E_YZ hold setup errors and are not turned to zero"
 )
 
@@ -23,9 +23,9 @@ NOMINAL_BEAMS = (
 def solve_conventional(measurement: Measurement) -> VolumetricErrors:
     """Solve IH eq. (2) block by block with the nominal beam directions of eq. (3).
 
-    It is right only if beam and mirror stand exactly as they should: an error of the setup goes into every
-    curve multiplied by ‖a‖/(2a) (IH section 3.1). Kept because the field uses it, and to show what it does.
-    The uncertainties given are those of the readings alone.
+    It is right only if beam and mirror stand exactly as they should: an error of the setup goes
+    into every curve multiplied by ‖a‖/(2a) (IH section 3.1). Kept because the field uses it, and to
+    show what it does. The uncertainties given are those of the readings alone.
 
     Raises:
         NotDeterminable: one of ppp, npp, pnp is missing or has a move that was never measured.
@@ -33,8 +33,8 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
     """
     observations = observe(measurement)
     remarks = [
-        "The conventional formulation takes laser and mirror as perfectly aligned; its uncertainties do "
-        "not contain setup errors."
+        "The conventional formulation takes laser and mirror as perfectly aligned; its "
+        "uncertainties do not contain setup errors."
     ]
     unused = unused_diagonals(observations)
     if unused:
@@ -71,5 +71,5 @@ def conventional_map(observations: Observations) -> LinearMap:
 
 def _solve_first(matrix: Vector, right: Vector) -> Vector:
     """Solve matrix @ x = right over the first index of a right side with more indices."""
-    solved: Vector = np.linalg.solve(matrix, right.reshape(len(right), -1)).reshape(right.shape)
-    return solved
+    solved = np.linalg.solve(matrix, right.reshape(len(right), -1))
+    return np.asarray(solved, dtype=np.float64).reshape(right.shape)

@@ -1,21 +1,23 @@
-"""The least-squares problem of a measurement: its matrix, what it leaves undetermined, and its solution.
+"""The least-squares problem of a measurement: its matrix, what it leaves open, its solution.
 
-Readings of one setup at one place are repeats and enter as their weighted mean; the spread among them
-goes into χ². The matrix is that of the nominal setup; it is factored once, and since misalignments are
-small the iteration with the exact model converges in a few steps.
+Readings of one setup at one place are repeats and enter as their weighted mean; the spread among
+them goes into χ². The matrix is that of the nominal setup; it is factored once, and since
+misalignments are small the iteration with the exact model converges in a few steps.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
+from stepdiag_ros.metrology.solvers.positive import inverse_with_islands
 
 _FIXED_AT_END = ((0, 1), (0, 2), (2, 1))
 """Moving axis and error direction of E_YX, E_ZX, E_YZ, which end at zero (IH eq. 17)."""
+_PAIRS = np.triu_indices(12)
+"""Pairs of the twelve entries of a row, each once."""
 _INFLATION_LIMIT = 1e8
 """Variance inflation (diagonal of C times that of H) beyond which a rank analysis is made."""
 _RANK_LIMIT = 1e-11
@@ -64,7 +66,7 @@ class Design:
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(len(self._group))
         self._single_weight = single
-        self.weight: Vector = np.bincount(self._group, single)
+        self.weight: Vector = np.bincount(self._group, single).astype(np.float64)
         self.mean: Vector = np.bincount(self._group, single * observations.excess) / self.weight
         self._repeat_squares = float(
             np.sum(single * (observations.excess - self.mean[self._group]) ** 2)
@@ -78,8 +80,8 @@ class Design:
         # Tilts are counted in metres at this distance, so that all unknowns are of one size.
         self._arm = float(np.linalg.norm(np.asarray(volume.step)) * volume.blocks)
         self._number_unknowns()
-        columns, values = self._entries()
-        self._factor(columns, values)
+        self._columns, self._values = self._entries()
+        self._factor()
         self.degrees_of_freedom = len(self._group) - (self._count - self.unseen.shape[1])
 
     def _number_unknowns(self) -> None:
@@ -118,31 +120,58 @@ class Design:
         self._curve_places = columns[:, :9]
         return columns, values
 
-    def _factor(self, columns: Integers, values: Vector) -> None:
-        """Invert the normal matrix, by Cholesky if everything is determined, else after a rank analysis."""
-        width = self._count + 1
-        matrix = np.zeros((len(columns), width))
+    @property
+    def matrix(self) -> Vector:
+        """Return the nominal matrix, shape (groups, p): readings' excess by unknowns, m."""
+        matrix = np.zeros((len(self._columns), self._count + 1))
         # Columns of a row differ except for the cut-off one.
-        matrix[np.arange(len(columns))[:, None], columns] = values
-        self._matrix = matrix[:, : self._count]
-        normal = self._normal(columns, values, self.weight)
+        matrix[np.arange(len(self._columns))[:, None], self._columns] = self._values
+        nominal: Vector = matrix[:, : self._count]
+        return nominal
+
+    def _factor(self) -> None:
+        """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
+        normal = self._normal(self.weight)
         self.unseen: Vector = np.zeros((self._count, 0))
-        inverse = inverse_positive(normal)
+        inverse = inverse_with_islands(normal, self._islands())
         if inverse is None or np.max(np.diag(inverse) * np.diag(normal)) > _INFLATION_LIMIT:
-            inverse = self._pseudo_inverse(normal, self._normal(columns, values, None))
+            inverse = self._pseudo_inverse(normal, self._normal(np.ones(len(self.weight))))
         self.covariance: Vector = inverse
 
-    def _normal(self, columns: Integers, values: Vector, weight: Vector | None) -> Vector:
+    def _normal(self, weight: Vector) -> Vector:
         width = self._count + 1
-        weighted = values if weight is None else values * weight[:, None]
-        products = (weighted[:, :, None] * values[:, None, :]).reshape(-1)
-        places = (columns[:, :, None] * width + columns[:, None, :]).reshape(-1)
-        full = np.bincount(places, products, minlength=width * width).reshape(width, width)
-        normal: Vector = np.ascontiguousarray(full[: self._count, : self._count])
+        columns, values = self._columns, self._values
+        weighted = values * weight[:, None]
+        one, other = _PAIRS
+        products = weighted[:, one] * values[:, other]
+        places = columns[:, one] * width + columns[:, other]
+        half = np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
+        half = half.reshape(width, width)[: self._count, : self._count]
+        normal: Vector = half + half.T
+        normal.flat[:: self._count + 1] -= np.diag(half)
         return normal
 
+    def _islands(self) -> Integers:
+        """Return groups of curve values that no reading joins, shape (groups, 18).
+
+        On body diagonals the axes stand at node k or N-k, or one further, all at once. So the curve
+        values at k and N-k meet only those at k-1, k+1 and their mirror images, the tilts and
+        zeros: every second pair of nodes is a group by itself. Lines of any other shape leave no
+        group.
+        """
+        blocks = self._size - 1
+        node = self.observations.node[self._first]
+        depth = np.where(node < 0, np.nan, np.minimum(node, blocks - node))
+        apart = np.fmax.reduce(depth, axis=1) - np.fmin.reduce(depth, axis=1)
+        odd = np.arange(1, (blocks + 1) // 2, 2)
+        if np.any(apart > 1):
+            odd = odd[:0]
+        nodes = np.stack([odd, blocks - odd], axis=1)
+        groups: Integers = np.moveaxis(self._curve_column[:, :, nodes], 2, 0).reshape(len(odd), 18)
+        return groups
+
     def _pseudo_inverse(self, normal: Vector, unweighted: Vector) -> Vector:
-        """Invert on the determined directions; which ones these are does not depend on weights."""
+        """Invert on the determined directions; which these are does not depend on weights."""
         values, vectors = np.linalg.eigh(unweighted)
         none = values <= _RANK_LIMIT * values[-1]
         self.unseen = vectors[:, none]
@@ -165,14 +194,12 @@ class Design:
         modelled = np.zeros(given.shape)
         many = given.ndim > 1
         solver = (
-            (self._matrix * self.weight[:, None]) @ self.covariance if many else np.empty((0, 0))
+            (self.matrix * self.weight[:, None]) @ self.covariance if many else np.empty((0, 0))
         )
         for _ in range(_ITERATIONS):
             left = given - modelled
-            if many:
-                change = left @ solver
-            else:
-                change = self.covariance @ ((left * self.weight) @ self._matrix)
+            pulled = left @ solver if many else self.covariance @ self._pull(left * self.weight)
+            change: Vector = np.asarray(pulled)
             unknowns = unknowns + change
             modelled = self._model(unknowns)
             size = float(np.max(np.abs(change)))
@@ -181,8 +208,8 @@ class Design:
         else:
             if not size <= 1e-11:
                 raise ValueError(
-                    "the least-squares iteration does not converge: a setup must be misaligned by far "
-                    "more than any laser still reads; check the lines' names and positions"
+                    "the least-squares iteration does not converge: a setup must be misaligned by "
+                    "far more than any laser still reads; check the lines' names and positions"
                 )
         squares = float("nan")
         if not many:
@@ -193,6 +220,12 @@ class Design:
             modelled,
             squares,
         )
+
+    def _pull(self, weighted: Vector) -> Vector:
+        """Return the transposed matrix times weighted residuals, shape (p,)."""
+        pulled = (self._values * weighted[:, None]).reshape(-1)
+        sums = np.bincount(self._columns.reshape(-1), pulled, minlength=self._count + 1)
+        return sums[: self._count].astype(np.float64)
 
     def _padded(self, unknowns: Vector) -> Vector:
         return np.concatenate([unknowns, np.zeros((*unknowns.shape[:-1], 1))], axis=-1)
@@ -231,7 +264,7 @@ class Design:
         return uncertainty
 
     def curve_covariance(self) -> Vector:
-        """Return the covariance of the stacked curves for unit scale, m², shape (9(N+1), 9(N+1))."""
+        """Return the covariance of the stacked curves for unit scale, m²."""
         place = self._curve_column.reshape(-1)
         padded = np.zeros((self._count + 1, self._count + 1))
         padded[:-1, :-1] = self.covariance
@@ -243,33 +276,3 @@ class Design:
         padded = np.concatenate([self.unseen, np.zeros((1, self.unseen.shape[1]))])
         part: Vector = padded[self._curve_column.reshape(-1)]
         return part
-
-
-def inverse_positive(matrix: NDArray[np.float64]) -> Vector | None:
-    """Return the inverse of a symmetric positive definite matrix by Cholesky, or None if it is not one.
-
-    numpy alone, and faster than its general inverse: a solver node should not have to load scipy.
-    """
-    try:
-        lower = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return None
-    if not np.min(np.diag(lower)) > 0.0:
-        return None
-    inverted = _inverse_lower(lower)
-    inverse: Vector = inverted.T @ inverted
-    return inverse
-
-
-def _inverse_lower(lower: Vector) -> Vector:
-    """Invert a lower triangular matrix by halves: nearly all of it is matrix products."""
-    if len(lower) <= 48:
-        small: Vector = np.linalg.inv(lower)
-        return small
-    half = len(lower) // 2
-    first, last = _inverse_lower(lower[:half, :half]), _inverse_lower(lower[half:, half:])
-    inverted = np.zeros_like(lower)
-    inverted[:half, :half] = first
-    inverted[half:, half:] = last
-    inverted[half:, :half] = -last @ (lower[half:, :half] @ first)
-    return inverted

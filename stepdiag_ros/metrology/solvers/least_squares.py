@@ -1,18 +1,19 @@
 """One weighted least-squares estimate over everything measured.
 
-Unknowns: the nine translational curves, free at every node; two angles for every step-diagonal setup; one
-zero for every setup. A mirror is set to return the beam, so both are taken to be turned together: the
-reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has the
-cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of linear
-lines act on the reading in the second order only and cannot be told; they are taken as zero. Angular
-errors of the machine are not in this model.
+Unknowns: the nine translational curves, free at every node; two angles for every step-diagonal
+    setup; one
+zero for every setup. A mirror is set to return the beam, so both are taken to be turned together:
+the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
+the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
+linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
+Angular errors of the machine are not in this model.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.design import Design, Fit
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
@@ -31,10 +32,11 @@ _SIGNIFICANT = 2.3263
 def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
     """Estimate the volumetric errors from any lines: 1 to 4 diagonals, linear, both ways, partial.
 
-    What the lines do not determine is NaN and named; whatever follows from them all the same (squareness
-    from four diagonals without linear lines, a straightness without its slope) is given. Where readings
-    come without uncertainty, their noise is estimated from the residuals. Where the residuals are larger
-    than the uncertainties explain (p < 0.01), the covariance is enlarged by χ²/dof.
+    What the lines do not determine is NaN and named; whatever follows from them all the same
+    (squareness from four diagonals without linear lines, a straightness without its slope) is
+    given. Where readings come without uncertainty, their noise is estimated from the residuals.
+    Where the residuals are larger than the uncertainties explain (p < 0.01), the covariance is
+    enlarged by χ²/dof.
 
     Raises:
         NotDeterminable: there is no reading at all.
@@ -53,8 +55,8 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
             "The readings have no uncertainty, and no degree of freedom is left to estimate one: "
             "uncertainties are unknown."
             if freedom == 0
-            else f"The readings have no uncertainty: {np.sqrt(factor) * 1e6:.3g} µm was estimated from the "
-            f"residuals ({freedom} degrees of freedom)."
+            else f"The readings have no uncertainty: {np.sqrt(factor) * 1e6:.3g} µm was estimated "
+            f"from the residuals ({freedom} degrees of freedom)."
         )
     elif freedom == 0:
         remarks.append(
@@ -65,9 +67,9 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         if exceeds_chance(chi_squared, freedom):
             factor = chi_squared / freedom
             remarks.append(
-                f"The residuals are {np.sqrt(factor):.3g} times larger than the readings' uncertainties "
-                f"explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the model. All "
-                "uncertainties were multiplied by this factor."
+                f"The residuals are {np.sqrt(factor):.3g} times larger than the readings' "
+                f"uncertainties explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the "
+                "model. All uncertainties were multiplied by this factor."
             )
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
@@ -87,7 +89,7 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
 
 
 def exceeds_chance(chi_squared: float, freedom: int) -> bool:
-    """Say whether χ² is too large for chance, p < 0.01 (Wilson & Hilferty 1931, good for any dof ≥ 1)."""
+    """Say whether χ² is too large for chance, p < 0.01 (Wilson & Hilferty 1931, any dof ≥ 1)."""
     spread = 2.0 / (9.0 * freedom)
     normal = (np.cbrt(chi_squared / freedom) - (1.0 - spread)) / np.sqrt(spread)
     return bool(normal > _SIGNIFICANT)
@@ -100,8 +102,8 @@ def _large_tilts(design: Design, fit: Fit) -> list[str]:
         return []
     name = design.observations.setups[design.tilt_setups[worst]].name
     return [
-        f"The setup '{name}' is tilted by {tilts[worst] * 1e3:.2g} mrad: align it, since beam and mirror "
-        "are only assumed to be turned together."
+        f"The setup '{name}' is tilted by {tilts[worst] * 1e3:.2g} mrad: align it, since beam and "
+        "mirror are only assumed to be turned together."
     ]
 
 

@@ -57,8 +57,8 @@ def apply(
 ) -> VolumetricErrors:
     """Return the result of a linear formulation, its covariance propagated from the readings.
 
-    Readings that two displacements share, and the zero that a setup shares, are in it: the map acts on
-    the readings, which are independent, and not on displacements, which are not.
+    Readings that two displacements share, and the zero that a setup shares, are in it: the map acts
+    on the readings, which are independent, and not on displacements, which are not.
     """
     noise, noise_remarks = noise_of(observations)
     excess = observations.excess

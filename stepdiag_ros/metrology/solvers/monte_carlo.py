@@ -16,11 +16,12 @@ _CHUNK = 2_000_000
 def replicate(
     measurement: Measurement, count: int, seed: int = 0, method: str = "least_squares"
 ) -> Vector:
-    """Return the curves of many replicates of a measurement (GUM Supplement 1, by the readings' noise).
+    """Return the curves of many replicates of a measurement (JCGM 101, by the readings' noise).
 
-    Each replicate draws new noise of the readings' standard uncertainty around what the fitted model says
-    (least squares) or around the readings themselves (the two formulations that have no fit), and is solved
-    like the measurement. The noise is independent between readings; repeats are drawn as their mean.
+    Each replicate draws new noise of the readings' standard uncertainty around what the fitted
+    model says (least squares) or around the readings themselves (the two formulations that have no
+    fit), and is solved like the measurement. The noise is independent between readings; repeats are
+    drawn as their mean.
 
     Args:
         measurement: lines with known standard uncertainties, or with repeats to take them from.
@@ -29,7 +30,8 @@ def replicate(
         method: ``conventional``, ``setup_robust`` or ``least_squares``.
 
     Returns:
-        m, shape (count, 9(N+1)) in the order of ``geometry.TRANSLATIONS``; NaN where not determined.
+        m, shape (count, 9(N+1)) in the order of ``geometry.TRANSLATIONS``; NaN where not
+        determined.
 
     Raises:
         NotDeterminable: the lines are not enough for this method.

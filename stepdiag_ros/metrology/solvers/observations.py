@@ -1,7 +1,7 @@
 """Readings in the form that the solvers need: which nodes, which setup, how certain.
 
-Readings of one setup share one alignment and one unknown zero. Their noise is independent; differences
-between them are not.
+Readings of one setup share one alignment and one unknown zero. Their noise is independent;
+differences between them are not.
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Observations:
-    """All readings of a measurement that have a value, one entry a stop, in the order of measurement.
+    """All readings that have a value, one entry a stop, in the order of measurement.
 
     Attributes:
         volume: the measured box.
@@ -52,8 +52,8 @@ class Observations:
         setup: index into ``setups``, shape (n,).
         passes: index of the line (one pass), shape (n,).
         stop: index of the stop in its pass, shape (n,).
-        node: node of X, Y, Z that the axis stands at, -1 for an axis that does not move in the setup,
-            shape (n, 3).
+        node: node of X, Y, Z that the axis stands at, -1 for an axis that does not move in the
+            setup, shape (n, 3).
         displacement: m, shape (n,).
         uncertainty: standard uncertainty of each, m, shape (n,); NaN everywhere where unknown.
         lines: number of lines with at least one reading.
@@ -76,13 +76,13 @@ class Observations:
 
     @property
     def position(self) -> Vector:
-        """Return the commanded positions from the volume's first corner, m, 0 for standing axes, (n, 3)."""
+        """Return commanded positions from the first corner, m, 0 for standing axes, (n, 3)."""
         relative: Vector = np.maximum(self.node, 0) * np.asarray(self.volume.step)
         return relative
 
     @property
     def excess(self) -> Vector:
-        """Return what was read beyond the displacement of a perfect machine and setup, m, shape (n,)."""
+        """Return the readings minus those of a perfect machine and setup, m, shape (n,)."""
         directions = np.array([setup.direction for setup in self.setups])[self.setup]
         beyond: Vector = self.displacement - np.sum(directions * self.position, axis=1)
         return beyond
@@ -91,7 +91,8 @@ class Observations:
         """Group readings of the same setup at the same nodes: repeats of one another.
 
         Returns:
-            index of each reading's group, shape (n,), and the first reading of each group, shape (groups,).
+            index of each reading's group, shape (n,), and the first reading of each group, shape
+            (groups,).
         """
         size = self.volume.blocks + 2
         key = self.setup
@@ -113,7 +114,8 @@ def observe(measurement: Measurement) -> Observations:
 
     Raises:
         NotDeterminable: there is no reading at all.
-        ValueError: a stop that is no node of the volume; lines of different directions in one setup.
+        ValueError: a stop that is no node of the volume; lines of different directions in one
+            setup.
     """
     volume = measurement.volume
     index: dict[str, int] = {}
@@ -159,7 +161,7 @@ def observe(measurement: Measurement) -> Observations:
 
 
 def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
-    """Return the node of each moving axis at each stop of a line, -1 for standing axes, shape (stops, 3).
+    """Return the node of each moving axis at each stop, -1 for standing axes, shape (stops, 3).
 
     Raises:
         ValueError: a moving axis stands beside the nodes of the volume at a stop.
@@ -171,8 +173,8 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
     if np.any(beside):
         stop, axis = np.argwhere(beside)[0]
         raise ValueError(
-            f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, which is no "
-            "node of the measured volume; the line and the volume contradict each other"
+            f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, "
+            "which is no node of the measured volume; the line and the volume contradict each other"
         )
     nodes: Integers = np.where(signs != 0, nearest, -1).astype(np.int64)
     return nodes
@@ -181,9 +183,9 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
 def _line_uncertainty(own: Vector) -> Vector:
     """Return the uncertainties to weight a line's stops with, m; NaN if they are not known.
 
-    What is written beside a stop is itself an estimate from a few readings; weighting by it would favour
-    stops whose readings happened to agree. So the stops of a line get their common root mean square,
-    except those more than twice as uncertain as the median, which keep their own.
+    What is written beside a stop is itself an estimate from a few readings; weighting by it would
+    favour stops whose readings happened to agree. So the stops of a line get their common root mean
+    square, except those more than twice as uncertain as the median, which keep their own.
     """
     # Not np.median: its first call in a process imports numpy.ma, which takes longer than a solve.
     conspicuous = own > _CONSPICUOUS * np.sort(own)[len(own) // 2]
@@ -215,11 +217,13 @@ class BlockMeans:
 def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMeans:
     """Average the displacements of every single-axis move, R_x,ppp(k) and its like (IH eq. 1).
 
-    The interval k counts along the axis, so that the block N-k+1 of an axis that runs backwards is its
-    interval k, as Ibaraki & Hata 2010, eq. 2, has it. Moves between rejected stops are left out.
+    The interval k counts along the axis, so that the block N-k+1 of an axis that runs backwards is
+    its interval k, as Ibaraki & Hata 2010, eq. 2, has it. Moves between rejected stops are left
+    out.
 
     Raises:
-        NotDeterminable: a line is missing, or one of its moves was never measured; the text says which.
+        NotDeterminable: a line is missing, or one of its moves was never measured; the text says
+            which.
     """
     blocks, count = observations.volume.blocks, len(observations.displacement)
     names = np.array([setup.line for setup in observations.setups])[observations.setup]
@@ -247,8 +251,8 @@ def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMean
             gap = np.flatnonzero(number[moving] == 0)
             if len(gap):
                 raise NotDeterminable(
-                    f"the move of {AXES[moving]} over its interval {gap[0] + 1} was not measured on "
-                    f"{line}; measure the line again, or use least_squares"
+                    f"the move of {AXES[moving]} over its interval {gap[0] + 1} was not measured "
+                    f"on {line}; measure the line again, or use least_squares"
                 )
         share = sense / number[axis, interval]
         np.add.at(weights[row], (axis, interval, before + 1), share)

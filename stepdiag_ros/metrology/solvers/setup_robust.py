@@ -1,4 +1,4 @@
-"""Setup-robust formulation of the step diagonal test (Ibaraki & Hata 2010, section 3.2, eqs. 4-19)."""
+"""Setup-robust formulation of the step diagonal test (Ibaraki & Hata 2010, section 3.2)."""
 
 import numpy as np
 
@@ -19,15 +19,17 @@ _LAMBDAS = ("xx", "yx", "zx", "xy", "yy", "zy", "xz", "yz", "zz")
 
 
 def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
-    """Solve IH eqs. (6)-(19): positioning errors from the linear lines cancel the errors of the setups.
+    """Solve IH eqs. (6)-(19): the linear lines cancel the errors of the setups.
 
-    Misalignment adds a constant to every block's displacement (eq. 4); the nine combinations λ of these
-    constants (eq. 15) follow from the linear lines (16), the frame (17, 18) and the closure of a block (5,
-    19), the latter evaluated in the order xz, xy, zy. Exact to the first order of the misalignment.
-    Unequal steps a_x, a_y, a_z are allowed. The result has the figures ``lambda xx`` … (m per block).
+    Misalignment adds a constant to every block's displacement (eq. 4); the nine combinations λ of
+    these constants (eq. 15) follow from the linear lines (16), the frame (17, 18) and the closure
+    of a block (5, 19), the latter evaluated in the order xz, xy, zy. Exact to the first order of
+    the misalignment. Unequal steps a_x, a_y, a_z are allowed. The result has the figures ``lambda
+    xx`` … (m per block).
 
     Raises:
-        NotDeterminable: one of ppp, npp, pnp, x, y, z is missing or has a move that was never measured.
+        NotDeterminable: one of ppp, npp, pnp, x, y, z is missing or has a move that was never
+            measured.
         ValueError: the lines contradict the volume.
     """
     observations = observe(measurement)
@@ -47,8 +49,8 @@ def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
 def setup_robust_map(observations: Observations) -> LinearMap:
     """Return the formulation as a matrix on the readings.
 
-    Every quantity below is a matrix with one column a reading, and stands for its excess over a perfect
-    machine and setup: a_x in (6) and its like are gone with it, and so are the a_x in (16).
+    Every quantity below is a matrix with one column a reading, and stands for its excess over a
+    perfect machine and setup: a_x in (6) and its like are gone with it, and so are the a_x in (16).
 
     Raises:
         NotDeterminable: as ``solve_setup_robust``.

@@ -1,14 +1,16 @@
-"""From an estimate of the nine curves to the result: what is known, its uncertainty, and the figures.
+"""From an estimate of the nine curves to the result: what is known, how well, and the figures.
 
-The figures follow Ibaraki & Hata 2010, Table 1 and section 4.1: straightness is the largest variation of
-the mean values from their least-squares line; squareness is the sum of the slopes of least-squares lines
-of the two curves that turn an axis against another; positioning is the value at the last node.
+The figures follow Ibaraki & Hata 2010, Table 1 and section 4.1: straightness is the largest
+variation of the mean values from their least-squares line; squareness is the sum of the slopes of
+least-squares lines of the two curves that turn an axis against another; positioning is the value at
+the last node.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import (
@@ -24,7 +26,7 @@ from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 _NOTHING = 1e-6
-"""A functional is determined if its part in the undetermined directions is smaller than this share."""
+"""A functional is determined if less than this share of it lies in undetermined directions."""
 
 
 @dataclass(frozen=True)
@@ -34,23 +36,24 @@ class CurveEstimate:
     Attributes:
         values: one solution, m, shape (9(N+1),); any multiple of ``unseen`` may be added to it.
         covariance: of the values, m², shape (9(N+1), 9(N+1)); NaN where the noise is not known.
-        unseen: directions that the readings do not tell, shape (9(N+1), r); r = 0 if all is determined.
+        unseen: directions that the readings do not tell, shape (9(N+1), r); r = 0 if all is
+            determined.
     """
 
     values: Vector
     covariance: Vector
     unseen: Vector
 
-    def determined(self, functionals: Vector) -> Vector:
+    def determined(self, functionals: Vector) -> NDArray[np.bool_]:
         """Say which linear functionals (rows, shape (m, 9(N+1))) of the curves are determined."""
         if self.unseen.shape[1] == 0:
             return np.ones(len(functionals), dtype=bool)
         left = np.linalg.norm(functionals @ self.unseen, axis=1)
-        known: Vector = left <= _NOTHING * np.maximum(np.linalg.norm(functionals, axis=1), 1e-300)
-        return known
+        whole = np.linalg.norm(functionals, axis=1)
+        return np.asarray(left <= _NOTHING * np.maximum(whole, 1e-300))
 
     def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
-        """Return values and standard uncertainties of functionals (rows), NaN where not determined."""
+        """Return values and standard uncertainties of functionals (rows); NaN: not determined."""
         values = functionals @ self.values
         variance = np.sum((functionals @ self.covariance) * functionals, axis=1)
         known = self.determined(functionals)
@@ -59,14 +62,13 @@ class CurveEstimate:
             np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan),
         )
 
-    def curves_determined(self) -> Vector:
+    def curves_determined(self) -> NDArray[np.bool_]:
         """Say which single curve values are determined, shape (9(N+1),)."""
-        known: Vector = np.linalg.norm(self.unseen, axis=1) <= _NOTHING
-        return known
+        return np.asarray(np.linalg.norm(self.unseen, axis=1) <= _NOTHING)
 
 
 def deviations_from_line(nodes: Vector) -> Vector:
-    """Return the matrix that takes a curve to its deviations from its least-squares line, (N+1, N+1)."""
+    """Return the matrix from a curve to its deviations from its least-squares line."""
     centred = nodes - np.mean(nodes)
     projector: Vector = (
         np.eye(len(nodes))
@@ -88,10 +90,10 @@ def common_figures(
 ) -> tuple[Figure, ...]:
     """Return squareness, positioning, straightness and the measured body diagonals.
 
-    Squareness (rad) is the right-handed rotation, see ``forward.SQUARENESS_DEFINITIONS`` for the other
-    sign. The uncertainty of a straightness is that of the difference between the two nodes where the
-    deviation is largest and smallest. ``diagonal ppp`` is the error of the displacement over the whole
-    body diagonal (ISO 230-6), m, given for the step diagonals among ``lines``.
+    Squareness (rad) is the right-handed rotation, see ``forward.SQUARENESS_DEFINITIONS`` for the
+    other sign. The uncertainty of a straightness is that of the difference between the two nodes
+    where the deviation is largest and smallest. ``diagonal ppp`` is the error of the displacement
+    over the whole body diagonal (ISO 230-6), m, given for the step diagonals among ``lines``.
     """
     size = volume.blocks + 1
     nodes = [volume.nodes(axis) for axis in range(3)]

@@ -113,16 +113,16 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
         RuntimeError: It is not running, for instance because Ctrl-C has ended it; see
             :func:`try_shutdown`.
     """
-    _end_global_executor(context)
     _shutdown(context=context)
+    _end_global_executor(context)
     if uninstall_handlers or (uninstall_handlers is None and context is None):
         uninstall_signal_handlers()
 
 
 def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
     """End a context (the default one) if it is running."""
-    _end_global_executor(context)
     _try_shutdown(context=context)
+    _end_global_executor(context)
     if uninstall_handlers or (uninstall_handlers is None and context is None):
         uninstall_signal_handlers()
 
@@ -139,7 +139,10 @@ def get_global_executor() -> Executor:
     global _global_executor
     from rclpy.executors import SingleThreadedExecutor
 
-    if _global_executor is None or _global_executor._is_shutdown:
+    stale = _global_executor is not None and (
+        _global_executor._is_shutdown or not _global_executor.context.ok()
+    )
+    if _global_executor is None or stale:
         _global_executor = SingleThreadedExecutor()
     return _global_executor
 

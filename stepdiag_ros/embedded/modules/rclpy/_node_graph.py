@@ -132,9 +132,8 @@ class NodeGraph:
         for node in self._ros_graph.nodes():
             if (node.name, node.namespace) == (name, namespace):
                 guids.update(node.writers if writers else node.readers)
-        return [
-            endpoint for endpoint in self._ros_graph.endpoints_of(writers) if endpoint.guid in guids
-        ]
+        every = self._ros_graph.endpoints_of(writers)
+        return [endpoint for endpoint in every if endpoint.guid in guids]
 
     def _info(self, topic_name: str, kind: TopicEndpointTypeEnum) -> list[TopicEndpointInfo]:
         topic = naming.dds_topic(self.resolve_topic_name(topic_name))

@@ -23,6 +23,8 @@ class Source:
         self._pending: deque[Any] = deque()
         #: Whether it stands in its executor's queue.
         self._queued = False
+        #: Number of the turn in which its last callback was taken.
+        self._served = 0
         self._executor_ref: weakref.ref[Executor] | None = None
 
     def _executor(self) -> Executor | None:

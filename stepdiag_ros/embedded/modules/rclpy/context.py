@@ -10,6 +10,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rclpy import logging
 from rclpy.exceptions import NotInitializedException
 from stepdiag_ros.embedded import arguments, dds
 from stepdiag_ros.embedded.graph import Graph
@@ -60,19 +61,24 @@ class Context:
                 raise RuntimeError("Context.init() must only be called once")
             self._arguments = arguments.parse(sys.argv if args is None else args)
             self._domain_id = _domain_id() if domain_id is None else domain_id
-            self._participant = dds.Participant(
-                self._domain_id, f"enclave={self._arguments.enclave};"
-            )
-            if not _tested:
-                dds.self_test(self._participant)
-                _tested = True
-            self._graph = Graph(self._participant)
+            participant = dds.Participant(self._domain_id, f"enclave={self._arguments.enclave};")
+            try:
+                if not _tested:
+                    dds.self_test(participant)
+                self._graph = Graph(participant)
+            except dds.DdsError:
+                participant.close()
+                raise
+            self._participant = participant
             self._state = "ok"
             _contexts.add(self)
         if initialize_logging:
-            from rclpy import logging
-
             logging._configure(self._arguments)
+        if not _tested:
+            _tested = True
+            logging.get_logger("rclpy").info(
+                f"This is the embedded ROS 2 client on Cyclone DDS, in domain {self._domain_id}."
+            )
 
     def ok(self) -> bool:
         """Return whether the context is initialised and not shut down."""

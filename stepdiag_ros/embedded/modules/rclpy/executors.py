@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import os
 import threading
 import time
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _FOREVER = 2**62
 #: While callbacks are waiting to run, new arrivals are looked for as often as this, in ns.
 _POLL_NS = 200_000
+_turns = itertools.count(1)
 
 
 class ExternalShutdownException(Exception):
@@ -95,6 +97,8 @@ class Executor:
             node.executor = self
             for source in list(node._sources):
                 self._add_source(source)
+            # Who was served last is served last, even if the node comes and goes all the time.
+            self._ready = deque(sorted(self._ready, key=lambda source: source._served))
         self.wake()
         return True
 
@@ -277,10 +281,10 @@ class Executor:
         end = _FOREVER if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
         polled = False
         while True:
-            if self._is_shutdown:
-                raise ShutdownException
             if not self._context.ok():
                 raise ExternalShutdownException
+            if self._is_shutdown:
+                raise ShutdownException
             if self._errors:
                 raise self._errors.popleft()
             if condition is not None and condition():
@@ -368,6 +372,7 @@ class Executor:
                     self._ready.append(source)
                     continue
                 item = source._take()
+                source._served = next(_turns)
                 if source._pending:
                     self._ready.append(source)
                 else:

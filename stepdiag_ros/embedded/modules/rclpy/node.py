@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from rclpy._node_graph import NodeGraph
+from rclpy._node_names import NodeNames
 from rclpy._node_parameters import NodeParameters
 from rclpy._parameters import ParameterStore
 from rclpy._rosout import Rosout
@@ -15,13 +16,7 @@ from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
 from rclpy.duration import NS_PER_S
-from rclpy.exceptions import (
-    InvalidNamespaceException,
-    InvalidNodeNameException,
-    InvalidServiceNameException,
-    InvalidTopicNameException,
-    NotInitializedException,
-)
+from rclpy.exceptions import NotInitializedException
 from rclpy.executors import Executor
 from rclpy.guard_condition import GuardCondition
 from rclpy.logging import RcutilsLogger, get_logger
@@ -39,12 +34,11 @@ from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 from rclpy.timer import Rate, Timer
 from rclpy.utilities import get_default_context
-from stepdiag_ros.embedded import naming
 
 _S = TypeVar("_S", bound=Source)
 
 
-class Node(NodeParameters, NodeGraph):
+class Node(NodeNames, NodeParameters, NodeGraph):
     """A node: the named owner of publishers, subscriptions, services, timers and parameters.
 
     Args:
@@ -113,35 +107,6 @@ class Node(NodeParameters, NodeGraph):
             if start_parameter_services:
                 ParameterService(self)
 
-    def _set_names(
-        self, name: str, namespace: str, cli_args: Sequence[str] | None, use_global: bool
-    ) -> None:
-        from stepdiag_ros.embedded import arguments
-
-        own = arguments.parse(["--ros-args", *_ros_part(cli_args)] if cli_args else [])
-        every = self._context._arguments if use_global else arguments.RosArguments()
-        self._remaps = [*own.remaps, *every.remaps]
-        self._argument_sets = [every, own]
-        self._use_rosout = every.use_rosout and own.use_rosout
-        rules = arguments.RosArguments(remaps=self._remaps)
-        _check(naming.check_node_name, name, InvalidNodeNameException)
-        name = rules.node_name(name)
-        _check(naming.check_node_name, name, InvalidNodeNameException)
-        namespace = rules.node_namespace(name, namespace)
-        namespace = namespace if namespace.startswith("/") else f"/{namespace}"
-        _check(naming.check_namespace, namespace, InvalidNamespaceException)
-        self._name, self._namespace = name, namespace
-
-    def _collect_overrides(self, given: list[Parameter]) -> dict[str, Parameter]:
-        full = self.get_fully_qualified_name()
-        found: dict[str, Parameter] = {}
-        for arguments in self._argument_sets:
-            for name, value in arguments.overrides(full).items():
-                found[name] = Parameter(name, value=value)
-        for parameter in given:
-            found[parameter.name] = parameter
-        return found
-
     def _start_parameters(self, declare_all: bool) -> None:
         from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
 
@@ -155,9 +120,6 @@ class Node(NodeParameters, NodeGraph):
                     name, parameter.value, ParameterDescriptor(dynamic_typing=True)
                 )
 
-    def _logger_name(self) -> str:
-        return self.get_fully_qualified_name()[1:].replace("/", ".")
-
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(
             f"The embedded ROS 2 client's {type(self).__name__} has no attribute '{name}'."
@@ -166,19 +128,7 @@ class Node(NodeParameters, NodeGraph):
     def __repr__(self) -> str:
         return f"<rclpy.node.Node {self.get_fully_qualified_name()}>"
 
-    # Names and belongings.
-
-    def get_name(self) -> str:
-        """Return the name."""
-        return self._name
-
-    def get_namespace(self) -> str:
-        """Return the namespace."""
-        return self._namespace
-
-    def get_fully_qualified_name(self) -> str:
-        """Return the name with its namespace."""
-        return naming.full_node_name(self._namespace, self._name)
+    # Belongings.
 
     def get_logger(self) -> RcutilsLogger:
         """Return the logger."""
@@ -251,34 +201,6 @@ class Node(NodeParameters, NodeGraph):
     def _forget_executor(self, executor: Executor) -> None:
         if self._executor_ref is executor:
             self._executor_ref = None
-
-    # Names of topics and services.
-
-    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """Return a topic's full name, after remapping unless told otherwise.
-
-        Raises:
-            rclpy.exceptions.InvalidTopicNameException: The name breaks the rules.
-        """
-        return self._resolve(topic, only_expand, False, InvalidTopicNameException)
-
-    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """Return a service's full name, after remapping unless told otherwise.
-
-        Raises:
-            rclpy.exceptions.InvalidServiceNameException: The name breaks the rules.
-        """
-        return self._resolve(service, only_expand, True, InvalidServiceNameException)
-
-    def _resolve(self, name: str, only_expand: bool, service: bool, error: Any) -> str:
-        what = "service name" if service else "topic name"
-        try:
-            full = naming.expand(name, self._name, self._namespace, what)
-        except naming.InvalidNameError as reason:
-            raise error(name, reason.reason, reason.index) from None
-        if only_expand:
-            return full
-        return naming.remap(full, self._name, self._namespace, self._remaps, service)
 
     # Making and destroying.
 
@@ -557,19 +479,6 @@ class Node(NodeParameters, NodeGraph):
         self._ros_graph.remove_endpoints(self._graph_number, readers + writers)
         source.destroy()
         return True
-
-
-def _ros_part(cli_args: Sequence[str]) -> list[str]:
-    """Return a node's own arguments without a leading flag, which is allowed but not needed."""
-    items = list(cli_args)
-    return items[1:] if items[0] == "--ros-args" else items
-
-
-def _check(test: Callable[[str], None], name: str, error: Any) -> None:
-    try:
-        test(name)
-    except naming.InvalidNameError as reason:
-        raise error(name, reason.reason, reason.index) from None
 
 
 def _refuse(value: Any, name: str) -> None:

@@ -168,10 +168,8 @@ def get_parameter_value(string_value: str) -> Any:
     except (yaml.YAMLError, TypeError):
         value, kind = string_value, ParameterKind.STRING
     if value is None:
-        value = string_value
-    return Parameter(
-        "", None if kind is ParameterKind.NOT_SET else kind, value
-    ).get_parameter_value()
+        value, kind = string_value, ParameterKind.STRING
+    return Parameter("", kind, value).get_parameter_value()
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:

@@ -13,7 +13,8 @@ def serialize_message(message: Any) -> bytes:
     Raises:
         TypeError: It is not a message.
     """
-    return registry.serializer(type(message))(message)
+    cls: Any = type(message)
+    return registry.serializer(cls)(message)
 
 
 def deserialize_message(serialized_message: bytes, message_type: type) -> Any:

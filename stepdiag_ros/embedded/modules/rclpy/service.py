@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import itertools
 import os
@@ -57,7 +58,8 @@ class Endpoints:
         self, node: Node, srv_type: Any, name: str, qos_profile: QoSProfile, is_service: bool
     ) -> None:
         participant, self._graph = node.context._require()
-        qos = qos_profile._to_dds()
+        # History is each side's own affair, and no request or reply of a burst shall be lost.
+        qos = dataclasses.replace(qos_profile._to_dds(), keep_all=True)
         key = f"{'serviceid' if is_service else 'clientid'}={unique_id()};"
 
         def arguments(cls: type, topic: str) -> tuple[str, str, dds.Qos, str]:

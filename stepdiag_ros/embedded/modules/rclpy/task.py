@@ -145,9 +145,11 @@ class Task(Future):
 
     def __call__(self) -> None:
         """Run the function, or the coroutine up to its next wait."""
-        if self._pending_is_over() or not self._running.acquire(blocking=False):
-            return
+        # Another thread may just be about to leave it: then this one waits, or a wake-up is lost.
+        self._running.acquire()
         try:
+            if self._pending_is_over():
+                return
             if self._coroutine is None:
                 outcome = self._handler(*self._args, **self._kwargs)
                 if not inspect.iscoroutine(outcome):

@@ -1,0 +1,121 @@
+"""Time of one least-squares solve and of 1,000 Monte Carlo replicates, on one core, as JSON.
+
+The plan: 36 blocks, 4 step diagonals and 3 linear lines, one pass each (547 stops).
+Cold is the first solve of a fresh process after its imports, warm the median of the following ones.
+
+    python benchmarks/solve.py [--processes 5] [--solves 30]
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+
+ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def measure_in_this_process(solves):
+    started = time.perf_counter()
+    from stepdiag_ros.metrology.cell import SimulatedCell
+    from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
+    from stepdiag_ros.metrology.plan import Plan
+    from stepdiag_ros.metrology.simulation import simulate
+    from stepdiag_ros.metrology.solvers import solve
+    from stepdiag_ros.metrology.solvers.monte_carlo import replicate
+
+    imported = time.perf_counter() - started
+    plan = Plan.from_mapping(
+        {
+            "step_m": [0.01, 0.01, 0.01],
+            "blocks": 36,
+            "feed_m_per_s": 0.05,
+            "lines": [
+                {"kind": "linear", "names": list(LINEAR_LINES)},
+                {"kind": "step_diagonal", "names": list(BODY_DIAGONALS)},
+            ],
+        },
+        "benchmark",
+    )
+    cell = SimulatedCell.from_mapping(
+        {
+            "seed": 1,
+            "chain": "YXZ",
+            "errors": {
+                "travel_low_m": [0.0] * 3,
+                "travel_high_m": [0.36] * 3,
+                "positioning_m": 2e-6,
+                "straightness_m": 1e-6,
+            },
+            "misalignment": {"beam_sigma_rad": 150e-6},
+        },
+        "benchmark",
+    )
+    measured = simulate(plan, cell)
+
+    def timed(function, *arguments):
+        begin = time.perf_counter()
+        function(*arguments)
+        return time.perf_counter() - begin
+
+    cold = timed(solve, measured, "least_squares")
+    warm = [timed(solve, measured, "least_squares") for _ in range(solves)]
+    replicates = {
+        method: timed(replicate, measured, 1000, 1, method)
+        for method in ("conventional", "setup_robust", "least_squares")
+    }
+    return {
+        "import_ms": 1e3 * imported,
+        "cold_ms": 1e3 * cold,
+        "warm_ms": 1e3 * statistics.median(warm),
+        "replicates_1000_s": replicates,
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--processes", type=int, default=5)
+    parser.add_argument("--solves", type=int, default=30)
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.child:
+        print(json.dumps(measure_in_this_process(arguments.solves)))
+        return
+    command = [sys.executable, __file__, "--child", "--solves", str(arguments.solves)]
+    runs = [
+        json.loads(
+            subprocess.run(
+                command, env={**os.environ, **ONE_CORE}, check=True, capture_output=True, text=True
+            ).stdout
+        )
+        for _ in range(arguments.processes)
+    ]
+
+    def median(key):
+        return round(statistics.median(run[key] for run in runs), 3)
+
+    print(
+        json.dumps(
+            {
+                "plan": "36 blocks, 4 diagonals, 3 linear lines, 1 pass",
+                "cores": 1,
+                "processes": arguments.processes,
+                "import_ms": median("import_ms"),
+                "least_squares_cold_ms": median("cold_ms"),
+                "least_squares_warm_ms": median("warm_ms"),
+                "monte_carlo_1000_s": {
+                    method: round(
+                        statistics.median(run["replicates_1000_s"][method] for run in runs), 3
+                    )
+                    for method in runs[0]["replicates_1000_s"]
+                },
+            },
+            indent=2,
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""Makes ``test/data/bags/schema_N.mcap``: run once for each new schema version, never again."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from bags_for_tests import RUN_ID, START, description, header, put
+
+from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.measurement import (
+    BlockDisplacement,
+    Environment,
+    MeasuredLine,
+    Reading,
+    SettledStop,
+    StopCommand,
+)
+from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+
+NEW = own_types().new
+AIR = Environment(20.0, 101325.0, 0.5, 20.5)
+X = Line("linear", "x", "", 0, "forward", (0.0, 0.02, 0.0))
+TARGET, ACTUAL = (0.01, 0.0, 0.0), (0.0100001, 0.0, 0.0)
+COMMAND = StopCommand(1, 0, 1, X.setup, 1, "X", TARGET, START)
+
+
+def messages():
+    """Make one message of every topic that a bag holds."""
+    made = {topic: NEW(topic.type_name) for topic in topics.RECORDED}
+    made[topics.RUN_DESCRIPTION] = description()
+    state = made[topics.RUN_STATE]
+    state.run_id, state.state, state.text = RUN_ID, 4, "finished"
+    made[topics.MACHINE_COMMAND] = conversion.from_stop_command(
+        COMMAND, RUN_ID, START, 0.05, new=NEW
+    )
+    made[topics.COMMAND_STATUS] = conversion.from_command_status(
+        1, RUN_ID, START, conversion.STATUS_IN_POSITION, TARGET, ACTUAL, new=NEW
+    )
+    made[topics.READING] = conversion.from_reading(
+        Reading(START, 1, 0.01, 0.0100002, 0.9, 0, AIR), "laser", NEW
+    )
+    stop = SettledStop(
+        command=COMMAND,
+        line=X,
+        position=ACTUAL,
+        settled=True,
+        reason="",
+        time=START,
+        displacement=0.0100003,
+        raw_displacement=0.01,
+        standard_uncertainty=1e-8,
+        standard_deviation=1e-7,
+        readings=300,
+        first_sequence=1,
+        last_sequence=300,
+        in_position_time=START,
+        window_start=START,
+        window_end=START,
+        environment=AIR,
+    )
+    made[topics.STOP] = conversion.from_settled_stop(stop, RUN_ID, NEW)
+    block = BlockDisplacement(0, 1, X, START, 1, "X", 0, 1, 0.01, 0.0100004, 1e-8)
+    made[topics.BLOCK] = conversion.from_block(block, RUN_ID, NEW)
+    line = MeasuredLine(
+        line=X,
+        line_index=0,
+        attempt=1,
+        setup=X.setup,
+        time=np.arange(3.0),
+        end_time=START,
+        target=np.array([[0.0, 0.02, 0.0], [0.01, 0.02, 0.0], [0.02, 0.02, 0.0]]),
+        displacement=np.array([0.0, 0.0100005, 0.0200006]),
+        standard_uncertainty=np.full(3, 1e-8),
+        environment=np.tile(AIR, (3, 1)),
+    )
+    made[topics.LINE] = conversion.from_measured_line(line, RUN_ID, NEW)
+    curves = {name: np.array([0.0, 1.25e-6, 2.5e-6]) for name in TRANSLATIONS}
+    curves["E_XX"] = np.full(3, np.nan)
+    result = VolumetricErrors(
+        method="least_squares",
+        nodes=(np.arange(3) * 0.01, np.arange(3) * 0.02, np.arange(3) * 0.03),
+        curves=curves,
+        standard_uncertainty={name: np.full(3, 1e-8) for name in TRANSLATIONS},
+        figures=(Figure("C0Y", -1.5e-6, 1e-7, "rad"),),
+        lines=1,
+        chi_squared=1.0,
+        degrees_of_freedom=2,
+    )
+    made[topics.VOLUMETRIC_ERRORS] = conversion.from_volumetric_errors(result, RUN_ID, START, NEW)
+    status = NEW("diagnostic_msgs/msg/DiagnosticStatus")
+    status.name, status.message = "assembler", "ok"
+    made[topics.DIAGNOSTICS].status = [status]
+    return made
+
+
+def main(path: Path) -> None:
+    """Write the bag."""
+    with BagWriter(path, header()) as bag:
+        for topic, message in messages().items():
+            put(bag, topic, message, START)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

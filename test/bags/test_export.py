@@ -1,0 +1,150 @@
+"""A bag as tables."""
+
+import csv
+import importlib.util
+
+import numpy as np
+import pytest
+from bags_for_tests import RUN_ID, START, put
+from test_run import description, header, line, write_run
+
+from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.bags.export import export_bag
+from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+
+NEW = own_types().new
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def result(method, scale):
+    nodes = np.linspace(0.0, 0.02, 3)
+    return VolumetricErrors(
+        method=method,
+        nodes=(nodes, 2 * nodes, 3 * nodes),
+        curves={name: scale * np.array([0.0, 1 / 3, np.nan]) for name in TRANSLATIONS},
+        standard_uncertainty={name: np.full(3, scale / 7) for name in TRANSLATIONS},
+        figures=(Figure("C0Y", scale / 9, scale / 11, "rad"),),
+        lines=1,
+        chi_squared=1.0,
+        degrees_of_freedom=1,
+    )
+
+
+@pytest.fixture
+def bag(tmp_path):
+    path = tmp_path / "a.mcap"
+    broken = line(1, 1, start=50.0)
+    broken.displacement[1] = np.nan
+    with BagWriter(path, header()) as writer:
+        put(writer, topics.RUN_DESCRIPTION, description(), START)
+        for measured in (line(0, 1), line(0, 2), broken):
+            message = conversion.from_measured_line(measured, RUN_ID, NEW)
+            put(writer, topics.LINE, message, START)
+        for method, scale in (
+            ("least_squares", 1e-6),
+            ("conventional", 5e-6),
+            ("least_squares", 2e-6),
+        ):
+            message = conversion.from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
+            put(writer, topics.VOLUMETRIC_ERRORS, message, START)
+    return path
+
+
+def test_the_last_attempt_of_complete_lines_makes_the_run_table(bag, tmp_path):
+    report = export_bag(bag, tmp_path / "out")
+    rows = table(tmp_path / "out" / "run.csv")
+    assert [float(row["reading_m"]) for row in rows] == line(0, 2).displacement.tolist()
+    assert [row["air_temperature_degC"] for row in rows] == ["", "", ""]
+    assert report.remarks == (
+        "Line 'x forward, repeat 0' has stops without a value and is not in the run table.",
+    )
+    every = table(tmp_path / "out" / "lines.csv")
+    assert [row["attempt"] for row in every] == list("111222111")
+    assert [row["displacement_m"] for row in every][7] == ""
+
+
+def test_results_are_the_last_of_each_solver_with_all_digits(bag, tmp_path):
+    export_bag(bag, tmp_path / "out")
+    rows = table(tmp_path / "out" / "results.csv")
+    assert len(rows) == 2 * 9 * 3
+    (row,) = (
+        row
+        for row in rows
+        if (row["method"], row["curve"], row["node"]) == ("least_squares", "E_ZY", "1")
+    )
+    assert float(row["position_m"]) == 0.02
+    assert float(row["error_m"]) == 2e-6 * (1 / 3)
+    assert float(row["standard_uncertainty_m"]) == 2e-6 / 7
+    assert {row["error_m"] for row in rows if row["node"] == "2"} == {""}
+    figures = table(tmp_path / "out" / "figures.csv")
+    assert [(row["method"], float(row["value"])) for row in figures] == [
+        ("least_squares", 2e-6 / 9),
+        ("conventional", 5e-6 / 9),
+    ]
+
+
+def test_stops_blocks_and_readings(tmp_path):
+    report = export_bag(write_run(tmp_path / "a.mcap"), tmp_path / "out", readings=True)
+    names = ["run.csv", "lines.csv", "stops.csv", "blocks.csv", "readings.csv", "case.yaml"]
+    assert [path.name for path in report.files] == names
+    stops = table(tmp_path / "out" / "stops.csv")
+    assert [float(row["displacement_m"]) for row in stops] == [0.0, 0.01, 0.02]
+    assert stops[1]["settled"] == "true"
+    assert int(stops[2]["time_ns"]) == START + 2
+    (block,) = table(tmp_path / "out" / "blocks.csv")
+    assert float(block["displacement_m"]) == 0.0100001
+    readings = table(tmp_path / "out" / "readings.csv")
+    assert [int(row["sequence"]) for row in readings] == [0, 1, 2]
+    assert float(readings[1]["compensated_displacement_m"]) == 2 * float(
+        readings[1]["raw_displacement_m"]
+    )
+
+
+def test_existing_files_are_kept_unless_allowed(bag, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "results.csv").write_text("precious")
+    with pytest.raises(BagError, match=r"results\.csv exists already"):
+        export_bag(bag, out)
+    assert [path.name for path in out.iterdir()] == ["results.csv"]
+    export_bag(bag, out, overwrite=True)
+    assert (out / "results.csv").read_text() != "precious"
+
+
+def test_a_bag_without_lines_says_so(tmp_path):
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, header()) as writer:
+        put(writer, topics.RUN_DESCRIPTION, description(), START)
+    report = export_bag(path, tmp_path / "out")
+    assert report.files == ()
+    assert report.remarks == ("The bag holds no finished line, so there is no run table.",)
+
+
+def test_an_unknown_format_is_refused(bag, tmp_path):
+    with pytest.raises(ValueError, match="'xlsx' is no format"):
+        export_bag(bag, tmp_path / "out", "xlsx")
+
+
+def test_parquet_without_pyarrow_is_refused_with_advice(bag, tmp_path, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "pyarrow" else find(name)
+    )
+    with pytest.raises(BagError, match="pip install pyarrow"):
+        export_bag(bag, tmp_path / "out", "parquet")
+
+
+def test_parquet_holds_the_same_numbers(bag, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    export_bag(bag, tmp_path / "out", "parquet")
+    found = parquet.read_table(tmp_path / "out" / "lines.parquet").to_pydict()
+    assert found["displacement_m"][3:6] == line(0, 2).displacement.tolist()
+    assert found["displacement_m"][7] is None

@@ -1,0 +1,62 @@
+"""A bag at a glance."""
+
+import json
+
+import pytest
+from bags_for_tests import READING, RUN_ID, START, header, reading_cdr, write_readings
+from test_run import write_run
+
+from stepdiag_ros import topics
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.bags.info import bag_info
+from stepdiag_ros.bags.writer import BagWriter
+
+
+def test_a_whole_bag(tmp_path):
+    path = write_run(tmp_path / "a.mcap")
+    info = bag_info(path)
+    assert (info.complete, info.intact, info.problem, info.gaps) == (True, True, "", [])
+    assert info.header.run_id == RUN_ID
+    assert info.topics[READING] == (topics.READING.type_name, 3)
+    assert info.messages == sum(count for _, count in info.topics.values()) > 30
+    assert info.lines == ["x forward, repeat 0"] * 2
+    assert info.size == path.stat().st_size
+    assert info.data_checksum
+    plain = json.loads(json.dumps(info.as_dict()))
+    assert plain["run"]["run_id"] == RUN_ID
+    assert plain["attachments"] == ["plan.yaml", "machine.yaml", "parameters.yaml", "note.txt"]
+
+
+def test_missing_readings_are_found(tmp_path):
+    path = tmp_path / "a.mcap"
+    numbers = [0, 1, 2, 5, 6, 20]
+    with BagWriter(path, header()) as bag:
+        for number in numbers:
+            bag.write(READING, topics.READING.type_name, reading_cdr(number), START)
+    info = bag_info(path)
+    assert [(gap.after, gap.before, gap.missing) for gap in info.gaps] == [(2, 5, 2), (6, 20, 13)]
+    assert info.gaps[0].time == START + 5_000_000
+    assert info.as_dict()["missing_readings"] == 15
+
+
+def test_a_cut_bag_says_so_instead_of_failing(tmp_path):
+    path = write_readings(tmp_path / "a.mcap", 100)
+    path.write_bytes(path.read_bytes()[:-50])
+    info = bag_info(path)
+    assert (info.complete, info.intact) == (False, None)
+    assert "stepdiag recover" in info.problem
+
+
+def test_a_damaged_bag_says_so_instead_of_failing(tmp_path):
+    path = write_readings(tmp_path / "a.mcap", 100, compress=False)
+    bad = bytearray(path.read_bytes())
+    bad[bad.index(reading_cdr(50)) + 30] ^= 1
+    path.write_bytes(bad)
+    info = bag_info(path)
+    assert (info.complete, info.intact) == (True, False)
+    assert "damaged" in info.problem
+
+
+def test_what_is_no_bag_is_an_error(tmp_path):
+    with pytest.raises(BagError, match="there is no bag"):
+        bag_info(tmp_path / "a.mcap")

@@ -1,0 +1,51 @@
+"""Bags of every schema version stay readable for ever: one of each lies in ``test/data/bags``.
+
+``schema_1.mcap`` holds one message of everything; what it says is written down here.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepdiag_ros import topics
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.bags.types import own_types
+
+BAGS = Path(__file__).parent.parent / "data" / "bags"
+VERSIONS = range(1, own_types().constant("stepdiag_ros/msg/RunDescription", "SCHEMA_VERSION") + 1)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_there_is_a_bag_of_every_version(version):
+    run = load_run(BAGS / f"schema_{version}.mcap")
+    assert run.schema_version == version
+    with BagReader(run.path) as bag:
+        assert {topics.absolute(topic) for topic in topics.RECORDED} == set(bag.topics)
+        assert sum(1 for _ in bag.messages()) >= len(topics.RECORDED)
+
+
+def test_version_1_says_what_it_said():
+    run = load_run(BAGS / "schema_1.mcap")
+    assert run.run_id == "20260101-000000-abcd"
+    assert run.chain == "YXZ"
+    assert (run.volume.step, run.volume.blocks) == ((0.01, 0.02, 0.03), 2)
+    assert [command.command_id for command in run.commands] == [1]
+    assert run.commands[0].target == (0.01, 0.0, 0.0)
+    assert run.arrivals[0].position == (0.0100001, 0.0, 0.0)
+    assert next(run.readings()).compensated_displacement == 0.0100002
+    (stop,) = run.stops
+    assert (stop.settled, stop.displacement, stop.readings) == (True, 0.0100003, 300)
+    (block,) = run.blocks
+    assert (block.axis, block.displacement) == ("X", 0.0100004)
+    (line,) = run.lines
+    assert line.line.offset == (0.0, 0.02, 0.0)
+    assert line.displacement.tolist() == [0.0, 0.0100005, 0.0200006]
+    (result,) = run.results
+    assert result.method == "least_squares"
+    assert result.curves["E_ZY"].tolist() == [0.0, 1.25e-6, 2.5e-6]
+    assert np.isnan(result.curves["E_XX"]).all()
+    assert result.figure("C0Y").value == -1.5e-6
+    assert [state.text for state in run.states] == ["finished"]
+    assert [diagnostic.message for diagnostic in run.diagnostics] == ["ok"]

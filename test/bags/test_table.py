@@ -1,0 +1,172 @@
+"""Run tables to bags and back."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from stepdiag_ros.bags.errors import BagError, TableError
+from stepdiag_ros.bags.export import export_bag
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.bags.table import import_table, load_table, read_table
+from stepdiag_ros.bags.table_rows import COLUMNS
+from stepdiag_ros.metrology.plan import Line, Volume
+
+CASES = sorted(
+    path.parent for path in (Path(__file__).parent.parent / "data/cases").glob("*/run.csv")
+)
+
+
+def number_or_text(cell):
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return [[number_or_text(cell) for cell in row] for row in csv.reader(file)]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda path: path.name)
+def test_a_table_survives_the_way_through_a_bag(case, tmp_path):
+    bag, again = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    import_table(case / "run.csv", None, bag)
+    report = export_bag(bag, tmp_path / "out")
+    assert report.remarks == ()
+    assert rows_of(tmp_path / "out" / "run.csv") == rows_of(case / "run.csv")
+    told = yaml.safe_load((case / "case.yaml").read_text())
+    kept = yaml.safe_load((tmp_path / "out" / "case.yaml").read_text())
+    told["reading_noise_m"] = float(told["reading_noise_m"])  # YAML takes 1e-07 for a text
+    assert kept == {key: told[key] for key in kept}
+    assert {"chain", "step_m", "dead_path_m", "reading_noise_m", "mirror_on"} <= kept.keys()
+    import_table(tmp_path / "out" / "run.csv", None, again)
+    for first, second in zip(load_run(bag).lines, load_run(again).lines, strict=True):
+        assert first.line == second.line
+        assert np.array_equal(first.displacement, second.displacement)
+        assert np.array_equal(first.standard_uncertainty, second.standard_uncertainty)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda path: path.name)
+def test_the_bag_is_the_measurement_in_the_table(case, tmp_path):
+    told = yaml.safe_load((case / "case.yaml").read_text())
+    table = import_table(case / "run.csv", None, tmp_path / "a.mcap")
+    run = load_run(tmp_path / "a.mcap")
+    assert run.volume == Volume(tuple(told["origin_m"]), tuple(told["step_m"]), told["blocks"])
+    assert run.chain == "".join(told["chain"])
+    assert np.isnan(run.plan.feed)
+    assert table.stops == len(rows_of(case / "run.csv")) - 1
+    by_index = {line.line_index: line for line in run.lines}
+    assert [by_index[index].line for index in range(len(run.plan.lines))] == list(run.plan.lines)
+    for line in run.lines:
+        assert np.abs(line.line.stops(run.volume) - line.target).max() < 1e-9
+        assert set(line.standard_uncertainty) == {float(told["reading_noise_m"])}
+    with BagReader(tmp_path / "a.mcap") as bag:
+        files = {attachment.name: attachment.data for attachment in bag.attachments}
+    assert files["source/run.csv"] == (case / "run.csv").read_bytes()
+    assert files["source/case.yaml"] == (case / "case.yaml").read_bytes()
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda path: path.name)
+def test_the_box_is_found_without_a_case_file(case, tmp_path):
+    (tmp_path / "run.csv").write_bytes((case / "run.csv").read_bytes())
+    measurement = read_table(tmp_path / "run.csv")
+    assert measurement.volume == read_table(case / "run.csv").volume
+    assert np.isnan(measurement.lines[0].standard_uncertainty).all()
+
+
+def test_values_are_where_they_belong(tmp_path):
+    rows = [
+        "time_s,kind,line,order,repeat,direction,stop,x_m,y_m,z_m,reading_m,"
+        "air_temperature_degC,air_pressure_Pa,relative_humidity,material_temperature_degC",
+        "1,linear,x,,0,backward,0,0.04,0.5,0,0.03,20.1,101000,0.4,19.5",
+        "2,linear,x,,0,backward,1,0.01,0.5,0,0,20.2,,nan,19.6",
+    ]
+    (tmp_path / "run.csv").write_text("\n".join(rows))
+    (tmp_path / "case.yaml").write_text(
+        "chain: XZY\norigin_m: [0.01, 0.1, 0]\nstep_m: [0.03, 1, 1]\nblocks: 1\n"
+    )
+    table = load_table(tmp_path / "run.csv")
+    (line,) = table.measurement.lines
+    assert line.line == Line("linear", "x", "", 0, "backward", (0.0, 0.4, 0.0))
+    assert line.setup == "x@0,0.4,0"
+    assert line.time.tolist() == [1.0, 2.0]
+    assert line.end_time == 2_000_000_000
+    assert line.displacement.tolist() == [0.03, 0.0]
+    assert line.target.tolist() == [[0.04, 0.5, 0.0], [0.01, 0.5, 0.0]]
+    assert line.environment[0].tolist() == [20.1, 101000.0, 0.4, 19.5]
+    assert np.isnan(line.environment[1, 1:3]).all()
+    assert table.case.chain == "XZY"
+
+
+@pytest.mark.parametrize("start", [b"", b"\xef\xbb\xbf"], ids=["plain", "byte order mark"])
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"], ids=["LF", "CRLF"])
+def test_forms_of_text_files(tmp_path, start, end):
+    text = (CASES[0] / "run.csv").read_bytes()
+    (tmp_path / "run.csv").write_bytes(start + text.replace(b"\n", end) + end + end)
+    expected = read_table(CASES[0] / "run.csv", CASES[0] / "case.yaml")
+    found = read_table(tmp_path / "run.csv", CASES[0] / "case.yaml")
+    assert len(found.lines) == len(expected.lines)
+    assert np.array_equal(found.lines[-1].displacement, expected.lines[-1].displacement)
+
+
+def test_columns_may_stand_in_another_order_with_others_between(tmp_path):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    turned = [["note", *reversed(row)] for row in rows]
+    (tmp_path / "run.csv").write_text("\n".join(",".join(row) for row in turned))
+    found = read_table(tmp_path / "run.csv")
+    expected = read_table(CASES[0] / "run.csv")
+    assert np.array_equal(found.lines[5].displacement, expected.lines[5].displacement)
+
+
+def rows_of_text(path):
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_the_same_line_measured_again_later_is_a_setup_of_its_own(tmp_path):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    first = [row for row in rows[1:] if row[2] == "x" and row[4] == "0"]
+    again = [[str(float(row[0]) + 1e6), *row[1:]] for row in first]
+    (tmp_path / "run.csv").write_text("\n".join(",".join(row) for row in rows + again))
+    table = import_table(tmp_path / "run.csv", CASES[0] / "case.yaml", tmp_path / "a.mcap")
+    lines = load_run(tmp_path / "a.mcap").measurement.lines
+    assert [line.setup for line in lines[-2:]] == ["x #2", "x #2"]
+    assert lines[0].setup == "x"
+    assert table.setups == load_table(CASES[0] / "run.csv").setups + 1
+    assert len(lines) == len(read_table(CASES[0] / "run.csv").lines) + 2
+
+
+def test_importing_neither_overwrites_nor_leaves_halves(tmp_path):
+    target = tmp_path / "a.mcap"
+    target.write_bytes(b"precious")
+    with pytest.raises(BagError, match="exists already"):
+        import_table(CASES[0] / "run.csv", None, target)
+    assert target.read_bytes() == b"precious"
+    (tmp_path / "run.csv").write_text(",".join(COLUMNS) + "\n")
+    with pytest.raises(TableError):
+        import_table(tmp_path / "run.csv", None, tmp_path / "b.mcap")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("units: mm\n", "'units' is 'mm'; only SI"),
+        ("chain: [Y, X]\nstep_m: [1, 1, 1]\nblocks: 1\n", "the three axes in an order"),
+        ("chain: ABC\n", "one of XYZ"),
+        ("step_m: [0.01, 0.01]\nblocks: 12\n", "'step_m'"),
+        ("step_m: [0.01, 0.01, 0.01]\n", "'blocks' is missing"),
+        ("reading_noise_m: small\n", "'reading_noise_m' is 'small'"),
+        ("[", "case.yaml, line"),
+    ],
+)
+def test_a_wrong_case_file_is_refused_by_its_key(tmp_path, text, reason):
+    (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
+    (tmp_path / "case.yaml").write_text(text)
+    with pytest.raises(TableError, match=reason):
+        read_table(tmp_path / "run.csv")

@@ -1,0 +1,71 @@
+"""Plans and simulated cells for the tests of the solvers."""
+
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.geometry import BODY_DIAGONALS
+from stepdiag_ros.metrology.plan import Plan
+
+
+def make_plan(
+    blocks=6,
+    step=(0.01, 0.01, 0.01),
+    origin=(0.0, 0.0, 0.0),
+    diagonals=BODY_DIAGONALS,
+    linear=("x", "y", "z"),
+    orders=("XYZ",),
+    repeats=1,
+    directions=("forward",),
+    offset=(0.0, 0.0, 0.0),
+):
+    groups = []
+    if linear:
+        groups.append({"kind": "linear", "names": list(linear), "offset_m": list(offset)})
+    if diagonals:
+        groups.append({"kind": "step_diagonal", "names": list(diagonals), "orders": list(orders)})
+    return Plan.from_mapping(
+        {
+            "step_m": list(step),
+            "origin_m": list(origin),
+            "blocks": blocks,
+            "repeats": repeats,
+            "directions": list(directions),
+            "feed_m_per_s": 0.05,
+            "lines": groups,
+        },
+        "test plan",
+    )
+
+
+def make_cell(
+    seed=3,
+    chain="YXZ",
+    low=(0.0, 0.0, 0.0),
+    high=(0.06, 0.06, 0.06),
+    noise=0.1e-6,
+    tilt=150e-6,
+    mirror=0.0,
+    rotation=0.0,
+    size=1e-6,
+    squareness=(30e-6, -20e-6, 25e-6),
+    lines=None,
+):
+    return SimulatedCell.from_mapping(
+        {
+            "seed": seed,
+            "chain": chain,
+            "errors": {
+                "travel_low_m": list(low),
+                "travel_high_m": list(high),
+                "positioning_m": 2 * size,
+                "straightness_m": size,
+                "rotation_rad": rotation,
+                "squareness_rad": dict(zip(("C0Y", "B0Z", "A0Z"), squareness, strict=True)),
+            },
+            "misalignment": {
+                "beam_sigma_rad": tilt,
+                "mirror_sigma_rad": mirror,
+                "lines": lines or {},
+            },
+            "reading_noise_m": noise,
+        },
+        "test cell",
+    )

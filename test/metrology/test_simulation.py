@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+from cells_for_tests import make_cell, make_plan
+
+from stepdiag_ros.metrology.geometry import beam_direction
+from stepdiag_ros.metrology.simulation import simulate
+
+
+def test_lines_of_a_setup_share_one_zero_and_one_alignment():
+    plan = make_plan(diagonals=("ppp", "npp"), repeats=2, directions=("forward", "backward"))
+    measured = simulate(plan, make_cell(noise=0.0), seed=1)
+    assert len(measured.lines) == len(plan.lines)
+    first, back, again, _ = (line for line in measured.lines if line.setup == "ppp XYZ")
+    assert first.displacement[0] == 0.0
+    assert back.displacement == pytest.approx(first.displacement[::-1], abs=1e-15)
+    assert again.displacement == pytest.approx(first.displacement, abs=1e-15)
+
+
+def test_readings_grow_along_the_beam_by_the_way_of_the_line():
+    measured = simulate(make_plan(), make_cell(noise=0.0), seed=1)
+    for line in measured.lines:
+        direction = beam_direction(line.line.name, np.array(measured.volume.step))
+        way = (line.target - line.target[0]) @ direction
+        assert line.displacement == pytest.approx(way, abs=50e-6)
+
+
+def test_noise_is_that_of_the_mean_of_the_readings_of_a_stop():
+    plan = make_plan(blocks=40, step=(1e-3,) * 3, repeats=3)
+    quiet = simulate(plan, make_cell(noise=0.0))
+    noisy = simulate(plan, make_cell(noise=0.2e-6), seed=5, readings_per_stop=4)
+    errors = np.concatenate(
+        [
+            n.displacement - q.displacement - np.mean(n.displacement - q.displacement)
+            for n, q in zip(noisy.lines, quiet.lines, strict=True)
+        ]
+    )
+    assert np.std(errors) == pytest.approx(0.1e-6, rel=0.05)
+    assert noisy.lines[0].standard_uncertainty == pytest.approx(np.full(41, 0.1e-6))
+    with pytest.raises(ValueError, match="readings_per_stop"):
+        simulate(plan, make_cell(), readings_per_stop=0)
+
+
+def test_the_same_seed_gives_the_same_measurement_and_another_one_does_not():
+    one, same, other = (simulate(make_plan(), make_cell(), seed=s) for s in (4, 4, 5))
+    for a, b, c in zip(one.lines, same.lines, other.lines, strict=True):
+        assert np.array_equal(a.displacement, b.displacement)
+        assert not np.array_equal(a.displacement, c.displacement)
+
+
+def test_times_rise_and_weather_is_recorded():
+    measured = simulate(make_plan(), make_cell())
+    times = np.concatenate([line.time for line in measured.lines])
+    assert np.all(np.diff(times) > 0)
+    assert measured.lines[0].environment.shape == (7, 4)
+    assert np.all(np.isfinite(measured.lines[-1].environment))
+    assert measured.lines[-1].end_time == round(times[-1] * 1e9)

@@ -1,0 +1,132 @@
+"""A simulated cell of real node processes, watched by an operator in the test."""
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros.run.sequence import State
+
+_domains = itertools.count(os.getpid())
+
+
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    number = next(_domains) % 100 + 101
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return number
+
+
+class CellUnderTest:
+    """All nodes of the simulated cell, and what they said."""
+
+    def __init__(self, folder: Path, plan: str, factor: float, rate: float = 0.0) -> None:
+        import rclpy
+
+        from stepdiag_ros import topics
+        from stepdiag_ros.nodes.operator import OperatorNode
+        from stepdiag_ros.run.cell import simulated_cell
+        from stepdiag_ros.run.processes import Processes
+
+        self.folder = folder
+        self.nodes = {
+            node.name: node
+            for node in simulated_cell(plan, "demo", "demo", folder, factor, rate, 1)
+        }
+        self.processes = Processes(list(self.nodes.values()), folder / "logs")
+        self.stops, self.lines, self.positions, self.statuses = [], [], [], []
+        self.machine = None
+        self.said: dict[str, list[tuple[float, str]]] = {}
+        rclpy.init(args=[])
+        self.operator = OperatorNode()
+        self.operator.listen(topics.STOP, self.stops.append)
+        self.operator.listen(topics.LINE, self.lines.append)
+        self.operator.listen(topics.JOINT_STATES, self.positions.append)
+        self.operator.listen(topics.COMMAND_STATUS, self.statuses.append)
+        self.operator.listen(
+            topics.MACHINE_STATE, lambda message: setattr(self, "machine", message)
+        )
+        self.operator.listen(topics.DIAGNOSTICS, self._hear)
+
+    def __enter__(self) -> "CellUnderTest":
+        self.processes.__enter__()
+        peers = self.operator.watch.peers
+        self.wait(
+            lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
+            40.0,
+            "all nodes are up",
+        )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        import rclpy
+
+        self.processes.end()
+        rclpy.try_shutdown()
+
+    def _see_machine(self, message) -> None:
+        self.machine = message
+
+    def _hear(self, array) -> None:
+        for status in array.status:
+            self.said.setdefault(status.hardware_id, []).append((time.monotonic(), status.message))
+
+    def wait(self, condition: Callable[[], bool], limit: float, what: str) -> None:
+        if not self.operator.spin_until(condition, limit):
+            logs = "\n".join(
+                f"== {log.name}\n{log.read_text()[-1500:]}"
+                for log in sorted((self.folder / "logs").glob("*.log"))
+            )
+            raise AssertionError(f"not in {limit} s: {what}\n{logs}")
+
+    def start(self) -> str:
+        return self._insist(self.operator.start)
+
+    def resume(self) -> None:
+        """Resume as an operator would: again, until the node that was started is up."""
+        self._insist(lambda: self.operator.call("sequencer/resume"))
+        self.wait_for_state(State.RUNNING, 10.0)
+
+    def _insist(self, ask: Callable[[], str], limit: float = 20.0) -> str:
+        deadline = time.monotonic() + limit
+        while True:
+            try:
+                return ask()
+            except ValueError:
+                if time.monotonic() > deadline:
+                    raise
+                self.operator.spin_until(lambda: False, 0.2)
+
+    def state(self) -> int:
+        return -1 if self.operator.state is None else self.operator.state.state
+
+    def wait_for_state(self, state: int, limit: float) -> None:
+        self.wait(lambda: self.state() == state, limit, f"run state {state}, it is {self.state()}")
+
+    def bag_is_closed(self) -> bool:
+        recorders = [p for p in self.operator.watch.peers.values() if p.role == "recorder"]
+        return any(peer.text.startswith("ready; recorded") for peer in recorders)
+
+    def kill(self, name: str) -> None:
+        process = self.processes.running[name]
+        process.kill()
+        process.wait()
+
+    def restart(self, name: str) -> None:
+        self.processes.start(self.nodes[name])
+
+    def said_since(self, role: str, since: float) -> list[str]:
+        return [text for when, text in self.said.get(role, []) if when >= since]
+
+
+@pytest.fixture
+def make_cell(tmp_path: Path) -> Iterator[Callable[..., CellUnderTest]]:
+    def make(plan: str = "quick", factor: float = 10.0, rate: float = 0.0) -> CellUnderTest:
+        return CellUnderTest(tmp_path, plan, factor, rate)
+
+    return make

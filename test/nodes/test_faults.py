@@ -1,0 +1,145 @@
+"""Any node killed in a run: the others say so, the machine stops, the run can go on."""
+
+import itertools
+import random
+import time
+
+import pytest
+
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.recover import recover
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.run.sequence import State
+
+SAID_LIMIT = 3.0
+ROLES = {
+    "interferometer": "interferometer",
+    "bridge": "cnc_bridge",
+    "assembler": "assembler",
+    "solver": "solver",
+    "recorder": "recorder",
+}
+
+
+def stands_still(cell) -> None:
+    """Assert that the machine has come to rest, from its own encoders."""
+    cell.operator.spin_until(lambda: False, 0.5)
+    count = len(cell.positions)
+    cell.wait(lambda: len(cell.positions) > count + 20, 5.0, "positions go on")
+    last = [tuple(message.position) for message in cell.positions[-10:]]
+    assert len(set(last)) == 1, "the machine moves"
+
+
+def bags(cell):
+    return sorted(cell.folder.glob("*.mcap"))
+
+
+@pytest.mark.parametrize("name", ROLES)
+def test_a_killed_node_stops_the_run_which_can_be_resumed(make_cell, name, tmp_path):
+    with make_cell(factor=5.0) as cell:
+        cell.start()
+        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        killed = time.monotonic()
+        cell.kill(name)
+        cell.wait_for_state(State.FAULT, SAID_LIMIT)
+        assert time.monotonic() - killed < SAID_LIMIT
+        assert name in cell.operator.state.text
+        others = set(ROLES.values()) - {ROLES[name]}
+
+        def all_said() -> bool:
+            return all(
+                any("silent" in text for text in cell.said_since(role, killed)) for role in others
+            )
+
+        left = SAID_LIMIT - (time.monotonic() - killed)
+        cell.wait(all_said, max(left, 0.0), f"all of {others} say that {name} is gone")
+        if name != "bridge":
+            stands_still(cell)
+
+        cell.restart(name)
+        cell.resume()
+        cell.wait_for_state(State.FINISHED, 60.0)
+        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        finished_lines = {message.line_index for message in cell.lines}
+        assert finished_lines == set(range(cell.operator.state.line_count))
+
+    for bag in bags(cell):
+        if name == "recorder" and bag == bags(cell)[0]:
+            recover(bag, tmp_path / "whole.mcap")
+            bag = tmp_path / "whole.mcap"
+        with BagReader(bag) as reader:
+            assert sum(1 for _ in reader.records()) > 100
+
+
+def _healthy_roles(cell) -> set[str]:
+    watch = cell.operator.watch
+    return {
+        peer.role
+        for name, peer in watch.peers.items()
+        if name not in watch.lost and not peer.faulty
+    }
+
+
+def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_cell):
+    with make_cell(factor=5.0) as cell:
+        cell.start()
+        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        killed = time.monotonic()
+        cell.kill("sequencer")
+        cell.wait(
+            lambda: (
+                cell.machine.state == cell.machine.STATE_STOPPED
+                and "sequencer" in cell.machine.reason
+            ),
+            SAID_LIMIT,
+            "the bridge has stopped the machine",
+        )
+        assert time.monotonic() - killed < SAID_LIMIT
+        stands_still(cell)
+        cell.restart("sequencer")
+        cell.wait(lambda: "sequencer" in _healthy_roles(cell), 20.0, "the sequencer is back")
+        cell.operator.state = None
+        run_id = cell.start()
+        cell.wait_for_state(State.FINISHED, 60.0)
+        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+    assert len(bags(cell)) == 2
+    for bag in bags(cell):
+        with BagReader(bag) as reader:
+            assert reader.header.run_id in bag.name
+    assert any(run_id in bag.name for bag in bags(cell))
+
+
+def test_a_recorder_killed_at_20_random_moments_loses_the_block_in_progress_at_most(
+    make_cell, tmp_path
+):
+    chance = random.Random(20261121)
+    with make_cell(plan="demo", factor=5.0) as cell:
+        cell.start()
+        known: list[int] = []
+        for number in range(20):
+            count = len(cell.stops)
+            cell.wait(lambda: len(cell.stops) > count + 1, 30.0, "stops go on")  # noqa: B023
+            cell.operator.spin_until(lambda: False, chance.uniform(0.0, 0.5))
+            cell.kill("recorder")
+            known.append(cell.stops[-1].command_id)
+            cell.wait_for_state(State.FAULT, SAID_LIMIT)
+            cell.restart("recorder")
+            cell.resume()
+            assert len(bags(cell)) >= number + 1
+        cell.operator.call("sequencer/abort")
+        cell.wait(cell.bag_is_closed, 10.0, "the last bag is closed")
+
+    parts = sorted(bags(cell), key=lambda bag: bag.stat().st_mtime)
+    assert len(parts) == 21
+    for number, (part, last_known) in enumerate(zip(parts[:20], known, strict=True)):
+        whole = tmp_path / f"{number}.mcap"
+        recover(part, whole)
+        run = load_run(whole)
+        stops = [stop.command.command_id for stop in run.stops]
+        # The stop that was published last may not have reached the recorder any more.
+        assert max(stops) >= last_known - 1, part.name
+        window_ends = max(stop.window_end for stop in run.stops)
+        readings = [reading for reading in run.readings() if reading.time < window_ends]
+        gaps = [b.sequence - a.sequence for a, b in itertools.pairwise(readings)]
+        assert set(gaps) == {1}, part.name
+    assert load_run(parts[20]).stops

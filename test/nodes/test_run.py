@@ -1,0 +1,148 @@
+"""A whole measurement on the node graph: recorded, replayed, solved."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.run.sequence import State
+
+
+def stepdiag(*arguments, timeout=120):
+    return subprocess.run(
+        [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """One run of the quick plan, made by the command line, with its JSON result."""
+    folder = tmp_path_factory.mktemp("run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", "99")
+        done = stepdiag(
+            "run", "--plan", "quick", "--factor", "10", "--output", folder, "--json",
+            "--pictures", "none",
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (bag,) = folder.glob("*.mcap")
+    return bag, json.loads(done.stdout)
+
+
+def test_the_run_gives_a_result_close_to_the_truth(finished):
+    _, document = finished
+    comparison = document["methods"]["least_squares"]["comparison_with_truth"]
+    assert comparison["rms"] < 0.2e-6
+    # Without setup errors taken into account it is far off: the run was made with real ones.
+    assert document["methods"]["conventional"]["comparison_with_truth"]["rms"] > 1e-6
+
+
+def test_the_bag_alone_gives_the_same_result_to_the_last_bit(finished, tmp_path):
+    bag, document = finished
+    done = stepdiag("solve", bag, "--json", "--pictures", "none", "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    again = json.loads(done.stdout)
+    assert again["methods"] == document["methods"]
+    recorded = load_run(bag)
+    last = {result.method: result for result in recorded.results}
+    assert set(last) == {"conventional", "setup_robust", "least_squares"}
+    for method, result in last.items():
+        for name, curve in result.curves.items():
+            solved = again["methods"][method]["curves"][name]
+            assert np.array_equal(curve, np.array(solved, dtype=float), equal_nan=True), name
+
+
+def test_a_replay_gives_the_same_bytes_as_the_live_run(finished):
+    bag, _ = finished
+    done = stepdiag("replay", bag, "--rate", "100", "--check", "--json")
+    assert done.returncode == 0, done.stderr + done.stdout
+    same = json.loads(done.stdout)["same"]
+    assert len(same) == 4 and all(same.values())
+
+
+def test_a_replay_of_altered_readings_is_found_different(finished, tmp_path):
+    """The check must be able to fail."""
+    from stepdiag_ros.bags.writer import BagWriter
+
+    bag, _ = finished
+    altered = tmp_path / "altered.mcap"
+    with BagReader(bag) as source, BagWriter(altered, source.header) as target:
+        for record in source.records():
+            data = record.data
+            if record.topic.endswith("interferometer/reading"):
+                # The compensated displacement's last bits: a few femtometres.
+                message = bytearray(data)
+                message[-49] ^= 1
+                data = bytes(message)
+            target.write(record.topic, record.type_name, data, record.log_time)
+    done = stepdiag("replay", altered, "--rate", "0", "--check")
+    assert done.returncode == 1
+    assert "DIFFERENT" in done.stdout
+
+
+def test_no_reading_is_lost_and_every_stop_has_its_sources(finished):
+    recorded = load_run(finished[0])
+    sequences = np.array([reading.sequence for reading in recorded.readings()])
+    assert len(sequences) > 1000
+    assert np.all(np.diff(sequences) == 1)
+    assert len(recorded.stops) == recorded.plan.stop_count
+    for stop in recorded.stops:
+        assert stop.settled, stop.reason
+        assert stop.last_sequence - stop.first_sequence + 1 == stop.readings
+        assert stop.window_start > stop.in_position_time
+        assert 0.0 < stop.standard_uncertainty < 0.1e-6
+
+
+def test_the_bag_says_all_that_made_the_run(finished):
+    with BagReader(finished[0]) as bag:
+        header = bag.header
+    assert header.run_id in finished[0].name
+    assert "quick" in header.plan and "chain" in header.machine and "seed" in header.simulated_cell
+    for node in ("/sequencer", "/cnc_bridge", "/interferometer", "/assembler", "/recorder"):
+        assert node in header.parameters
+
+
+def test_pause_resume_and_abort(make_cell):
+    with make_cell(factor=5.0) as cell:
+        cell.start()
+        cell.wait(lambda: len(cell.stops) >= 2, 20.0, "two stops")
+        cell.operator.call("sequencer/pause")
+        cell.wait_for_state(State.PAUSED, 10.0)
+        count = len(cell.stops)
+        cell.operator.spin_until(lambda: False, 1.0)
+        assert len(cell.stops) == count
+        cell.operator.call("sequencer/resume")
+        cell.wait(lambda: len(cell.stops) > count + 1, 20.0, "more stops after resume")
+        cell.operator.call("sequencer/abort")
+        cell.wait_for_state(State.ABORTED, 5.0)
+        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        with pytest.raises(ValueError, match="run is aborted"):
+            cell.operator.call("sequencer/resume")
+        positions = len(cell.positions)
+        cell.operator.spin_until(lambda: len(cell.positions) > positions + 20, 5.0)
+        last = [tuple(message.position) for message in cell.positions[-10:]]
+        assert len(set(last)) == 1, "the machine moves after an abort"
+        # And a new run can be started at once.
+        cell.start()
+        cell.wait(lambda: cell.state() == State.RUNNING, 10.0, "another run")
+
+
+def test_an_operator_cannot_start_twice(make_cell):
+    with make_cell(factor=5.0) as cell:
+        cell.start()
+        with pytest.raises(ValueError, match="a run is going on"):
+            cell.operator.start()
+
+
+def test_a_second_measurement_in_the_same_domain_is_refused(make_cell, tmp_path):
+    with make_cell():
+        done = stepdiag("run", "--plan", "quick", "--output", tmp_path / "second")
+    assert done.returncode == 1
+    assert "another measurement is on ROS domain" in done.stderr

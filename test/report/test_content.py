@@ -1,0 +1,61 @@
+"""Equality of results to the last bit, and the order in which they are shown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from results_by_hand import make_report, make_result, with_unknown
+
+from stepdiag_ros.metrology.solvers.result import Figure
+from stepdiag_ros.report.content import same_to_the_last_bit
+
+
+def test_a_result_equals_itself_with_unknown_values():
+    assert same_to_the_last_bit(with_unknown(make_result()), with_unknown(make_result()))
+
+
+def test_the_covariance_is_not_compared():
+    assert same_to_the_last_bit(make_result(), replace(make_result(), covariance=np.eye(2)))
+
+
+def _last_bit(values):
+    return np.r_[values[:-1], np.nextafter(values[-1], np.inf)]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"curves": {**make_result().curves, "E_YX": _last_bit(make_result().curves["E_YX"])}},
+        {"curves": {**make_result().curves, "E_YX": -make_result().curves["E_YX"] * 0.0}},
+        {
+            "standard_uncertainty": {
+                **make_result().standard_uncertainty,
+                "E_ZZ": _last_bit(make_result().standard_uncertainty["E_ZZ"]),
+            }
+        },
+        {"nodes": (*make_result().nodes[:2], _last_bit(make_result().nodes[2]))},
+        {"chi_squared": float(np.nextafter(42.0, 43.0))},
+        {"figures": (Figure("C0Y", 1.0, 0.0, "rad"), *make_result().figures[1:])},
+        {"figures": make_result().figures[:-1]},
+        {"remarks": ()},
+        {"lines": 11},
+    ],
+)
+def test_the_smallest_difference_is_found(changes):
+    assert not same_to_the_last_bit(make_result(), replace(make_result(), **changes))
+
+
+def test_minus_zero_is_not_zero():
+    first = replace(make_result(), chi_squared=0.0)
+    assert not same_to_the_last_bit(first, replace(first, chi_squared=-0.0))
+
+
+def test_least_squares_is_the_result_to_rely_on():
+    report = make_report(results=make_report().results[::-1])
+    assert [result.method for result in report.ordered_results()] == [
+        "conventional",
+        "setup_robust",
+        "least_squares",
+    ]
+    assert report.preferred().method == "least_squares"
+    assert make_report(results=()).preferred() is None

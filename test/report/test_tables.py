@@ -1,0 +1,77 @@
+"""What is printed."""
+
+import io
+
+import pytest
+from results_by_hand import make_report, make_result, with_unknown
+
+from stepdiag_ros.report.tables import make_console, print_report
+
+
+def printed(report, **options):
+    stream = io.StringIO()
+    print_report(report, make_console(stream), **options)
+    return stream.getvalue()
+
+
+def row(text, *words):
+    lines = [line for line in text.splitlines() if all(word in line for word in words)]
+    assert len(lines) == 1, (words, lines)
+    return lines[0]
+
+
+def test_what_a_reader_must_know_is_said():
+    text = printed(make_report(refused={"guess": "too little"}))
+    for words in (
+        "20260102T030405-abcd",
+        "chain YXZ",
+        "mean slopes of E_YX, E_ZX and E_YZ",
+        "right-handed rotation",
+        "1.96 standard uncertainties (95 %)",
+        "noise taken from the readings",
+        "guess: not solved, too little",
+    ):
+        assert words in text
+    assert "1.05" in row(text, "χ² / degrees of freedom")
+
+
+def test_squareness_in_both_units_and_both_sign_definitions():
+    rotation = printed(make_report())
+    same = ["12.35", "±", "0.49"]
+    assert row(rotation, "B0Z  Z to X").split()[4:] == ["µm/m", *same, *same, *same, "unknown"]
+    assert row(rotation, "C0Y  Y to X").split()[-1] == "12.00"
+    assert "2.55 ± 0.10" in rotation
+    angle = printed(make_report(), definition="angle")
+    assert row(angle, "B0Z  Z").split()[5] == "-12.35"
+    assert row(angle, "A0Z  Z").split()[5] == "12.35"
+    assert "larger than 90°" in angle
+
+
+def test_unknown_is_printed_as_unknown():
+    text = printed(make_report(results=(with_unknown(make_result()),)))
+    assert row(text, "E_YZ  of Z in Y").split()[-2] == "unknown"
+    assert "E_YZ: no line tells it" in text
+    assert "0.40 ± unknown" in row(text, "E_YX  of X in Y")
+
+
+def test_comparison_with_truth_only_where_truth_is_known():
+    assert "27 of 27" in row(printed(make_report()), "truth inside")
+    assert "truth" not in printed(make_report(truth=None)).lower()
+
+
+def test_difference_from_the_recorded_result_cannot_be_overlooked():
+    text = printed(make_report(equals_recorded={"least_squares": False, "setup_robust": True}))
+    said = " ".join(row(text, "same as recorded").split()[3:])
+    assert said == "none recorded to the last bit NO, DIFFERS"
+
+
+@pytest.mark.parametrize("width", ["40", "200"])
+def test_no_number_is_cut_however_narrow_the_terminal(width, monkeypatch):
+    monkeypatch.setenv("COLUMNS", width)
+    text = printed(make_report())
+    assert "…" not in text
+    assert "20.000 0.087 ± 0.098 0.153 ± 0.098 0.220 ± 0.098" in " ".join(text.split())
+
+
+def test_names_with_brackets_are_printed_as_they_are():
+    assert "lines[3] :x:" in printed(make_report(plan="lines[3] :x:"))

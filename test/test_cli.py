@@ -1,0 +1,427 @@
+"""The command line: every command on a small recorded run, wrong inputs, and the exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from stepdiag_ros import __version__, cli, conversion, topics
+from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.configuration import load_cell, load_machine, load_plan
+from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.measurement import (
+    Arrival,
+    Environment,
+    MeasuredLine,
+    Measurement,
+    Reading,
+    StopCommand,
+)
+from stepdiag_ros.metrology.plan import moved_axis
+from stepdiag_ros.metrology.solvers import solve_all
+from stepdiag_ros.report.documents import schema
+
+START = 1_000_000_000
+RUN_ID = "20260102T030405-abcd"
+CASE = Path(__file__).parent / "data" / "cases" / "paper_like"
+
+
+def events_of_a_run(plan, cell):
+    """Return commands, arrivals and readings of a plan on a cell: 50 readings at each stop."""
+    rng = np.random.default_rng(1)
+    commands, arrivals, readings = [], [], []
+    now = START
+    for index, line in enumerate(plan.lines):
+        stops = line.stops(plan.volume)
+        alignment = cell.alignment(line.setup, line.name, plan.volume.step, tuple(stops[0]))
+        path = cell.displacement(stops, alignment)
+        for stop, target in enumerate(stops):
+            axis = moved_axis(stops[stop - 1], target) if stop else ""
+            identity = len(commands) + 1
+            place = tuple(float(value) for value in target)
+            commands.append(StopCommand(identity, index, 1, line.setup, stop, axis, place, now))
+            arrivals.append(Arrival(identity, now + 20_000_000, place))
+            for _ in range(50):
+                now += 10_000_000
+                value = float(path[stop] + 1e-8 * rng.standard_normal())
+                air = Environment(20.0, 101325.0, 0.5, 20.0)
+                readings.append(Reading(now, len(readings), value, value, 0.9, 0, air))
+            now += 10_000_000
+    return commands, arrivals, readings
+
+
+def write_bag(path, damage=None):
+    """Record a small run with its lines and results; ``damage`` may change the results."""
+    (plan, plan_text), (cell, cell_text) = load_plan("quick"), load_cell("demo")
+    machine_text = load_machine("demo")[1]
+    commands, arrivals, readings = events_of_a_run(plan, cell)
+    events = assemble(plan, START, commands, arrivals, readings)
+    lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    assert len(lines) == len(plan.lines)
+    assert all(line.complete for line in lines)
+    results = solve_all(Measurement(plan.volume, lines))[0]
+    types = own_types()
+    new = types.new
+    description = new(topics.RUN_DESCRIPTION.type_name)
+    conversion.set_header(description, START)
+    description.schema_version = 1
+    description.run_id, description.software_version = RUN_ID, __version__
+    description.plan, description.machine = plan_text, machine_text
+    description.simulated_cell = cell_text
+    messages = [(START, topics.RUN_DESCRIPTION, description)]
+    for command, arrival in zip(commands, arrivals, strict=True):
+        messages.append(
+            (
+                command.time,
+                topics.MACHINE_COMMAND,
+                conversion.from_stop_command(command, RUN_ID, command.time, plan.feed, new=new),
+            )
+        )
+        messages.append(
+            (
+                arrival.time,
+                topics.COMMAND_STATUS,
+                conversion.from_command_status(
+                    arrival.command_id,
+                    RUN_ID,
+                    arrival.time,
+                    conversion.STATUS_IN_POSITION,
+                    arrival.position,
+                    arrival.position,
+                    new=new,
+                ),
+            )
+        )
+    for reading in readings:
+        message = conversion.from_reading(reading, "laser", new=new)
+        messages.append((reading.time, topics.READING, message))
+    for line in lines:
+        message = conversion.from_measured_line(line, RUN_ID, new=new)
+        messages.append((line.end_time, topics.LINE, message))
+    for result in results.values():
+        recorded = result if damage is None else damage(result)
+        end = readings[-1].time
+        message = conversion.from_volumetric_errors(recorded, RUN_ID, end, new=new)
+        messages.append((end, topics.VOLUMETRIC_ERRORS, message))
+    header = RunHeader(
+        RUN_ID, plan.name, __version__, 1, "none", START, plan_text, machine_text, cell_text
+    )
+    with BagWriter(path, header) as bag:
+        for stamp, topic, message in sorted(messages, key=lambda entry: entry[0]):
+            data = types.encode(topic.type_name, message)
+            bag.write(topics.absolute(topic), topic.type_name, data, stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bag") / "run.mcap")
+
+
+def stepdiag(capsys, *arguments):
+    """Run the command line in this process; return exit code, standard output, standard error."""
+    try:
+        code = cli.main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        code = end.code
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def refused(capsys, *arguments):
+    """Run a command that must be refused with exit code 1 and one sentence; return the sentence."""
+    code, out, err = stepdiag(capsys, *arguments)
+    assert code == 1
+    assert out == ""
+    assert err.startswith("stepdiag: error: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+# -- solve ---------------------------------------------------------------------------------------
+
+
+def test_solve_from_the_readings_equals_the_recorded_result_to_the_last_bit(bag, capsys, tmp_path):
+    code, out, err = stepdiag(capsys, "solve", bag, "--output", tmp_path / "results")
+    assert code == 0
+    said = " ".join(next(line for line in out.splitlines() if "same as recorded" in line).split())
+    assert said == "same as recorded" + " to the last bit" * 3
+    assert "assembled again from 2100 readings: the same lines to the last bit" in out
+    assert RUN_ID in out
+    assert "error_curves.png" in err
+    assert (tmp_path / "results" / "error_curves.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "results" / "report.txt").read_text(encoding="utf-8")
+    assert text.splitlines() == [line.rstrip() for line in out.splitlines()]
+
+
+def test_solve_prints_json_and_nothing_else(bag, capsys, tmp_path):
+    folder = tmp_path / "results"
+    code, out, err = stepdiag(
+        capsys, "solve", bag, "--json", "--pictures", "none", "--output", folder
+    )
+    assert code == 0
+    document = json.loads(out)
+    jsonschema.validate(document, schema())
+    assert document == json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    assert document["run"]["run_id"] == RUN_ID
+    assert document["run"]["chain"] == "YXZ"
+    assert document["run"]["simulated"] is True
+    method = document["methods"]["least_squares"]
+    assert method["equals_recorded"] is True
+    assert method["comparison_with_truth"]["rms"] < 1e-7
+    assert "results in" in err
+
+
+def test_solve_writes_beside_the_bag_unless_told(bag, capsys):
+    code, _, _ = stepdiag(capsys, "solve", bag, "--pictures", "none")
+    assert code == 0
+    assert sorted(path.name for path in bag.with_name("run_results").iterdir()) == [
+        "report.txt",
+        "results.json",
+    ]
+
+
+def test_solve_says_that_the_recorded_result_differs(tmp_path, capsys):
+    def damage(result):
+        curve = result.curves["E_XX"].copy()
+        curve[-1] = np.nextafter(curve[-1], 1.0)
+        changed = {**result.curves, "E_XX": curve}
+        return replace(result, curves=changed) if result.method == "least_squares" else result
+
+    bag = write_bag(tmp_path / "run.mcap", damage)
+    code, out, err = stepdiag(capsys, "solve", bag, "--json", "--pictures", "none")
+    methods = json.loads(out)["methods"]
+    assert code == 0
+    assert methods["least_squares"]["equals_recorded"] is False
+    assert methods["setup_robust"]["equals_recorded"] is True
+    assert "warning: least_squares: not the same numbers" in err
+
+
+def test_squareness_sign_is_printed_as_asked(bag, capsys):
+    rows = {}
+    for definition in ("rotation", "angle"):
+        arguments = ("solve", bag, "--pictures", "none", "--squareness-sign", definition)
+        _, out, _ = stepdiag(capsys, *arguments)
+        for line in out.splitlines():
+            if line.strip().startswith(("B0Z  Z", "C0Y  Y")):
+                rows[definition, line.split()[0]] = float(line.split()[-1])
+    assert rows["angle", "B0Z"] == -rows["rotation", "B0Z"] != 0.0
+    assert rows["angle", "C0Y"] == rows["rotation", "C0Y"] != 0.0
+
+
+def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
+    path = tmp_path / "empty.mcap"
+    text = load_plan("quick")[1]
+    with BagWriter(path, RunHeader(RUN_ID, "quick", __version__, 1, "none", START, text)) as bag:
+        types = own_types()
+        description = types.new(topics.RUN_DESCRIPTION.type_name)
+        description.run_id, description.plan = RUN_ID, text
+        data = types.encode(topics.RUN_DESCRIPTION.type_name, description)
+        bag.write("/run/description", topics.RUN_DESCRIPTION.type_name, data, START)
+    assert "empty.mcap: no line was finished" in refused(capsys, "solve", path)
+
+
+# -- import, export, info, recover ---------------------------------------------------------------
+
+
+def test_a_table_is_imported_solved_and_exported_again(capsys, tmp_path):
+    bag = tmp_path / "case.mcap"
+    code, out, _ = stepdiag(capsys, "import", CASE / "run.csv", bag, "--json")
+    assert code == 0
+    assert json.loads(out)["lines"] == 60
+    code, out, _ = stepdiag(
+        capsys, "solve", bag, "--json", "--pictures", "none", "--truth", CASE / "truth.yaml"
+    )
+    methods = json.loads(out)["methods"]
+    assert code == 0
+    assert round(methods["conventional"]["comparison_with_truth"]["rms"] * 1e6, 1) == 13.8
+    assert methods["setup_robust"]["comparison_with_truth"]["rms"] < 0.0655e-6
+    assert methods["least_squares"]["comparison_with_truth"]["rms"] < 0.0455e-6
+    assert methods["least_squares"]["equals_recorded"] is None
+    code, out, _ = stepdiag(capsys, "export", bag, "--json")
+    assert code == 0
+    files = [Path(name) for name in json.loads(out)["files"]]
+    assert tmp_path / "case_tables" / "run.csv" in files
+    assert all(path.is_file() for path in files)
+    assert "exists" in refused(capsys, "export", bag)
+    assert stepdiag(capsys, "export", bag, "--overwrite")[0] == 0
+
+
+def test_info_says_what_is_there(bag, capsys):
+    code, out, _ = stepdiag(capsys, "info", bag)
+    assert code == 0
+    assert RUN_ID in out
+    assert "complete, every checksum is right" in out
+    assert "2100, none missing" in out
+    document = json.loads(stepdiag(capsys, "info", bag, "--json")[1])
+    assert document["intact"] is True
+    assert document["missing_readings"] == 0
+
+
+def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    whole = bag.read_bytes()
+    cut.write_bytes(whole[: len(whole) * 9 // 10])
+    assert f"stepdiag recover {cut}" in refused(capsys, "solve", cut)
+    code, out, err = stepdiag(capsys, "info", cut)
+    assert code == 1
+    assert "cut off: the end is missing" in out
+    assert "stepdiag recover" in err
+    code, out, _ = stepdiag(capsys, "recover", cut, "--json")
+    assert code == 0
+    document = json.loads(out)
+    assert document["target"] == str(tmp_path / "cut_recovered.mcap")
+    assert document["source_was_closed"] is False
+    assert document["messages"] > 1000
+    code, out, _ = stepdiag(capsys, "solve", document["target"], "--json", "--pictures", "none")
+    assert code == 0
+    jsonschema.validate(json.loads(out), schema())
+    assert "exists already" in refused(capsys, "recover", cut)
+
+
+def test_a_flipped_bit_is_refused(bag, capsys, tmp_path):
+    flipped = tmp_path / "flipped.mcap"
+    content = bytearray(bag.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    flipped.write_bytes(content)
+    assert "flipped.mcap" in refused(capsys, "solve", flipped)
+
+
+# -- wrong input ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["solve", "info", "export", "recover"])
+def test_a_file_that_is_missing_or_no_bag(command, capsys, tmp_path):
+    missing = tmp_path / "missing.mcap"
+    assert str(missing) in refused(capsys, command, missing)
+    other = tmp_path / "other.mcap"
+    other.write_text("not a bag")
+    assert str(other) in refused(capsys, command, other)
+    assert str(tmp_path) in refused(capsys, command, tmp_path)
+
+
+def test_a_wrong_table_is_refused_with_the_row(capsys, tmp_path):
+    table = tmp_path / "run.csv"
+    rows = (CASE / "run.csv").read_text().splitlines()
+    rows[6] = rows[6].replace("forward", "sideways")
+    table.write_text("\n".join(rows))
+    sentence = refused(capsys, "import", table)
+    assert "run.csv, row 7" in sentence
+    assert "sideways" in sentence
+    assert list(tmp_path.iterdir()) == [table]
+    assert "nothing.csv" in refused(capsys, "import", tmp_path / "nothing.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("E_XX: [0.0", "truth.yaml, line 1"),
+        ("- 1.0", "expected error curves"),
+        ("E_XX: [0.0, 0.0]", "E_XX must be 4 numbers"),
+        ("E_XX: [0.0, 0.0, 0.0, nonsense]", "truth.yaml"),
+        ("E_XX: [0.0, 0.0, 0.0, .nan]", "E_XX must be 4 numbers"),
+        ("E_XX: [0.0, 0.0, 0.0, 0.0]", "no curve E_YX"),
+    ],
+)
+def test_a_wrong_truth_is_refused(text, message, bag, capsys, tmp_path):
+    truth = tmp_path / "truth.yaml"
+    truth.write_text(text)
+    assert message in refused(capsys, "solve", bag, "--truth", truth)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(), ("sovle", "x"), ("solve",), ("solve", "x", "--picture-format", "bmp"), ("node", "nobody")],
+)
+def test_wrong_usage_ends_with_2(arguments, capsys):
+    code, out, err = stepdiag(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert "usage: stepdiag" in err
+
+
+def test_a_folder_that_cannot_be_written(bag, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    sentence = refused(capsys, "solve", bag, "--output", tmp_path / "file" / "results")
+    assert str(tmp_path / "file") in sentence
+
+
+# -- the process ---------------------------------------------------------------------------------
+
+
+def test_version_and_help(capsys):
+    assert stepdiag(capsys, "--version") == (0, f"stepdiag {__version__}\n", "")
+    code, out, _ = stepdiag(capsys, "--help")
+    assert code == 0
+    for name in ("demo", "run", "replay", "solve", "import", "export", "recover", "info", "node"):
+        assert f"    {name} " in out
+        code, page, _ = stepdiag(capsys, name, "--help")
+        assert code == 0
+        assert "example" in page
+
+
+def test_help_needs_no_slow_import():
+    script = (
+        "import sys; from stepdiag_ros.cli import make_parser; make_parser().format_help();"
+        "slow = ('numpy', 'scipy', 'matplotlib', 'rich', 'rosbags');"
+        "print([name for name in slow if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_an_error_shows_its_place_only_when_asked(tmp_path, capsys):
+    missing = tmp_path / "missing.mcap"
+    refused(capsys, "solve", missing)
+    with pytest.raises(ValueError, match=r"missing\.mcap"):
+        cli.main(["--traceback", "solve", str(missing)])
+
+
+def test_ctrl_c_ends_with_130(monkeypatch, capsys):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stepdiag_ros.commands.info.run", interrupted)
+    code, out, err = stepdiag(capsys, "info", "x.mcap")
+    assert (code, out, err) == (128 + signal.SIGINT, "", "stepdiag: stopped\n")
+
+
+def test_a_reader_that_goes_away_is_no_error(bag):
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "stepdiag_ros.cli", "solve", str(bag), "--pictures", "none"],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    os.close(write)
+    assert done.returncode == 141
+    assert "Traceback" not in done.stderr
+    assert "error" not in done.stderr
+
+
+def test_a_terminal_without_greek_letters_gets_question_marks(bag):
+    done = subprocess.run(
+        [sys.executable, "-m", "stepdiag_ros.cli", "solve", str(bag), "--pictures", "none"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert b"?m/m" in done.stdout

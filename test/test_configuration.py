@@ -1,0 +1,108 @@
+"""Plan, machine and cell files: those of the package, and every way in which one can be wrong."""
+
+import pytest
+
+from stepdiag_ros.configuration import (
+    available,
+    find,
+    load_cell,
+    load_machine,
+    load_plan,
+    parse_yaml,
+    plan_from_text,
+)
+
+GOOD = """\
+name: small
+step_m: [0.01, 0.01, 0.01]
+blocks: 2
+feed_m_per_s: 1e-2
+lines:
+  - kind: linear
+    names: [x]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "lines", "stops"),
+    [
+        ("demo", 28, 12 * 13 + 16 * 37),
+        ("paper_like", 30, 15 * 13 + 15 * 37),
+        ("move_orders", 60, 12 * 13 + 48 * 37),
+        ("quick", 6, 3 * 4 + 3 * 10),
+    ],
+)
+def test_plans_of_the_package(name, lines, stops):
+    plan, text = load_plan(name)
+    assert len(plan.lines) == lines
+    assert plan.stop_count == stops
+    assert plan == plan_from_text(text, "again")
+
+
+def test_every_file_of_the_package_can_be_read():
+    assert {"demo", "paper_like", "move_orders", "quick"} <= set(available("plans"))
+    for folder, load in (("plans", load_plan), ("machines", load_machine), ("cells", load_cell)):
+        for name in available(folder):
+            assert load(name)[1]
+
+
+def test_every_key_of_a_plan_is_explained_in_the_demo():
+    text = find("demo", "plans").read_text()
+    for key in ("origin_m", "directions", "repeats", "offset_m", "orders", "pause_for_setup"):
+        assert key in text
+    for key in ("dwell_s", "settle_s", "window_s", "longest_wait_s", "line_attempts"):
+        line = next(line for line in text.splitlines() if line.strip().startswith(key))
+        assert "#" in line
+
+
+def test_a_path_goes_before_a_name_of_the_package(tmp_path, monkeypatch):
+    path = tmp_path / "plan.yaml"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
+    assert load_plan(path)[0].name == "small"
+    monkeypatch.chdir(tmp_path)
+    assert load_plan("plan.yaml")[0].feed == 0.01
+    (tmp_path / "demo").mkdir()
+    assert load_plan("demo")[0].volume.blocks == 12
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (GOOD.replace("blocks: 2", "blocks: [2"), r"wrong\.yaml, line [345]: "),
+        (GOOD.replace("blocks: 2", "bloks: 2"), r"wrong\.yaml: 'blocks' is missing"),
+        (GOOD + "repeat: 2\n", r"unknown key 'repeat'; did you mean 'repeats'\?"),
+        (GOOD + "blocks: 3\n", r"wrong\.yaml, line 8: the key 'blocks' is there twice"),
+        (GOOD.replace("[x]", "[w]"), r"wrong\.yaml: lines\[0\]: 'names' is 'w'; expected one of x"),
+        (GOOD.replace("1e-2", "fast"), r"'feed_m_per_s' is 'fast'; expected a number"),
+        (GOOD.replace("blocks: 2", "blocks:\n\t- 1"), r"wrong\.yaml, line 4: "),
+        ("just words", r"wrong\.yaml: expected keys with values, found 'just words'"),
+        ("", r"wrong\.yaml: expected keys with values, found None"),
+        ("a: !!python/object:os.system ls", r"wrong\.yaml, line 1: "),
+        ("a: \x07", r"wrong\.yaml: special characters are not allowed"),
+    ],
+)
+def test_a_wrong_plan_is_refused_in_one_sentence(text, message, tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as refusal:
+        load_plan(path)
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ValueError, match=r"no plan 'demoo'.*demo, move_orders, paper_like, quick"):
+        load_plan("demoo")
+    with pytest.raises(ValueError, match=r"no machine '.*nothing\.yaml': give the path"):
+        load_machine(tmp_path / "nothing.yaml")
+    with pytest.raises(ValueError, match="is a folder"):
+        load_cell(tmp_path)
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(ValueError, match="not a text file"):
+        load_plan(binary)
+
+
+def test_a_number_without_a_point_is_a_number():
+    assert plan_from_text(GOOD, "plan").feed == 0.01
+    assert parse_yaml("a: 1e-7", "x") == {"a": "1e-7"}
