@@ -21,7 +21,13 @@ setup(
     ],
     package_dir={f"stepdiag_ros.share.{name}": name.replace(".", "/") for name in SHARED},
     package_data={
-        "": ["py.typed", "*.msg", "*.srv", "*.json", "*.yaml"],
+        "": ["py.typed", "*.msg", "*.json", "*.yaml"],
+        # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
+        "stepdiag_ros.embedded": [
+            "interfaces/*/*/*.msg",
+            "interfaces/*/*/*.srv",
+            "modules/rclpy/*.py",
+        ],
     },
     install_requires=[
         "cyclonedds>=11.0.1,<11.1",

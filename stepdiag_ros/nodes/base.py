@@ -178,6 +178,8 @@ class StepdiagNode(Node):
 
     def beat(self) -> None:
         """Publish the heartbeat: role, health, run and process identity."""
+        if not self.context.ok():
+            return
         status = DiagnosticStatus(
             level=self._level,
             name=self.get_fully_qualified_name(),

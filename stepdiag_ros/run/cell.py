@@ -37,9 +37,10 @@ def simulated_cell(
                 "cell": cell,
                 "rate": rate,
                 "seed": seed,
-                # Messages are late when the computer that simulates is busy: real seconds count.
-                "hold_after": max(1.0, factor),
-                "weather_age": max(10.0, 5.0 * factor),
+                # However late messages are when the computer is busy, no reading is made without
+                # the position and the weather of its own time.
+                "hold_after": 3600.0,
+                "weather_age": 3600.0,
             },
         ),
         NodeProcess("sequencer", {**simulated, "plan": plan, "machine": machine, "cell": cell}),

@@ -1,5 +1,6 @@
 """Starts the nodes of a run as processes and sees to it that none is left behind."""
 
+import ctypes
 import signal
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+PR_SET_PDEATHSIG = 1
+"""From linux/prctl.h."""
 END_LIMIT = 5.0
 """Real seconds that a node has to end after it was asked to."""
 
@@ -40,6 +43,12 @@ def _yaml(value: object) -> str:
         # Quoted, so that a name such as 'on' or '12' stays a text.
         return "'" + str(value).replace("'", "''") + "'"
     return repr(value)
+
+
+def _end_with_parent() -> None:
+    """Let the node end when the process that started it is killed, not only when it ends well."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 class Processes:
@@ -79,6 +88,7 @@ class Processes:
                 stderr=subprocess.STDOUT,
                 # Ctrl-C is for the command line, which then ends the nodes in order.
                 start_new_session=True,
+                preexec_fn=_end_with_parent,
             )
 
     def ended(self) -> str:

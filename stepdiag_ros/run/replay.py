@@ -34,6 +34,7 @@ def replay(
         ValueError: a node could not be started.
     """
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
     from stepdiag_ros.nodes.player import PlayerNode
 
@@ -43,7 +44,7 @@ def replay(
     )
     roles = ["assembler", "solver"] if has_readings else ["solver"]
     with ExitStack() as stack:
-        rclpy.init(args=[])
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown)
         player = PlayerNode(bag, derived=not has_readings)
         if check:

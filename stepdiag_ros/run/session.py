@@ -1,6 +1,7 @@
 """One measurement from the command line: start the nodes, start the run, follow it to its end."""
 
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,10 +68,13 @@ class Session:
             KeyboardInterrupt: as asked; likewise.
         """
         import rclpy
+        from rclpy.signals import SignalHandlerOptions
 
         from stepdiag_ros.nodes.operator import OperatorNode
 
-        rclpy.init(args=[])
+        # Ctrl-C and kill must leave time to abort the run and to close the bag.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             operator = OperatorNode()
             self._refuse_company(operator)

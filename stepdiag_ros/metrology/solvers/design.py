@@ -12,7 +12,7 @@ import numpy as np
 from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
-from stepdiag_ros.metrology.solvers.positive import inverse_with_islands
+from stepdiag_ros.metrology.solvers.positive import inverse_positive
 
 _FIXED_AT_END = ((0, 1), (0, 2), (2, 1))
 """Moving axis and error direction of E_YX, E_ZX, E_YZ, which end at zero (IH eq. 17)."""
@@ -133,8 +133,8 @@ class Design:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
         normal = self._normal(self.weight)
         self.unseen: Vector = np.zeros((self._count, 0))
-        inverse = inverse_with_islands(normal, self._islands())
-        if inverse is None or np.max(np.diag(inverse) * np.diag(normal)) > _INFLATION_LIMIT:
+        inverse = inverse_positive(normal)
+        if inverse is None or not np.all(np.diag(inverse) * np.diag(normal) <= _INFLATION_LIMIT):
             inverse = self._pseudo_inverse(normal, self._normal(np.ones(len(self.weight))))
         self.covariance: Vector = inverse
 
@@ -150,25 +150,6 @@ class Design:
         normal: Vector = half + half.T
         normal.flat[:: self._count + 1] -= np.diag(half)
         return normal
-
-    def _islands(self) -> Integers:
-        """Return groups of curve values that no reading joins, shape (groups, 18).
-
-        On body diagonals the axes stand at node k or N-k, or one further, all at once. So the curve
-        values at k and N-k meet only those at k-1, k+1 and their mirror images, the tilts and
-        zeros: every second pair of nodes is a group by itself. Lines of any other shape leave no
-        group.
-        """
-        blocks = self._size - 1
-        node = self.observations.node[self._first]
-        depth = np.where(node < 0, np.nan, np.minimum(node, blocks - node))
-        apart = np.fmax.reduce(depth, axis=1) - np.fmin.reduce(depth, axis=1)
-        odd = np.arange(1, (blocks + 1) // 2, 2)
-        if np.any(apart > 1):
-            odd = odd[:0]
-        nodes = np.stack([odd, blocks - odd], axis=1)
-        groups: Integers = np.moveaxis(self._curve_column[:, :, nodes], 2, 0).reshape(len(odd), 18)
-        return groups
 
     def _pseudo_inverse(self, normal: Vector, unweighted: Vector) -> Vector:
         """Invert on the determined directions; which these are does not depend on weights."""
