@@ -1,0 +1,54 @@
+"""The rules of the house that a machine can check."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import stepdiag_ros
+
+ROOT = Path(__file__).parents[1]
+LONGEST_MODULE = 500
+
+
+@pytest.mark.parametrize(
+    "check", [("ruff", "check"), ("ruff", "format", "--check"), ("mypy",)], ids=" ".join
+)
+def test_the_code_is_linted_formatted_and_typed(check):
+    where = [] if check == ("mypy",) else ["."]
+    done = subprocess.run(
+        [sys.executable, "-m", *check, *where], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_module_is_longer_than_one_idea():
+    modules = (ROOT / "stepdiag_ros").rglob("*.py")
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in modules}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_MODULE} == {}
+
+
+def test_the_version_is_the_same_everywhere():
+    version = stepdiag_ros.__version__
+    assert f'version="{version}"' in (ROOT / "setup.py").read_text()
+    assert f"<version>{version}</version>" in (ROOT / "package.xml").read_text()
+
+
+def test_every_node_is_started_the_same_three_ways():
+    from stepdiag_ros.commands.node import NODES
+
+    built = (ROOT / "CMakeLists.txt").read_text()
+    launched = (ROOT / "launch" / "simulated_cell.launch.py").read_text()
+    for name in NODES:
+        module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"
+        assert module.read_text().startswith("#!/usr/bin/env python3\n"), name
+        assert name in built.split("foreach(node ", 1)[1].split(")", 1)[0].split(), name
+        assert f'node("{name}"' in launched, name
+
+
+def test_devices_and_metrology_know_no_ros():
+    for folder in ("metrology", "devices"):
+        for path in (ROOT / "stepdiag_ros" / folder).rglob("*.py"):
+            text = path.read_text()
+            assert "rclpy" not in text and "stepdiag_ros.nodes" not in text, path
