@@ -1,5 +1,7 @@
 """A whole measurement in the simulated cell: ros2 launch stepdiag_ros simulated_cell.launch.py."""
 
+import time
+
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -30,6 +32,8 @@ def generate_launch_description() -> LaunchDescription:
             parameters=[{"use_sim_time": name != "clock", **parameters}],
         )
 
+    # The air that the beam feels and the air that the sensors feel are the same.
+    weather = {"device": "simulated", "cell": text("cell"), "weather_begins": time.time_ns()}
     factor = ParameterValue(LaunchConfiguration("factor"), value_type=float)
     return LaunchDescription(
         [
@@ -41,9 +45,9 @@ def generate_launch_description() -> LaunchDescription:
             node("recorder", folder=text("folder")),
             node("assembler"),
             node("solver"),
-            node("weather", device="simulated", cell=text("cell")),
+            node("weather", **weather),
             node("bridge", device="simulated", machine=text("machine"), cell=text("cell")),
-            node("interferometer", device="simulated", cell=text("cell")),
+            node("interferometer", **weather),
             node("sequencer", plan=text("plan"), machine=text("machine"), cell=text("cell")),
         ]
     )

@@ -204,12 +204,15 @@ class StepdiagNode(Node):
         self._set_health(DiagnosticStatus.WARN, text)
 
     def follow_run(self) -> None:
-        """Call ``on_run`` when a run begins and ``on_run_end`` when it has ended."""
+        """Call ``on_run`` when a run begins, ``on_run_state`` and ``on_run_end`` as it goes on."""
         self.listen(RUN_DESCRIPTION, self._on_description)
         self.listen(RUN_STATE, self._on_run_state)
 
     def on_run(self, description: Any) -> None:
         """Called with the RunDescription of a new run."""
+
+    def on_run_state(self, state: Any) -> None:
+        """Called with each RunState."""
 
     def on_run_end(self) -> None:
         """Called when the run has finished or was aborted."""
@@ -235,6 +238,7 @@ class StepdiagNode(Node):
             self.run_over = True
             self.healthy(f"ready; run {self.run_id} has ended")
             self.on_run_end()
+        self.on_run_state(state)
 
     def _set_health(self, level: bytes, text: str) -> None:
         changed = (level, text) != (self._level, self._text)

@@ -2,17 +2,23 @@
 """Node: simulated time on /clock, running faster or slower than real time by a factor."""
 
 import sys
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
-from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.run.pacing import Pace
+from stepdiag_ros.conversion import to_nanoseconds
+from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
+from stepdiag_ros.run.pacing import GovernedTime
 
 
 class ClockNode(StepdiagNode):
-    """Publishes /clock: starts at the real time of day and runs ``factor`` times as fast."""
+    """Publishes /clock: starts at the real time of day and runs ``factor`` times as fast.
+
+    It waits for the interferometer, whose readings come last in the chain of simulated devices.
+    """
 
     role = "clock"
 
@@ -21,12 +27,19 @@ class ClockNode(StepdiagNode):
         factor = self.parameter("factor", 1.0, "simulated seconds in a real second", 0.001, 1000.0)
         period = self.parameter("period", 0.002, "real seconds between two ticks", 0.0005, 1.0)
         start = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
-        self._pace = Pace(factor, origin=start, real_start=self.real_time())
+        self._governed = GovernedTime(factor, origin=start, real_start=self.real_time())
         self._publisher = self.announce(topics.CLOCK)
+        # Only the newest reading matters, and none is worth a repetition.
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        reading = topics.READING
+        self.create_subscription(message_class(reading), reading.name, self._on_reading, newest)
         self.every(period, self._tick, real=True)
 
+    def _on_reading(self, message: Any) -> None:
+        self._governed.heard(to_nanoseconds(message.header.stamp), self.real_time())
+
     def _tick(self) -> None:
-        seconds, nanoseconds = divmod(self._pace.time(self.real_time()), 1_000_000_000)
+        seconds, nanoseconds = divmod(self._governed.advance(self.real_time()), 1_000_000_000)
         message = ClockMessage()
         message.clock.sec, message.clock.nanosec = seconds, nanoseconds
         self._publisher.publish(message)

@@ -10,12 +10,22 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, plan_from_text
 from stepdiag_ros.conversion import from_reading, new_message, to_nanoseconds
 from stepdiag_ros.devices import Surroundings, create
-from stepdiag_ros.devices.interferometer import InterferometerDevice
+from stepdiag_ros.devices.interferometer import STATUS_OK, InterferometerDevice
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.run.supervision import fact_of_run
 
 POLL_PERIOD = 0.002
+WEATHER_BEGINS = (
+    "weather_begins",
+    0,
+    "ROS time in ns at which the weather of the simulated cell begins, the same for all its nodes; "
+    "0: when this node starts",
+    0,
+    2**62,
+)
+"""Declaration of a parameter of the simulated cell that two nodes share."""
 WEATHER = {
     "air_temperature": (topics.AIR_TEMPERATURE, "temperature"),
     "air_pressure": (topics.AIR_PRESSURE, "fluid_pressure"),
@@ -46,11 +56,20 @@ class InterferometerNode(StepdiagNode):
         age = self.parameter(
             "weather_age", 10.0, "s after which the weather counts as unknown", 0.1, 86400.0
         )
+        begins = self.parameter(*WEATHER_BEGINS)
         self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
-        self._settings: dict[str, Any] = {"seed": seed, "hold_after_s": hold, "weather_age_s": age}
+        self._settings: dict[str, Any] = {
+            "seed": seed,
+            "hold_after_s": hold,
+            "weather_age_s": age,
+            "weather_begins_ns": begins,
+        }
         if rate:
             self._settings["rate_hz"] = rate
         self._plan: Plan | None = None
+        self._setup = ""
+        # Since when a good reading of the present setup is waited for, ns; 0 if it has come.
+        self._aligned = 0
         self._environment = Environment()
         self._weather_time = 0
         self._device: InterferometerDevice
@@ -62,8 +81,7 @@ class InterferometerNode(StepdiagNode):
         surroundings = Surroundings(self.now(), cell=self._cell)
         self._device = create("interferometer", self._driver, self._settings, surroundings)
         self.follow_run()
-        self.listen(topics.MACHINE_COMMAND, self._on_command)
-        self.listen(topics.JOINT_STATES, self._on_joints)
+        self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
         for name, (topic, field) in WEATHER.items():
             self.listen(topic, partial(self._on_weather, name, field))
         self.every(POLL_PERIOD, self._poll, real=True)
@@ -71,14 +89,19 @@ class InterferometerNode(StepdiagNode):
     def on_run(self, description: Any) -> None:
         """Take the plan, which says where the beam of each line is to go."""
         self._plan = plan_from_text(description.plan, "plan of the run")
+        self._setup = ""
 
-    def _on_command(self, command: Any) -> None:
-        if self._plan is None or command.run_id != self.run_id:
+    def on_run_state(self, state: Any) -> None:
+        """Set beam and zero up for the line that is to be measured."""
+        if self._plan is None or state.run_id != self.run_id:
             return
-        line, volume = self._plan.lines[command.line_index], self._plan.volume
+        if not state.setup or state.setup == self._setup:
+            return
+        line, volume = self._plan.lines[state.line_index], self._plan.volume
         # The laser stands before the first stop of the forward pass, whichever pass comes first.
         x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
-        self._device.align(self.now(), command.setup, line.name, volume.step, (x, y, z))
+        self._setup, self._aligned = state.setup, self.now()
+        self._device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
 
     def _on_joints(self, message: Any) -> None:
         x, y, z = message.position
@@ -95,6 +118,10 @@ class InterferometerNode(StepdiagNode):
         for reading in self._device.poll(self.now()):
             message = from_reading(reading, "interferometer", message=self._message)
             self._readings.publish(message)
+            if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
+                self._aligned = 0
+                self.facts["beam"] = fact_of_run(self.run_id, self._setup)
+                self.beat()
 
 
 def main() -> int:

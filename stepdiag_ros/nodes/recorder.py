@@ -19,7 +19,7 @@ from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.embedded import client
 from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
 from stepdiag_ros.nodes.parameters import ParameterCollector
-from stepdiag_ros.run.supervision import stored_fact
+from stepdiag_ros.run.supervision import fact_of_run
 from stepdiag_ros.topics import Topic
 
 ASK_PERIOD = 0.2
@@ -85,7 +85,7 @@ class RecorderNode(StepdiagNode):
                 self._writer.flush()
             if topic is topics.STOP:
                 stop = deserialize_message(message, message_class(topic))
-                self.facts["stored"] = stored_fact(stop.run_id, stop.command_id)
+                self.facts["stored"] = fact_of_run(stop.run_id, str(stop.command_id))
                 self.beat()
         except BagError as error:
             self._writer = None

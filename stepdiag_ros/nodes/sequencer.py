@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import Answer, Command, Progress, Sequence, State, out_of_limits
-from stepdiag_ros.run.supervision import Peer, stored_command
+from stepdiag_ros.run.supervision import Peer, said_of_run
 
 UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
@@ -127,10 +127,17 @@ class SequencerNode(StepdiagNode):
         return "aborted"
 
     def on_heartbeat(self, peer: Peer) -> None:
-        """Take the recorder's word on what is on the disk."""
-        if self._sequence is not None and peer.role == "recorder":
-            self._sequence.stored(stored_command(peer, self.run_id))
-            self._update()
+        """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
+        if self._sequence is None:
+            return
+        if peer.role == "recorder":
+            stored = said_of_run(peer, "stored", self.run_id)
+            self._sequence.stored(int(stored) if stored else 0)
+        elif peer.role == "interferometer":
+            self._sequence.beam_ready(said_of_run(peer, "beam", self.run_id))
+        else:
+            return
+        self._update()
 
     # What the other nodes say ----------------------------------------------------------------
 
@@ -261,7 +268,11 @@ class SequencerNode(StepdiagNode):
                 self.unwell(f"run stopped: {progress.text}")
             if progress.state is State.FINISHED:
                 self._ended()
-        elif (progress.line_index, progress.stop) == (before.line_index, before.stop):
+        elif (progress.setup, progress.line_index, progress.stop) == (
+            before.setup,
+            before.line_index,
+            before.stop,
+        ):
             return
         self._publish_state()
 
@@ -277,6 +288,7 @@ class SequencerNode(StepdiagNode):
             message.line_index = progress.line_index
             message.line_count = len(self._plan.lines)
             message.line = progress.line
+            message.setup = progress.setup
             message.stop = progress.stop
             message.stop_count = progress.stop_count
             message.stops_done = progress.stops_done

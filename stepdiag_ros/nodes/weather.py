@@ -8,7 +8,7 @@ from stepdiag_ros.conversion import new_message, set_header
 from stepdiag_ros.devices import Surroundings, create
 from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.nodes.interferometer import WEATHER
+from stepdiag_ros.nodes.interferometer import WEATHER, WEATHER_BEGINS
 
 POLL_PERIOD = 0.01
 
@@ -24,7 +24,8 @@ class WeatherNode(StepdiagNode):
         cell = self.parameter("cell", "demo", "simulated cell: YAML file or name, config/cells")
         rate = self.parameter("rate", 1.0, "values in a second", 0.001, 1000.0)
         self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
-        self._settings = {"rate_hz": rate}
+        begins = self.parameter(*WEATHER_BEGINS)
+        self._settings = {"rate_hz": rate, "weather_begins_ns": begins}
         self._device: WeatherDevice
         self._outlets = {
             name: (self.announce(topic), topic, field) for name, (topic, field) in WEATHER.items()

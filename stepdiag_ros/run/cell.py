@@ -1,5 +1,6 @@
 """Which nodes a simulated measurement needs, and with which parameters."""
 
+import time
 from pathlib import Path
 
 from stepdiag_ros.run.processes import NodeProcess
@@ -20,21 +21,21 @@ def simulated_cell(
         seed: of the noise of the readings.
     """
     simulated: dict[str, object] = {"use_sim_time": True}
+    # The air that the beam feels and the air that the sensors feel are the same.
+    weather = {**simulated, "device": "simulated", "cell": cell, "weather_begins": time.time_ns()}
     return [
         NodeProcess("clock", {"factor": factor}),
         NodeProcess("recorder", {**simulated, "folder": folder}),
         NodeProcess("assembler", simulated),
         NodeProcess("solver", simulated),
-        NodeProcess("weather", {**simulated, "device": "simulated", "cell": cell}),
+        NodeProcess("weather", weather),
         NodeProcess(
             "bridge", {**simulated, "device": "simulated", "machine": machine, "cell": cell}
         ),
         NodeProcess(
             "interferometer",
             {
-                **simulated,
-                "device": "simulated",
-                "cell": cell,
+                **weather,
                 "rate": rate,
                 "seed": seed,
                 # However late messages are when the computer is busy, no reading is made without

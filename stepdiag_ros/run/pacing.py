@@ -2,6 +2,11 @@
 
 from dataclasses import dataclass
 
+FOLLOWER_LAG = 0.02
+"""Real seconds by which a follower may be behind before simulated time waits for it."""
+FOLLOWER_PATIENCE = 1.0
+"""Real seconds that simulated time waits for a follower that does not come on at all."""
+
 
 @dataclass(frozen=True)
 class Pace:
@@ -32,3 +37,41 @@ class Pace:
     def part(self, time: int, end: int) -> float:
         """Return which part (0..1) of the way from the origin to ``end`` (ns) a time (ns) is."""
         return (time - self.origin) / max(end - self.origin, 1)
+
+
+class GovernedTime:
+    """Simulated time that waits for those who must keep up with it.
+
+    On a computer too slow for the wished factor, an ungoverned clock would run away from the
+    devices that it drives.
+
+    Args:
+        factor: simulated seconds in a real second, where nobody is behind.
+        origin: simulated time at the start, ns.
+        real_start: real time at the start, s.
+    """
+
+    def __init__(self, factor: float, origin: int, real_start: float) -> None:
+        self._factor = factor
+        self._time = origin
+        self._real = real_start
+        self._follower: int | None = None
+        self._follower_real = real_start
+
+    def heard(self, time: int, real: float) -> None:
+        """Take note that a follower has come to a simulated time (ns) at a real time (s)."""
+        self._follower = time
+        self._follower_real = real
+
+    def advance(self, real: float) -> int:
+        """Go on to a real time (s) and return the simulated time, ns."""
+        if not self._must_wait(real):
+            self._time += round((real - self._real) * self._factor * 1e9)
+        self._real = real
+        return self._time
+
+    def _must_wait(self, real: float) -> bool:
+        # A follower that has died must not stop time for all the others.
+        if self._follower is None or real - self._follower_real > FOLLOWER_PATIENCE:
+            return False
+        return self._time - self._follower > FOLLOWER_LAG * max(self._factor, 10.0) * 1e9

@@ -48,7 +48,7 @@ def _yaml(value: object) -> str:
 def _end_with_parent() -> None:
     """Let the node end when the process that started it is killed, not only when it ends well."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class Processes:
@@ -104,7 +104,8 @@ class Processes:
         """Ask every node to end, and end those that do not."""
         for process in self.running.values():
             if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+                # Not SIGINT, which a process started in the background of a shell ignores.
+                process.terminate()
         deadline = time.monotonic() + END_LIMIT
         for process in self.running.values():
             try:

@@ -13,7 +13,11 @@ from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
 NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
 """Real seconds within which the bridge must answer a command."""
-STORE_LIMIT = 5.0
+BEAM_LIMIT = 10.0
+"""Real seconds within which the interferometer must have a beam for a new setup."""
+OVERDUE_LIMIT = 10.0
+"""Real seconds that a move or a stop that is overdue in ROS time may take all the same."""
+STORE_LIMIT = 10.0
 """Real seconds within which the recorder must have stored a stop."""
 MOVE_ALLOWANCE = 5.0
 """ROS seconds that a move may take beyond twice its nominal time."""
@@ -71,6 +75,7 @@ class Progress:
     state: State
     line_index: int
     line: str
+    setup: str
     stop: int
     stop_count: int
     stops_done: int
@@ -133,6 +138,8 @@ class Sequence:
         self._pause_wanted = False
         self._assembled = False
         self._stored = 0
+        self._beam_setup = ""
+        self._beam_wanted_since: float | None = None
         self._dwell = round(plan.sampling.dwell * NANOSECONDS)
         self.incomplete: list[str] = []
 
@@ -252,6 +259,10 @@ class Sequence:
         if self._phase is _Phase.SETTLING:
             self._phase = _Phase.DWELL
 
+    def beam_ready(self, setup: str) -> None:
+        """Take the interferometer's word that it has a beam and a zero for a setup."""
+        self._beam_setup = setup
+
     def stored(self, command_id: int) -> None:
         """Take the recorder's word that the stop of this command is on the disk."""
         self._stored = max(self._stored, command_id)
@@ -266,7 +277,7 @@ class Sequence:
             self.fault(f"the CNC bridge has not answered a command for {ANSWER_LIMIT:g} s")
         elif self._phase in (_Phase.MOTION, _Phase.SETTLING) and now > self._deadline:
             # A stopped or hurried clock alone is no fault of the machine.
-            if real - self._sent_real > ANSWER_LIMIT:
+            if real - self._sent_real > OVERDUE_LIMIT:
                 moving = self._phase is _Phase.MOTION
                 what = "move has not ended" if moving else "stop has not been assembled"
                 self.fault(f"the {what} in the time it should take")
@@ -288,6 +299,7 @@ class Sequence:
             state=self.state,
             line_index=self._line_index,
             line="" if ended else str(self._line),
+            setup="" if ended else self._setup(),
             stop=self._stop,
             stop_count=0 if ended else len(self._stops[done]),
             stops_done=stops_done,
@@ -352,6 +364,17 @@ class Sequence:
         elif self._pause_wanted:
             self._enter(State.PAUSED, "paused by the operator")
 
+    def _has_beam(self, setup: str, real: float) -> bool:
+        if self._beam_setup == setup:
+            self._beam_wanted_since = None
+            return True
+        if self._beam_wanted_since is None:
+            self._beam_wanted_since = real
+        elif real - self._beam_wanted_since > BEAM_LIMIT:
+            self._beam_wanted_since = None
+            self.fault(f"the interferometer has no beam for setup '{setup}'")
+        return False
+
     def _command_next(self, now: int, real: float) -> None:
         setup = self._setup()
         if self._plan.pause_for_setup and setup != self._confirmed_setup:
@@ -359,6 +382,8 @@ class Sequence:
                 State.WAITING_FOR_SETUP,
                 f"align laser and mirror for {self._line.name}, then resume",
             )
+            return
+        if not self._has_beam(setup, real):
             return
         stops = self._stops[self._line_index]
         target = self._position.copy()

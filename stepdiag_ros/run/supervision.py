@@ -31,15 +31,15 @@ class Peer:
     facts: dict[str, str] = field(default_factory=dict)
 
 
-def stored_fact(run_id: str, command_id: int) -> str:
-    """Return how a recorder says which stop of which run it has stored last."""
-    return f"{run_id} {command_id}"
+def fact_of_run(run_id: str, value: str) -> str:
+    """Return how a node says a fact that holds in one run only."""
+    return f"{run_id} {value}"
 
 
-def stored_command(peer: Peer, run_id: str) -> int:
-    """Return the command whose stop a recorder has stored last; 0 if none of this run."""
-    run, _, command = peer.facts.get("stored", "").partition(" ")
-    return int(command) if run == run_id and command.isdigit() else 0
+def said_of_run(peer: Peer, fact: str, run_id: str) -> str:
+    """Return what a node says of a fact in this run; empty if nothing."""
+    run, _, value = peer.facts.get(fact, "").partition(" ")
+    return value if run == run_id else ""
 
 
 @dataclass

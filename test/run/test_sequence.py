@@ -46,6 +46,12 @@ class Rig:
 
     def start(self):
         self.sequence.start(self.now, self.real)
+        self.align()
+
+    def align(self):
+        """Let the interferometer say that its beam stands for the present setup."""
+        self.sequence.beam_ready(self.sequence.progress(self.now).setup)
+        self.sequence.update(self.now, self.real)
 
     def wait(self, seconds):
         self.now += round(seconds * SECOND)
@@ -69,6 +75,8 @@ class Rig:
         if command.purpose is Purpose.STOP:
             self.settle(rejection)
             self.wait(0.6)
+        if self.sequence.state is State.RUNNING:
+            self.align()
 
     def finish(self, limit=200):
         for _ in range(limit):
@@ -159,6 +167,17 @@ def test_a_recorder_that_does_not_store_is_a_fault():
     assert "recorder" in rig.sequence.text
 
 
+def test_does_not_move_without_a_beam_for_the_setup():
+    rig = Rig()
+    rig.sequence.start(rig.now, rig.real)
+    rig.sequence.beam_ready("another setup")
+    rig.wait(5.0)
+    assert rig.sent == []
+    rig.wait(10.0)
+    assert rig.sequence.state is State.FAULT
+    assert "no beam" in rig.sequence.text
+
+
 def test_pause_takes_effect_after_the_stop_and_resume_goes_on():
     rig = Rig()
     rig.start()
@@ -199,6 +218,8 @@ def test_a_refused_move_is_a_fault_and_resume_measures_the_line_again(answer):
     assert rig.stops == 1
     before = rig.sent[-1]
     rig.sequence.resume(rig.now, rig.real, (0.003, 0.0, 0.0))
+    assert rig.sent[-1] is before, "moves before the beam stands for the new setup"
+    rig.align()
     again = rig.sent[-1]
     assert again.attempt == before.attempt + 1
     assert again.setup != before.setup, "the zero is lost, so it is another setup"
@@ -263,6 +284,7 @@ def test_waits_for_the_operator_before_each_setup():
     assert rig.sequence.state is State.WAITING_FOR_SETUP
     assert rig.sent == []
     rig.sequence.resume(rig.now, rig.real, ORIGIN)
+    rig.align()
     rig.finish()
     assert rig.sequence.state is State.WAITING_FOR_SETUP
     assert rig.sequence.progress(rig.now).line.startswith("npp")

@@ -66,6 +66,7 @@ class Behaviour:
         weather_age: sensor values older than this are no longer used, s.
         believed_dead_path: that the compensation reckons with, m.
         fastest: speed that the counter can follow, m/s.
+        weather_begins: the zero of the cell's weather, ns.
     """
 
     rate: float
@@ -74,6 +75,7 @@ class Behaviour:
     weather_age: float
     believed_dead_path: float
     fastest: float
+    weather_begins: int
 
 
 class SimulatedInterferometer:
@@ -85,13 +87,12 @@ class SimulatedInterferometer:
 
     Args:
         cell: the truth.
-        start: ns; grid and weather begin here.
+        start: ns; the grid begins here.
         behaviour: rate, noise and limits.
     """
 
     def __init__(self, cell: SimulatedCell, start: int, behaviour: Behaviour) -> None:
         self._cell = cell
-        self._start = start
         self._behaviour = behaviour
         self._grid = SampleGrid(start, behaviour.rate)
         self._random = np.random.default_rng(behaviour.seed)
@@ -269,7 +270,7 @@ class SimulatedInterferometer:
 
     def _true_index(self, times: Instants) -> Vector:
         """Return the refractive index of the cell's air at some times, linear between knots."""
-        since = times - self._start
+        since = times - self._behaviour.weather_begins
         first, last = int(since[0]) // _AIR_KNOT, int(since[-1]) // _AIR_KNOT + 1
         for knot in range(first, last + 1):
             if knot not in self._air:
@@ -318,7 +319,8 @@ def from_settings(
 
     Settings: ``rate_hz`` (default: the cell's), ``seed`` of the noise (default 0), ``hold_after_s``
     (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation reckons
-    with (default: the true one), ``fastest_m_per_s`` (default 4).
+    with (default: the true one), ``fastest_m_per_s`` (default 4), ``weather_begins_ns`` (the same
+    for all devices of a cell; default 0: when this one is switched on).
 
     Raises:
         ValueError: a setting is wrong, or there is no cell.
@@ -336,6 +338,8 @@ def from_settings(
             "dead_path_m", low=0.0, high=100.0, default=cell.dead_path
         ),
         fastest=section.number("fastest_m_per_s", low=1e-3, high=1e3, default=4.0),
+        weather_begins=section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0)
+        or surroundings.start,
     )
     section.finish()
     return SimulatedInterferometer(cell, surroundings.start, behaviour)

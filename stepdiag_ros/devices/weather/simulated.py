@@ -15,8 +15,9 @@ class SimulatedWeather:
 
     Args:
         cell: the truth.
-        start: ns; grid and weather begin here.
+        start: ns; the grid begins here.
         rate: of the samples, Hz.
+        weather_begins: ns, the zero of the cell's weather; ``start`` if None.
         sensor_errors: added to each true value: K, Pa, 1 (humidity 0..1), K.
     """
 
@@ -26,9 +27,10 @@ class SimulatedWeather:
         start: int,
         rate: float = 1.0,
         sensor_errors: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+        weather_begins: int | None = None,
     ) -> None:
         self._cell = cell
-        self._start = start
+        self._weather_begins = start if weather_begins is None else weather_begins
         self._grid = SampleGrid(start, rate)
         self._errors = sensor_errors
         self._silent_from: int | None = None
@@ -49,7 +51,7 @@ class SimulatedWeather:
         """Let the station go."""
 
     def _sample(self, time: int) -> Environment:
-        true = self._cell.environment((time - self._start) * 1e-9)
+        true = self._cell.environment((time - self._weather_begins) * 1e-9)
         told = [value + error for value, error in zip(true, self._errors, strict=True)]
         # A humidity sensor shows no less than 0 and no more than 1.
         told[2] = min(max(told[2], 0.0), 1.0)
@@ -59,7 +61,8 @@ class SimulatedWeather:
 def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> SimulatedWeather:
     """Make a simulated weather station.
 
-    Settings: ``rate_hz`` (default 1) and the errors of the sensors, each 0 by default:
+    Settings: ``rate_hz`` (default 1), ``weather_begins_ns`` (the same for all devices of a cell;
+    default 0: when this one is switched on) and the errors of the sensors, each 0 by default:
     ``air_temperature_error_K``, ``air_pressure_error_Pa``, ``relative_humidity_error`` (of 0..1),
     ``material_temperature_error_K``.
 
@@ -76,5 +79,8 @@ def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> Si
         section.number("relative_humidity_error", low=-1.0, high=1.0, default=0.0),
         section.number("material_temperature_error_K", low=-50.0, high=50.0, default=0.0),
     )
+    begins = section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0)
     section.finish()
-    return SimulatedWeather(surroundings.cell, surroundings.start, rate, errors)
+    return SimulatedWeather(
+        surroundings.cell, surroundings.start, rate, errors, begins or surroundings.start
+    )
