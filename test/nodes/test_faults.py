@@ -126,6 +126,8 @@ def test_a_recorder_killed_at_20_random_moments_loses_the_block_in_progress_at_m
             cell.restart("recorder")
             cell.resume()
             assert len(bags(cell)) >= number + 1
+        count = len(cell.stops)
+        cell.wait(lambda: len(cell.stops) > count, 30.0, "stops go on")
         cell.operator.call("sequencer/abort")
         cell.wait(cell.bag_is_closed, 10.0, "the last bag is closed")
 
