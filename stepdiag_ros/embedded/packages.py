@@ -7,7 +7,7 @@ from pathlib import Path
 #: The package whose definitions are this project's own.
 OWN = "stepdiag_ros"
 
-#: Folder with the texts of the standard interfaces that nodes use.
+#: Folder with the fields of the standard interfaces that nodes use: the facts of the wire, no more.
 TEXTS = Path(__file__).parent / "interfaces"
 
 #: Packages which the rosbags type store of ROS 2 Jazzy has, and ``interfaces/`` only in part.
@@ -21,6 +21,7 @@ FROM_ROSBAGS = frozenset(
         "service_msgs",
         "shape_msgs",
         "statistics_msgs",
+        "std_msgs",
         "stereo_msgs",
         "tf2_msgs",
         "trajectory_msgs",

@@ -186,8 +186,7 @@ class QoSProfile:
         assert isinstance(value, int), "depth must be an int"
         if self.history == HistoryPolicy.KEEP_LAST and value == 0:
             warnings.warn(
-                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
-                "This will be interpreted as SYSTEM_DEFAULT",
+                "KEEP_LAST with a depth of 0 would keep nothing; the middleware's default is used",
                 stacklevel=2,
             )
         self._depth = value
