@@ -25,7 +25,7 @@ class ClockNode(StepdiagNode):
     def __init__(self) -> None:
         super().__init__("clock")
         factor = self.parameter("factor", 1.0, "simulated seconds in a real second", 0.001, 1000.0)
-        period = self.parameter("period", 0.002, "real seconds between two ticks", 0.0005, 1.0)
+        period = self.parameter("period", 0.004, "real seconds between two ticks", 0.0005, 1.0)
         start = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._governed = GovernedTime(factor, origin=start, real_start=self.real_time())
         self._publisher = self.announce(topics.CLOCK)
