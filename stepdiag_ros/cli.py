@@ -10,6 +10,9 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
+
+from stepdiag_ros.refusals import PREFIX, sentence
 
 COMMANDS = (
     "demo",
@@ -58,14 +61,6 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _sentence(error: Exception) -> str:
-    """Say in one line what is wrong."""
-    if isinstance(error, OSError) and error.strerror:
-        where = f"{error.filename}: " if error.filename is not None else ""
-        return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def _leave_pipe() -> None:
     """Keep Python from complaining about the closed pipe once more when it ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -78,6 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments without the program's name; those of the process if not given.
     """
+    # A caller may have closed what is written to; there is still work to be done.
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         # A terminal that cannot show µ shall show a question mark, not end the program.
         if hasattr(stream, "reconfigure"):
@@ -96,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         if arguments.traceback:
             raise
-        print(f"stepdiag: error: {_sentence(error)}", file=sys.stderr)
+        print(f"{PREFIX}{sentence(error)}", file=sys.stderr)
         return _EXIT_REFUSED
 
 

@@ -73,6 +73,12 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
     Raises:
         ValueError: there is no such file; names those that come with the package.
     """
+    what = _SINGULAR[folder]
+    if not str(name_or_path):
+        raise ValueError(
+            f"no {what} was given: give the path of a YAML file"
+            f" or one of {', '.join(available(folder))}"
+        )
     path = Path(name_or_path).expanduser()
     if path.is_file():
         return path
@@ -82,7 +88,6 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
         packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
         if packaged.is_file():
             return packaged
-    what = _SINGULAR[folder]
     raise ValueError(
         f"there is no {what} '{name_or_path}': give the path of a YAML file"
         f" or one of {', '.join(available(folder))}"

@@ -1,5 +1,6 @@
 """The command line: every command on a small recorded run, wrong inputs, and the exit codes."""
 
+import errno
 import json
 import os
 import signal
@@ -27,8 +28,8 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import moved_axis
-from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.report.documents import schema
+from stepdiag_ros.solving import solve_reproducibly
 
 START = 1_000_000_000
 RUN_ID = "20260102T030405-abcd"
@@ -68,7 +69,7 @@ def write_bag(path, damage=None):
     lines = tuple(event for event in events if isinstance(event, MeasuredLine))
     assert len(lines) == len(plan.lines)
     assert all(line.complete for line in lines)
-    results = solve_all(Measurement(plan.volume, lines))[0]
+    results = solve_reproducibly(Measurement(plan.volume, lines))[0]
     types = own_types()
     new = types.new
     description = new(topics.RUN_DESCRIPTION.type_name)
@@ -154,8 +155,8 @@ def refused(capsys, *arguments):
 def test_solve_from_the_readings_equals_the_recorded_result_to_the_last_bit(bag, capsys, tmp_path):
     code, out, err = stepdiag(capsys, "solve", bag, "--output", tmp_path / "results")
     assert code == 0
-    said = " ".join(next(line for line in out.splitlines() if "same as recorded" in line).split())
-    assert said == "same as recorded" + " to the last bit" * 3
+    same = next(line for line in out.splitlines() if "same bits as recorded" in line)
+    assert same.split() == ["same", "bits", "as", "recorded", "yes", "yes", "yes"]
     assert "assembled again from 2100 readings: the same lines to the last bit" in out
     assert RUN_ID in out
     assert "error_curves.png" in err
@@ -219,16 +220,42 @@ def test_squareness_sign_is_printed_as_asked(bag, capsys):
     assert rows["angle", "C0Y"] == rows["rotation", "C0Y"] != 0.0
 
 
-def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
-    path = tmp_path / "empty.mcap"
-    text = load_plan("quick")[1]
-    with BagWriter(path, RunHeader(RUN_ID, "quick", __version__, 1, "none", START, text)) as bag:
-        types = own_types()
-        description = types.new(topics.RUN_DESCRIPTION.type_name)
-        description.run_id, description.plan = RUN_ID, text
+def write_description(path, version):
+    """Write a bag with nothing but the description of a run, of a schema version."""
+    types, text = own_types(), load_plan("quick")[1]
+    description = types.new(topics.RUN_DESCRIPTION.type_name)
+    description.run_id, description.plan = RUN_ID, text
+    description.software_version, description.schema_version = "9.9", version
+    header = RunHeader(RUN_ID, "quick", "9.9", version, "none", START, text)
+    with BagWriter(path, header) as bag:
         data = types.encode(topics.RUN_DESCRIPTION.type_name, description)
         bag.write("/run/description", topics.RUN_DESCRIPTION.type_name, data, START)
+    return path
+
+
+def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
+    path = write_description(tmp_path / "empty.mcap", 1)
     assert "empty.mcap: no line was finished" in refused(capsys, "solve", path)
+
+
+@pytest.mark.parametrize("command", ["solve", "export", "replay"])
+def test_a_bag_of_a_newer_schema_version_is_refused(command, tmp_path, capsys):
+    sentence = refused(capsys, command, write_description(tmp_path / "newer.mcap", 2))
+    assert "newer.mcap was made by stepdiag_ros 9.9" in sentence
+    assert "schema version 2, this program reads up to 1" in sentence
+
+
+def test_a_bag_without_a_run_is_not_replayed(tmp_path, capsys):
+    path = tmp_path / "other.mcap"
+    header = RunHeader(RUN_ID, "quick", __version__, 1, "none", START, "")
+    with BagWriter(path, header) as bag:
+        bag.write("/chatter", "std_msgs/msg/String", b"\0\1\0\0\2\0\0\0a\0", START)
+    assert "other.mcap holds no run" in refused(capsys, "replay", path)
+
+
+def test_a_replay_with_nothing_to_compare_says_so(tmp_path, capsys):
+    path = write_description(tmp_path / "bare.mcap", 1)
+    assert "nothing to compare" in refused(capsys, "replay", path, "--check")
 
 
 # -- import, export, info, recover ---------------------------------------------------------------
@@ -276,6 +303,7 @@ def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
     code, out, err = stepdiag(capsys, "info", cut)
     assert code == 1
     assert "cut off: the end is missing" in out
+    assert "Messages" not in out, "nobody has counted them"
     assert "stepdiag recover" in err
     code, out, _ = stepdiag(capsys, "recover", cut, "--json")
     assert code == 0
@@ -354,6 +382,57 @@ def test_a_folder_that_cannot_be_written(bag, capsys, tmp_path):
     (tmp_path / "file").write_text("")
     sentence = refused(capsys, "solve", bag, "--output", tmp_path / "file" / "results")
     assert str(tmp_path / "file") in sentence
+    for arguments in (("solve", bag), ("run", "--plan", "quick")):
+        sentence = refused(capsys, *arguments, "--output", tmp_path / "file")
+        assert f"{tmp_path / 'file'} is a file" in sentence
+
+
+def test_a_full_disk_is_said_with_the_file_and_leaves_no_part_of_it(
+    bag, capsys, tmp_path, monkeypatch
+):
+    def full(self, *_, **__):
+        self.touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    sentence = refused(capsys, "solve", bag, "--pictures", "none", "--output", tmp_path / "new")
+    assert f"{tmp_path / 'new' / 'results.json'}: no space left" in sentence
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("step_m: [0.010,", "step_m: [0.5,", "outside the soft limits"),
+        ("feed_m_per_s: 0.033", "feed_m_per_s: 0.9", "above the machine's feed limit 0.5 m/s"),
+        ("feed_m_per_s: 0.033", "feed_m_per_s: unknown", "solved, but not executed"),
+    ],
+)
+def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
+    right, wrong, message, capsys, tmp_path
+):
+    text = load_plan("quick")[1]
+    assert right in text
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(text.replace(right, wrong))
+    sentence = refused(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
+    assert f"{plan} cannot be executed on" in sentence
+    assert message in sentence
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--factor", "0", "0 is not between 0.001 and 1000"),
+        ("--rate", "nan", "nan is not between 0.1 and 100000"),
+        ("--seed", "-1", "'-1' is no whole number from 0 to 2147483648"),
+    ],
+)
+def test_a_number_out_of_range_is_wrong_usage(option, value, message, capsys):
+    code, out, err = stepdiag(capsys, "run", f"{option}={value}")
+    assert (code, out) == (2, "")
+    assert message in err
 
 
 # -- the process ---------------------------------------------------------------------------------
@@ -413,6 +492,16 @@ def test_a_reader_that_goes_away_is_no_error(bag):
     assert done.returncode == 141
     assert "Traceback" not in done.stderr
     assert "error" not in done.stderr
+
+
+def test_closed_outputs_are_no_error(bag):
+    done = subprocess.run(
+        f"{sys.executable} -m stepdiag_ros.cli solve {bag} --pictures none >&- 2>&-",
+        shell=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0
 
 
 def test_a_terminal_without_greek_letters_gets_question_marks(bag):

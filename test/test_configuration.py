@@ -76,7 +76,7 @@ def test_a_path_goes_before_a_name_of_the_package(tmp_path, monkeypatch):
         (GOOD.replace("1e-2", "fast"), r"'feed_m_per_s' is 'fast'; expected a number"),
         (GOOD.replace("blocks: 2", "blocks:\n\t- 1"), r"wrong\.yaml, line 4: "),
         ("just words", r"wrong\.yaml: expected keys with values, found 'just words'"),
-        ("", r"wrong\.yaml: expected keys with values, found None"),
+        ("", r"wrong\.yaml: expected keys with values, found nothing"),
         ("a: !!python/object:os.system ls", r"wrong\.yaml, line 1: "),
         ("a: \x07", r"wrong\.yaml: special characters are not allowed"),
     ],

@@ -93,6 +93,8 @@ def recover(source: str | Path, target: str | Path) -> RecoveryReport:
     source, target = Path(source), Path(target)
     if target.exists():
         raise BagError(f"{target} exists already; a bag is never overwritten")
+    if not target.parent.is_dir():
+        raise BagError(f"{target}: the folder {target.parent} does not exist")
     report = RecoveryReport(source, target)
     data = map_file(source)
     try:
@@ -108,7 +110,7 @@ def recover(source: str | Path, target: str | Path) -> RecoveryReport:
 def default_target(source: str | Path) -> Path:
     """Return the name that a recovered bag gets if none is given: ``NAME_recovered.mcap``."""
     source = Path(source)
-    return source.with_name(f"{source.stem}_recovered{source.suffix or '.mcap'}")
+    return source.parent / f"{source.stem}_recovered{source.suffix or '.mcap'}"
 
 
 def _search(data: Any, report: RecoveryReport) -> _Found:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import parse_yaml, plan_from_text
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -161,10 +162,12 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
         run_id: which run, where a bag holds more than one.
 
     Raises:
-        BagError: the bag is cut off or damaged, holds no run, several, or one that cannot be read.
+        BagError: the bag is cut off or damaged, or holds no run, several, or one that cannot be
+            read, for example of a newer schema version.
     """
     with BagReader(path) as bag:
         namespace, description = _description(bag, run_id)
+        check_version(bag.path, description.schema_version, description.software_version)
         source = f"{bag.path}: plan"
         try:
             plan = plan_from_text(description.plan, source)
@@ -184,6 +187,27 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
             plan=plan,
             **parts,
         )
+
+
+def check_version(path: Path, version: int, software_version: str) -> None:
+    """Refuse a bag whose messages may mean something else than this program takes them for.
+
+    Args:
+        path: of the bag, for the text of an error.
+        version: schema version of the run.
+        software_version: of stepdiag_ros that made it.
+
+    Raises:
+        BagError: the version is newer than this program, or there is none.
+    """
+    newest = own_types().constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
+    if version > newest:
+        raise BagError(
+            f"{path} was made by stepdiag_ros {software_version}: its messages have schema "
+            f"version {version}, this program reads up to {newest}; install a newer one"
+        )
+    if version < 1:
+        raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
 
 
 def _description(bag: BagReader, run_id: str | None) -> tuple[str, Any]:

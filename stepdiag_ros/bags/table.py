@@ -128,6 +128,8 @@ def import_table(path: str | Path, case: str | Path | None, target: str | Path) 
     target = Path(target)
     if target.exists():
         raise BagError(f"{target} exists already; a bag is never overwritten")
+    if not target.parent.is_dir():
+        raise BagError(f"{target}: the folder {target.parent} does not exist")
     description = _description(table, stepdiag_ros.__version__)
     header = RunHeader(
         run_id=description.run_id,

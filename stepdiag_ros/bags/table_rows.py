@@ -116,11 +116,19 @@ def parse_rows(text: str, source: str) -> list[Row]:
     """
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
-        places = _places(next(reader, None), source)
+        header = next(reader, None) or []
+        places = _places(header, source)
         rows: list[Row] = []
         for cells in reader:
             if not any(cell.strip() for cell in cells):
                 continue
+            if any(cell.strip() for cell in cells[len(header) :]):
+                raise refusal(
+                    source,
+                    reader.line_num,
+                    f"it has {len(cells)} cells under {len(header)} columns; is there a decimal"
+                    " comma?",
+                )
             row = _row(_RowCells(cells, places, source, reader.line_num))
             if rows and row.time < rows[-1].time:
                 raise refusal(
@@ -137,8 +145,8 @@ def parse_rows(text: str, source: str) -> list[Row]:
     return rows
 
 
-def _places(header: list[str] | None, source: str) -> dict[str, int]:
-    names = [name.strip() for name in header or []]
+def _places(header: list[str], source: str) -> dict[str, int]:
+    names = [name.strip() for name in header]
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
         raise refusal(source, 1, "the columns are not separated by commas; save it with commas")
     missing = [name for name in COLUMNS if name not in names]

@@ -41,7 +41,7 @@ def run(arguments: Namespace) -> int:
     """Export the bag; see the module."""
     from stepdiag_ros.bags.export import export_bag
 
-    folder = arguments.output or arguments.bag.with_name(f"{arguments.bag.stem}_tables")
+    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_tables"
     with progress_bar(f"exporting {arguments.bag.name}"):
         report = export_bag(
             arguments.bag,

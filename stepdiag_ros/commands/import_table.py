@@ -49,7 +49,7 @@ def run(arguments: Namespace) -> int:
     """Import the table; see the module."""
     from stepdiag_ros.bags.table import import_table
 
-    target = arguments.bag or arguments.table.with_suffix(".mcap")
+    target = arguments.bag or arguments.table.parent / f"{arguments.table.stem}.mcap"
     measurement = import_table(arguments.table, arguments.case, target).measurement
     stops = sum(line.displacement.size for line in measurement.lines)
     if arguments.json:

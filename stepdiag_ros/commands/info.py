@@ -60,10 +60,13 @@ def _print(info: "BagInfo") -> None:
         ]
     rows += [
         ("State", _state(info)),
-        ("Messages", f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks"),
-        ("Lines", str(len(info.lines))),
-        ("Readings", _gaps(info)),
     ]
+    if info.intact is not False and info.complete:
+        rows += [
+            ("Messages", f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks"),
+            ("Lines", str(len(info.lines))),
+            ("Readings", _gaps(info)),
+        ]
     for name, text in rows:
         console.print(f"{name + ':':<10}{text}", soft_wrap=True)
     if info.topics:

@@ -23,6 +23,21 @@ class HelpFormatter(argparse.HelpFormatter):
         return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
 
 
+def number(text: str, low: float, high: float) -> float:
+    """Return the number that an option was given.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none, or not within [low, high].
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not between {low:.15g} and {high:.15g}")
+    return value
+
+
 def say(text: str) -> None:
     """Tell the user something that is not the result."""
     print(text, file=sys.stderr)
@@ -126,7 +141,7 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
             folder,
             formats,
             arguments.squareness_sign,
-            progress=lambda name: progress(0.0, name),
+            progress,
         )
     if arguments.json:
         print(report_json(report))

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import progress_bar, say
+from stepdiag_ros.commands.output import number, progress_bar, say
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
@@ -38,13 +38,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def _rate(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
-    if not 0.0 <= value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1000000")
-    return value
+    return number(text, 0.0, 1e6)
 
 
 def run(arguments: argparse.Namespace) -> int:

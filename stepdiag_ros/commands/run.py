@@ -4,12 +4,18 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import add_result_options, progress_bar, say
+from stepdiag_ros.commands.output import (
+    add_result_options,
+    number,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from stepdiag_ros.run.session import Told
 
 DEFAULT_FOLDER = Path("stepdiag_results")
+LARGEST_SEED = 2**31
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -19,8 +25,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="measure: start all nodes, execute a test plan, solve and show the result",
         description="Execute a test plan in the simulated cell: starts every node as a process of "
         "its own, runs the plan, records it into a bag, solves the bag and shows the "
-        "result. Ctrl-C stops the machine and ends the run; what was measured stays in "
-        "the bag.",
+        "result. A pause for a setup is passed at once, because the simulated cell is "
+        "aligned already. Ctrl-C stops the machine and ends the run; what was measured "
+        "stays in the bag.",
         epilog="example: stepdiag run --plan paper_like --factor 20",
     )
     add_run_options(parser, plan="demo", factor=1.0)
@@ -42,39 +49,47 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
     )
     parser.add_argument(
         "--rate",
-        type=float,
+        type=_reading_rate,
         default=0.0,
         help="readings in a simulated second (default: the cell's)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the noise of the readings")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the noise of the readings")
     add_result_options(parser, f"{DEFAULT_FOLDER}/RUN_results; the bag goes beside it")
 
 
 def _factor(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
-    if not 0.001 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0.001 and 1000")
-    return value
+    return number(text, 0.001, 1000.0)
+
+
+def _reading_rate(text: str) -> float:
+    return number(text, 0.1, 1e5)
+
+
+def _seed(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 0 to {LARGEST_SEED}")
+    return int(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, solve, show."""
     from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
+    from stepdiag_ros.report.publish import make_folder
     from stepdiag_ros.run.cell import simulated_cell
+    from stepdiag_ros.run.sequence import beyond_machine
     from stepdiag_ros.run.session import Session
 
     # Refused here, before any process is started.
     plan = str(configuration.find(arguments.plan, "plans"))
     machine = str(configuration.find(arguments.machine, "machines"))
     cell = str(configuration.find(arguments.cell, "cells"))
-    configuration.load_plan(plan)
-    configuration.load_machine(machine)
     configuration.load_cell(cell)
-    folder = (arguments.output or DEFAULT_FOLDER).resolve()
+    model, _ = configuration.load_machine(machine)
+    beyond = beyond_machine(configuration.load_plan(plan)[0], model)
+    if beyond:
+        raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
+    folder = make_folder((arguments.output or DEFAULT_FOLDER).resolve())
     nodes = simulated_cell(
         plan, machine, cell, folder, arguments.factor, arguments.rate, arguments.seed
     )
@@ -83,7 +98,11 @@ def run(arguments: argparse.Namespace) -> int:
         def tell(told: "Told") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
 
-        bag = Session(nodes, folder, tell).measure()
-    say(f"recorded {bag}")
+        session = Session(nodes, folder, tell)
+        try:
+            bag = session.measure()
+        finally:
+            if session.bag is not None:
+                say(f"recorded {session.bag}")
     shown = {**vars(arguments), "bag": bag, "output": None, "recorded_lines": False, "truth": None}
     return solve.run(argparse.Namespace(**shown))

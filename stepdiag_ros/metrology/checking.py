@@ -11,6 +11,16 @@ UNKNOWN = "unknown"
 _MISSING: Any = object()
 
 
+_MOST_SHOWN = 60
+
+
+def _shown(value: Any) -> str:
+    """Return a value as a person knows it from the file, cut where it is long."""
+    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
+    text = "empty" if value is None else text
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}…"
+
+
 class Section:
     """One mapping of a configuration file, from which every key must be taken once.
 
@@ -23,8 +33,10 @@ class Section:
     """
 
     def __init__(self, mapping: Any, source: str) -> None:
+        if mapping is None:
+            raise ValueError(f"{source}: expected keys with values, found nothing")
         if not isinstance(mapping, Mapping):
-            raise ValueError(f"{source}: expected keys with values, found {mapping!r}")
+            raise ValueError(f"{source}: expected keys with values, found {_shown(mapping)}")
         self._mapping = mapping
         self._source = source
         self._taken: set[str] = set()
@@ -34,12 +46,14 @@ class Section:
         value = self._mapping.get(key, _MISSING)
         if value is _MISSING:
             if default is _MISSING:
-                raise ValueError(f"{self._source}: '{key}' is missing")
+                near = get_close_matches(key, self.keys(), n=1)
+                hint = f"; is '{near[0]}' a typing error?" if near else ""
+                raise ValueError(f"{self._source}: '{key}' is missing{hint}")
             return default
         return value
 
     def _wrong(self, key: str, value: Any, expected: str) -> ValueError:
-        return ValueError(f"{self._source}: '{key}' is {value!r}; expected {expected}")
+        return ValueError(f"{self._source}: '{key}' is {_shown(value)}; expected {expected}")
 
     def number(
         self, key: str, low: float = -1e12, high: float = 1e12, default: Any = _MISSING

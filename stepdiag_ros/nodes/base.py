@@ -3,6 +3,7 @@
 import sys
 import uuid
 from collections.abc import Callable
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, ClassVar
 
@@ -10,14 +11,26 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
+from stepdiag_ros.refusals import PREFIX, sentence
 from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, Peer, Watch
 from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE, Topic
+
+CLIENT_PARAMETERS = ("start_type_description_service",)
+"""Parameters that a ROS client declares by itself and that mean nothing to a node."""
+_KINDS = {
+    str: "a text",
+    float: "a number with a point, such as 1.0,",
+    int: "a whole number",
+}
 
 
 def quality(topic: Topic, keep_all: bool = False) -> QoSProfile:
@@ -45,6 +58,10 @@ def message_class(topic: Topic) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
+class CannotStart(Exception):
+    """A node cannot do its work after all; the text says why. Ends the process."""
+
+
 class StepdiagNode(Node):
     """A node of the suite: says that it is alive, listens who else is, reports faults in words.
 
@@ -55,7 +72,9 @@ class StepdiagNode(Node):
     role: ClassVar[str] = ""
 
     def __init__(self, name: str) -> None:
-        super().__init__(name)
+        # Declared at first as they come, so that one that the node does not have is seen.
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self._own_parameters: set[str] = set()
         self.run_id = ""
         self.run_over = True
         self.watch = Watch()
@@ -90,7 +109,10 @@ class StepdiagNode(Node):
         def look() -> None:
             if self.now() > 0:
                 timer.cancel()
-                then()
+                try:
+                    then()
+                except (ValueError, OSError) as error:
+                    raise CannotStart(sentence(error)) from error
                 self.ready()
 
         self.not_ready("waiting for the ROS clock to run")
@@ -139,7 +161,7 @@ class StepdiagNode(Node):
         """Declare a parameter that is set at start and return its value.
 
         Raises:
-            rclpy.exceptions.InvalidParameterValueException: the given value is out of range.
+            ValueError: the given value is out of range or of another type.
         """
         descriptor = ParameterDescriptor(description=description, read_only=True)
         if low is not None and high is not None:
@@ -151,7 +173,33 @@ class StepdiagNode(Node):
                 descriptor.integer_range = [
                     IntegerRange(from_value=int(low), to_value=int(high), step=1)
                 ]
-        return self.declare_parameter(name, default, descriptor).value
+        self._own_parameters.add(name)
+        given = self.get_parameter_or(name, Parameter(name, value=default)).value
+        if self.has_parameter(name):
+            self.undeclare_parameter(name)
+        try:
+            return self.declare_parameter(name, default, descriptor).value
+        except rclpy.exceptions.ParameterException:
+            limits = "" if low is None or high is None else f" from {low:.15g} to {high:.15g}"
+            raise ValueError(
+                f"parameter '{name}' of node {self.get_name()} is {given!r};"
+                f" expected {_KINDS.get(type(default), 'true or false')}{limits}"
+            ) from None
+
+    def refuse_unknown_parameters(self) -> None:
+        """Refuse parameters that the node does not have: rclpy would ignore a typing error.
+
+        Raises:
+            ValueError: there is one; names it and those that there are.
+        """
+        if not isinstance(self.get_parameter("use_sim_time").value, bool):
+            raise ValueError(f"parameter 'use_sim_time' of node {self.get_name()} is no true/false")
+        own = sorted({*self._own_parameters, "use_sim_time"})
+        for name in self.get_parameters_by_prefix(""):
+            if name not in own and name not in CLIENT_PARAMETERS:
+                near = get_close_matches(name, own, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(own)}"
+                raise ValueError(f"node {self.get_name()} has no parameter '{name}'; {hint}")
 
     # Health --------------------------------------------------------------------------------------
 
@@ -276,19 +324,38 @@ def spin(node_class: Callable[[], StepdiagNode]) -> int:
 
     A node that cannot start says why in one sentence.
     """
-    rclpy.init()
     try:
-        node = node_class()
-    except (ValueError, OSError, rclpy.exceptions.ParameterException) as error:
-        print(f"stepdiag: error: {error}", file=sys.stderr)
+        node = _make(node_class)
+    except KeyboardInterrupt:
         rclpy.try_shutdown()
-        return 1
+        return 0
+    # RuntimeError is what the middleware raises, for example about ROS_DOMAIN_ID.
+    except (ValueError, OSError, RuntimeError, NameValidationException) as error:
+        return _refuse(error)
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except CannotStart as error:
+        return _refuse(error)
     finally:
         node.close()
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _make(node_class: Callable[[], StepdiagNode]) -> StepdiagNode:
+    left = remove_ros_args(sys.argv)[1:]
+    if left:
+        raise ValueError(f"'{' '.join(left)}' is not understood; parameters go behind --ros-args")
+    rclpy.init()
+    node = node_class()
+    node.refuse_unknown_parameters()
+    return node
+
+
+def _refuse(error: Exception) -> int:
+    print(f"{PREFIX}{sentence(error)}", file=sys.stderr)
+    rclpy.try_shutdown()
+    return 1

@@ -101,9 +101,11 @@ class PlayerNode(StepdiagNode):
                 raise ValueError(f"the nodes {', '.join(roles)} did not come up in {limit:g} s")
             rclpy.spin_once(self, timeout_sec=0.1)
 
-    def listen_to_derived(self) -> None:
-        """Keep what the live nodes publish on the topics that are derived from the recording."""
+    def listen_to_derived(self, wanted: Sequence[Topic]) -> None:
+        """Keep what the live nodes publish on these of the topics that the recording derives."""
         for name, topic in self._derived.items():
+            if not any(topic.type_name == one.type_name for one in wanted):
+                continue
             self._heard[name] = []
 
             def hear(data: bytes, kept: list[bytes] = self._heard[name]) -> None:

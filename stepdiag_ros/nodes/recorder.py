@@ -39,6 +39,7 @@ class RecorderNode(StepdiagNode):
         self._folder.mkdir(parents=True, exist_ok=True)
         self._writer: BagWriter | None = None
         self._close_at: float | None = None
+        self._failure = ""
         self._collector = ParameterCollector(self)
         self.follow_run()
         for topic in topics.RECORDED:
@@ -63,7 +64,7 @@ class RecorderNode(StepdiagNode):
             parameters=yaml.safe_dump(self._collector.values),
         )
         writer = BagWriter(self._free_path(description.run_id), header)
-        self._writer, self._close_at = writer, None
+        self._writer, self._close_at, self._failure = writer, None, ""
         self._record(topics.RUN_DESCRIPTION, serialize_message(description))
         self.get_logger().info(f"recording {writer.path}")
 
@@ -88,8 +89,8 @@ class RecorderNode(StepdiagNode):
                 self.facts["stored"] = fact_of_run(stop.run_id, str(stop.command_id))
                 self.beat()
         except BagError as error:
-            self._writer = None
-            self.unwell(str(error))
+            self._writer, self._failure = None, str(error)
+            self.unwell(self._failure)
         if self._close_at is not None and topic in (topics.LINE, topics.VOLUMETRIC_ERRORS):
             self._close_at = self.real_time() + LINGER
 
@@ -100,6 +101,8 @@ class RecorderNode(StepdiagNode):
     def _close(self) -> None:
         writer, self._writer, self._close_at = self._writer, None, None
         if writer is None:
+            if self._failure:
+                self.healthy(f"ready; recorded only in part: {self._failure}")
             return
         try:
             writer.close()

@@ -3,7 +3,6 @@
 
 import sys
 from collections.abc import Callable
-from math import isnan
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -20,7 +19,15 @@ from stepdiag_ros.conversion import (
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.run.identity import new_run_id
-from stepdiag_ros.run.sequence import Answer, Command, Progress, Sequence, State, out_of_limits
+from stepdiag_ros.run.sequence import (
+    Answer,
+    Command,
+    Progress,
+    Sequence,
+    State,
+    beyond_machine,
+    out_of_limits,
+)
 from stepdiag_ros.run.supervision import Peer, said_of_run
 
 UPDATE_PERIOD = 0.01
@@ -47,9 +54,10 @@ class SequencerNode(StepdiagNode):
         machine = self.parameter("machine", "demo", "machine: YAML file or name, config/machines")
         cell = self.parameter("cell", "", "simulated cell: YAML file or name; empty on a machine")
         self._plan, self._plan_text = load_plan(plan)
-        if isnan(self._plan.feed):
-            raise ValueError(f"plan '{plan}' has no feed: it can be solved, but not executed")
-        self._machine_text = load_machine(machine)[1]
+        model, self._machine_text = load_machine(machine)
+        beyond = beyond_machine(self._plan, model)
+        if beyond:
+            raise ValueError(f"plan '{plan}' cannot be executed on machine '{machine}': {beyond}")
         self._cell_text = load_cell(cell)[1] if cell else ""
         self._sequence: Sequence | None = None
         self._waiting_since: float | None = None

@@ -1,6 +1,6 @@
 """What a report is made of, and how a result compares with the truth of a simulated cell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
@@ -116,6 +116,16 @@ class Report:
         """Return the result to rely on: least squares before setup-robust before conventional."""
         ordered = self.ordered_results()
         return ordered[-1] if ordered else None
+
+
+def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:
+    """Say in which frame results are given: one sentence for each different frame."""
+    frames: dict[str, list[str]] = {}
+    for result in results:
+        frames.setdefault(result.frame, []).append(short_title(result.method))
+    if len(frames) == 1:
+        return [f"Frame: {frame}." for frame in frames]
+    return [f"Frame of {' and '.join(methods)}: {frame}." for frame, methods in frames.items()]
 
 
 def compare_with_truth(result: VolumetricErrors, truth: Truth) -> Comparison:

@@ -4,16 +4,23 @@ Colours are those of Okabe and Ito, which people with any colour vision can tell
 line styles differ too, so that a black-and-white print can be read.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, Vector, translation
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.report.content import ZERO_BY_DEFINITION, Report, method_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plus_minus
+from stepdiag_ros.report.content import (
+    ZERO_BY_DEFINITION,
+    Report,
+    frame_sentences,
+    method_title,
+)
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, plus_minus
 from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
 
 if TYPE_CHECKING:
@@ -22,6 +29,7 @@ if TYPE_CHECKING:
 
 _MILLI = 1e3
 _DOTS_PER_INCH = 150
+_SMALL_PRINT_WIDTH = 170
 
 
 @dataclass(frozen=True)
@@ -141,7 +149,7 @@ def curves_picture(report: Report, with_conventional: bool) -> "Picture":
             if error == 2:
                 axes.set_xlabel(f"{letter} / mm", fontsize=9)
     _title(picture, "Translational errors of the three axes with 95 % bands", report)
-    _legend_below(picture, grid.ravel())
+    _legend_below(picture, grid.ravel(), frame_sentences(results))
     return picture
 
 
@@ -150,7 +158,7 @@ def _title(picture: "Picture", title: str, report: Report, *more: str) -> None:
     picture.suptitle("\n".join(line for line in lines if line), fontsize=11)
 
 
-def _legend_below(picture: "Picture", panels: Any) -> None:
+def _legend_below(picture: "Picture", panels: Any, small_print: Sequence[str] = ()) -> None:
     entries: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -163,12 +171,14 @@ def _legend_below(picture: "Picture", panels: Any) -> None:
             ncols=min(4, len(entries)),
             fontsize=9,
             frameon=False,
+            title="\n".join(fill(sentence, _SMALL_PRINT_WIDTH) for sentence in small_print),
+            title_fontsize=8,
         )
 
 
 _PLANES = {
     "C0Y": "seen from +Z",
-    "B0Z": "seen from -Y",
+    "B0Z": "seen from −Y",
     "A0Z": "seen from +X",
 }
 _LEANS_TO_MINUS = {"C0Y": 1.0, "B0Z": -1.0, "A0Z": 1.0}
@@ -198,7 +208,7 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
         known = [report.truth.figures]
     largest = max((angle for figures in known for angle in _angles(figures)), default=0.0)
     exaggeration = _DRAWN_ANGLE / largest if largest > 0 else 1.0
-    picture = _picture(11.0, 5.0)
+    picture = _picture(11.0, 5.2)
     panels = picture.subplots(1, 3, squeeze=False)[0]
     for axes, name in zip(panels, SQUARENESS, strict=True):
         _draw_square(axes, name)
@@ -245,7 +255,7 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
         report,
         f"sign of the figures: {SIGN_DEFINITIONS[definition]}",
     )
-    _legend_below(picture, panels)
+    _legend_below(picture, panels, frame_sentences(drawn))
     return picture
 
 
@@ -280,6 +290,9 @@ def _squareness_words(
             unit = " µm/m" if np.isfinite(figure.value) else ""
             hidden = "" if any(result is one for one in drawn) else " (not drawn)"
             lines.append(f"{method_title(result.method)}: {written}{unit}{hidden}")
+    true = None if report.truth is None else _find(report.truth.figures, name)
+    if true is not None:
+        lines.append(f"Truth (simulated cell): {plain(factor * true.value * MICRO)} µm/m")
     return lines
 
 

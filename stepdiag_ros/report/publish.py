@@ -1,21 +1,43 @@
 """Writes a report into a results folder: JSON, text and pictures."""
 
 import io
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.documents import report_json
 from stepdiag_ros.report.squareness import SignDefinition
 from stepdiag_ros.report.tables import make_console, print_report
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
 PICTURE_FORMATS = ("png", "svg", "pdf")
 
 
 def results_folder(bag: Path) -> Path:
     """Return the folder for the results of a bag: ``NAME_results`` beside it."""
-    return bag.with_name(f"{bag.stem}_results")
+    return bag.parent / f"{bag.stem}_results"
+
+
+def make_folder(folder: Path) -> Path:
+    """Make sure that a folder for results is there, and return it.
+
+    Raises:
+        ValueError: it cannot be made or written to; names the folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise ValueError(f"{folder} is a file; results need a folder") from None
+    except OSError as error:
+        raise ValueError(f"the folder {folder} cannot be made: {error.strerror}") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"the folder {folder} cannot be written to; choose another one")
+    return folder
 
 
 @contextmanager
@@ -25,6 +47,9 @@ def _whole_file(path: Path) -> Iterator[Path]:
     try:
         yield partial
         partial.replace(path)
+    except OSError as error:
+        # A full disk is told without the name of any file.
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
 
@@ -34,7 +59,7 @@ def publish(
     folder: Path,
     picture_formats: tuple[str, ...] = ("png",),
     definition: SignDefinition = "rotation",
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[float, str], None] | None = None,
 ) -> list[Path]:
     """Write ``results.json``, ``report.txt`` and the pictures, in place of earlier ones.
 
@@ -44,13 +69,14 @@ def publish(
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
         definition: sign definition of squareness in the text and the pictures; the JSON always
             holds the right-handed rotation.
-        progress: called with the name of each file before it is made.
+        progress: told before each file the part that is done (0..1), and the file's name.
 
     Returns:
         The files, in the order in which they were written.
 
     Raises:
-        ValueError: an unknown picture format, or the report contradicts itself.
+        ValueError: an unknown picture format, the folder cannot be made, or the report contradicts
+            itself.
         OSError: a file cannot be written.
     """
     for picture_format in picture_formats:
@@ -58,32 +84,39 @@ def publish(
             raise ValueError(
                 f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}"
             )
+    tell = progress or _tell_nobody
     text = io.StringIO()
     print_report(report, make_console(text), definition)
-    written: list[Path] = []
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in (
-        ("results.json", report_json(report) + "\n"),
-        ("report.txt", _without_trailing_blanks(text.getvalue())),
-    ):
-        if progress is not None:
-            progress(name)
-        with _whole_file(folder / name) as partial:
-            partial.write_text(content, encoding="utf-8")
-        written.append(folder / name)
+    contents = {
+        "results.json": report_json(report) + "\n",
+        "report.txt": _without_trailing_blanks(text.getvalue()),
+    }
+    pictures: dict[str, Picture] = {}
     if picture_formats:
         # matplotlib is slow to import, so it is only here that pictures are asked for.
         from stepdiag_ros.report.figures import draw_all, save
 
-        for name, picture in draw_all(report, definition).items():
-            for picture_format in picture_formats:
-                path = folder / f"{name}.{picture_format}"
-                if progress is not None:
-                    progress(path.name)
-                with _whole_file(path) as partial:
-                    save(picture, partial)
-                written.append(path)
+        tell(0.0, "pictures")
+        pictures = {
+            f"{name}.{picture_format}": picture
+            for name, picture in draw_all(report, definition).items()
+            for picture_format in picture_formats
+        }
+    make_folder(folder)
+    written: list[Path] = []
+    for name in (*contents, *pictures):
+        tell(len(written) / (len(contents) + len(pictures)), name)
+        with _whole_file(folder / name) as partial:
+            if name in contents:
+                partial.write_text(contents[name], encoding="utf-8")
+            else:
+                save(pictures[name], partial)
+        written.append(folder / name)
     return written
+
+
+def _tell_nobody(done: float, name: str) -> None:
+    del done, name
 
 
 def _without_trailing_blanks(text: str) -> str:

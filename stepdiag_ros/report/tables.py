@@ -13,6 +13,7 @@ from stepdiag_ros.report.content import (
     Comparison,
     Report,
     compare_with_truth,
+    frame_sentences,
     method_title,
     short_title,
 )
@@ -29,16 +30,25 @@ from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefini
 _LEAST_WIDTH = 110
 
 
-class _PlainConsole(Console):
-    """A console that leaves it to its user what happens when nobody reads on."""
+class PlainConsole(Console):
+    """A console that leaves it to its user what happens when nobody reads on.
+
+    Attributes:
+        text_width: at which sentences are broken into lines; None to leave them whole.
+    """
+
+    text_width: int | None = None
 
     def on_broken_pipe(self) -> None:
+        """Let the caller know, as every other stream does."""
         raise BrokenPipeError
 
 
-def make_console(stream: IO[str]) -> Console:
+def make_console(stream: IO[str]) -> PlainConsole:
     """Return a console for plain text, never so narrow that a number would be cut."""
-    console = _PlainConsole(file=stream, markup=False, highlight=False, emoji=False)
+    console = PlainConsole(file=stream, markup=False, highlight=False, emoji=False)
+    if console.is_terminal:
+        console.text_width = console.width
     if not console.is_terminal or console.width < _LEAST_WIDTH:
         console.width = _LEAST_WIDTH
     return console
@@ -51,6 +61,8 @@ def _table(title: str, *columns: str) -> Table:
         title_style="bold",
         header_style="bold",
         box=box.SIMPLE_HEAD,
+        # Two blanks between columns: the tables fit into a terminal of 80.
+        padding=(0, 1, 0, 0),
         pad_edge=False,
     )
     for number, column in enumerate(columns):
@@ -195,7 +207,7 @@ def fit_table(report: Report) -> Table:
         table.add_row("truth inside the 95 % bands", "points", *(_inside(c) for c in found))
     if report.equals_recorded:
         table.add_row(
-            "same as recorded",
+            "same bits as recorded",
             "",
             *(_equality(report.equals_recorded.get(r.method)) for r in results),
         )
@@ -217,17 +229,11 @@ def _inside(comparison: Comparison) -> str:
 def _equality(same: bool | None) -> str:
     if same is None:
         return "none recorded"
-    return "to the last bit" if same else "NO, DIFFERS"
+    return "yes" if same else "NO, DIFFERS"
 
 
 def _sentences(report: Report, definition: SignDefinition) -> list[str]:
-    lines: list[str] = []
-    frames: dict[str, list[str]] = {}
-    for result in report.ordered_results():
-        frames.setdefault(result.frame, []).append(short_title(result.method))
-    for frame, methods in frames.items():
-        whose = "" if len(frames) == 1 else f" of {' and '.join(methods)}"
-        lines.append(f"Frame{whose}: {frame}.")
+    lines = frame_sentences(report.ordered_results())
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."
@@ -256,7 +262,7 @@ def _heading(report: Report) -> list[str]:
 
 def print_report(
     report: Report,
-    console: Console,
+    console: PlainConsole,
     definition: SignDefinition = "rotation",
     curves: bool = True,
 ) -> None:
@@ -270,7 +276,7 @@ def print_report(
     """
 
     def sentence(text: str) -> None:
-        console.print(text, soft_wrap=not console.is_terminal)
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
 
     for line in _heading(report):
         sentence(line)

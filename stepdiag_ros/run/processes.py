@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from stepdiag_ros.refusals import PREFIX
+
 PR_SET_PDEATHSIG = 1
 """From linux/prctl.h."""
 END_LIMIT = 5.0
@@ -117,4 +119,5 @@ class Processes:
     def _last_words(self, name: str) -> str:
         log = self._logs / f"{name}.log"
         lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        return f"{lines[-1].strip()} (see {log})" if lines else f"it said nothing (see {log})"
+        said = lines[-1].strip().removeprefix(PREFIX) if lines else "it said nothing"
+        return f"{said} (see {log})"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import topics
+from stepdiag_ros.run.graph import in_graph
 from stepdiag_ros.run.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ START_LIMIT = 20.0
 """Real seconds within which assembler and solver must be up."""
 QUIET = 2.0
 """Real seconds without a new message after which assembler and solver are taken to be done."""
+
+_FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, topics.VOLUMETRIC_ERRORS)
 
 
 def replay(
@@ -31,28 +34,34 @@ def replay(
         progress: is told the part that has been published, 0..1.
 
     Raises:
-        ValueError: a node could not be started.
+        ValueError: the bag holds no run, or one of a newer schema version, or (with ``check``)
+            nothing to compare with; or a node could not be started.
     """
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
+    from stepdiag_ros.bags.run import check_version
     from stepdiag_ros.nodes.player import PlayerNode
 
-    has_readings = any(
-        (found := topics.topic_of(name)) is not None and found[0] is topics.READING
-        for name in bag.topics
-    )
-    roles = ["assembler", "solver"] if has_readings else ["solver"]
+    present = {found[0] for name in bag.topics if (found := topics.topic_of(name)) is not None}
+    if topics.RUN_DESCRIPTION not in present:
+        raise ValueError(f"{bag.path} holds no run: there is no RunDescription in it")
+    check_version(bag.path, bag.header.schema_version, bag.header.software_version)
+    # Without one of these there is nothing to assemble; the recorded lines are taken then.
+    assembled = present >= {topics.READING, topics.MACHINE_COMMAND, topics.COMMAND_STATUS}
+    compared = _FROM_READINGS if assembled else (topics.VOLUMETRIC_ERRORS,)
+    if check and not present.intersection(compared):
+        raise ValueError(
+            f"{bag.path} holds no stops, lines or results that follow from what it can replay;"
+            " there is nothing to compare: replay it without --check"
+        )
+    roles = ["assembler", "solver"] if assembled else ["solver"]
     with ExitStack() as stack:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        stack.callback(rclpy.try_shutdown)
-        player = PlayerNode(bag, derived=not has_readings)
+        stack.enter_context(in_graph())
+        player = PlayerNode(bag, derived=not assembled)
         if check:
             player.refuse_company(roles)
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             nodes = [NodeProcess(role, {"use_sim_time": True}) for role in roles]
             processes = stack.enter_context(Processes(nodes, logs))
             player.wait_for(roles, START_LIMIT, processes.ended)
-            player.listen_to_derived()
+            player.listen_to_derived(compared)
         played = player.play(rate, progress)
         return player.compare(played, QUIET) if check else played

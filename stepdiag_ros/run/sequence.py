@@ -8,6 +8,7 @@ from enum import Enum, IntEnum
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
 
 NANOSECONDS = 1_000_000_000
@@ -418,6 +419,18 @@ class Sequence:
         self._assembled = False
         self._phase = _Phase.ANSWER
         self._send(self._command)
+
+
+def beyond_machine(plan: Plan, machine: Machine) -> str:
+    """Say why a machine cannot execute a plan; empty if it can."""
+    if math.isnan(plan.feed):
+        return "the plan has no feed_m_per_s: it can be solved, but not executed"
+    if plan.feed > machine.feed_limit_m_per_s:
+        return (
+            f"the plan's feed_m_per_s {plan.feed:g} is above the machine's feed limit "
+            f"{machine.feed_limit_m_per_s:g} m/s"
+        )
+    return out_of_limits(plan, machine.travel_low_m, machine.travel_high_m)
 
 
 def out_of_limits(

@@ -1,12 +1,12 @@
 """One measurement from the command line: start the nodes, start the run, follow it to its end."""
 
 import os
-import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.run.graph import in_graph
 from stepdiag_ros.run.processes import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
 
@@ -19,6 +19,8 @@ START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
 SETTLE_LIMIT = 3.0
 """Real seconds in which a refused start is tried again."""
+RESUME_LIMIT = 5.0
+"""Real seconds in which the run must go on after it was resumed."""
 CLOSE_LIMIT = 15.0
 """Real seconds that the recorder has to close the bag after the run."""
 
@@ -51,6 +53,9 @@ class Session:
         nodes: to be started.
         folder: bag and logs go there.
         tell: is told how far the run is.
+
+    Attributes:
+        bag: of the run; None before it has started.
     """
 
     def __init__(
@@ -59,29 +64,24 @@ class Session:
         self._nodes = nodes
         self._folder = folder
         self._tell = tell
+        self.bag: Path | None = None
 
     def measure(self) -> Path:
         """Execute the whole run and return its bag.
 
         Raises:
             RunFailed: it did not finish; the machine stands still and the bag is closed.
-            KeyboardInterrupt: as asked; likewise.
+            ValueError: the ROS graph cannot be joined.
+            KeyboardInterrupt: as asked; the machine stands still and the bag is closed.
         """
-        import rclpy
-        from rclpy.signals import SignalHandlerOptions
-
         from stepdiag_ros.nodes.operator import OperatorNode
 
-        # Ctrl-C and kill must leave time to abort the run and to close the bag.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        try:
+        with in_graph():
             operator = OperatorNode()
+            self._tell(Told("looking for other measurements"))
             self._refuse_company(operator)
             with Processes(self._nodes, self._folder / "logs") as processes:
                 return self._measure(operator, processes)
-        finally:
-            rclpy.try_shutdown()
 
     def _refuse_company(self, operator: "OperatorNode") -> None:
         operator.spin_until(lambda: bool(operator.watch.peers), LOOK_AROUND)
@@ -107,7 +107,7 @@ class Session:
         if not all_up():
             faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
             raise RunFailed(f"only {len(peers)} of {count} nodes came up. {'; '.join(faults)}")
-        run_id = self._start(operator)
+        self.bag = self._folder / f"{self._start(operator)}.mcap"
         try:
             self._follow(operator, processes)
         except BaseException:
@@ -117,7 +117,7 @@ class Session:
             closed = operator.spin_until(lambda: _bag_is_closed(operator), CLOSE_LIMIT)
         if not closed:
             raise RunFailed("the recorder has not closed the bag in time")
-        return self._folder / f"{run_id}.mcap"
+        return self.bag
 
     def _start(self, operator: "OperatorNode") -> str:
         deadline = operator.real_time() + SETTLE_LIMIT
@@ -136,11 +136,26 @@ class Session:
             operator.spin_until(lambda: False, 0.2)
             self._check(processes)
             if operator.state is not None:
-                state = operator.state
-                words = state.line if state.state == State.RUNNING else state.text
-                self._tell(Told(words, state.stops_done, state.stops_total, state.remaining_time))
+                self._tell(_told(operator.state))
+                if operator.state.state == State.WAITING_FOR_SETUP:
+                    # The simulated cell is aligned already; nobody has to touch it.
+                    self._resume(operator)
         if operator.state.state != State.FINISHED:
             raise RunFailed(f"the run has stopped: {operator.state.text}")
+
+    def _resume(self, operator: "OperatorNode") -> None:
+        setup = operator.state
+        try:
+            operator.call("sequencer/resume")
+        except ValueError as error:
+            raise RunFailed(f"{setup.text}: {error}") from None
+        operator.spin_until(
+            lambda: (
+                operator.state.state != State.WAITING_FOR_SETUP
+                or operator.state.line_index != setup.line_index
+            ),
+            RESUME_LIMIT,
+        )
 
     def _check(self, processes: Processes) -> None:
         ended = processes.ended()
@@ -153,6 +168,16 @@ class Session:
         except ValueError:
             # It has ended already, or the sequencer itself is what died.
             self._tell(Told("the run could not be aborted: it has ended or its sequencer is gone"))
+
+
+def _told(state: Any) -> Told:
+    words = {
+        State.RUNNING: state.line,
+        State.IDLE: "waiting until all nodes are ready for the run",
+        State.WAITING_FOR_SETUP: f"aligning for {state.line}",
+    }
+    text = words.get(State(state.state), state.text)
+    return Told(text, state.stops_done, state.stops_total, state.remaining_time)
 
 
 def _bag_is_closed(operator: "OperatorNode") -> bool:

@@ -56,6 +56,11 @@ def test_a_column_that_is_there_twice(rows, tmp_path):
     refused([[*cells, cells[0]] for cells in rows], tmp_path, 1, "'time_s' is there 2 times")
 
 
+def test_more_cells_than_columns(rows, tmp_path):
+    rows[7].append("1")
+    refused(rows, tmp_path, 8, "has 16 cells under 15 columns")
+
+
 def test_semicolons(rows, tmp_path):
     refused([[";".join(cells)] for cells in rows], tmp_path, 1, "not separated by commas")
 

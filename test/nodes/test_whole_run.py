@@ -1,6 +1,7 @@
 """A whole measurement on the node graph: recorded, replayed, solved."""
 
 import json
+import resource
 import subprocess
 import sys
 
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.run.sequence import State
 
 
@@ -107,6 +110,37 @@ def test_the_bag_says_all_that_made_the_run(finished):
     assert "quick" in header.plan and "chain" in header.machine and "seed" in header.simulated_cell
     for node in ("/sequencer", "/cnc_bridge", "/interferometer", "/assembler", "/recorder"):
         assert node in header.parameters
+
+
+def test_the_command_line_passes_the_pauses_for_a_setup(tmp_path):
+    plan = tmp_path / "plan.yaml"
+    text = load_plan("quick")[1]
+    plan.write_text(text.replace("pause_for_setup: false", "pause_for_setup: true"))
+    done = stepdiag(
+        "run", "--plan", plan, "--factor", "30", "--output", tmp_path / "out", "--pictures", "none"
+    )
+    assert done.returncode == 0, done.stderr
+    (bag,) = (tmp_path / "out").glob("*.mcap")
+    recorded = load_run(bag)
+    assert recorded.plan.pause_for_setup
+    assert len(recorded.lines) == len(recorded.plan.lines)
+
+
+def test_a_full_disk_is_said_and_what_was_recorded_can_be_saved(tmp_path):
+    arguments = ("run", "--plan", "quick", "--factor", "20", "--output", str(tmp_path))
+    done = subprocess.run(
+        [sys.executable, "-m", "stepdiag_ros.cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000)),
+    )
+    (bag,) = tmp_path.glob("*.mcap")
+    assert done.returncode == 1
+    assert f"{bag}: the disk is full" in done.stderr
+    assert "not closed the bag" not in done.stderr
+    assert "Traceback" not in done.stderr
+    assert recover(bag, tmp_path / "saved.mcap").messages > 100
 
 
 def test_pause_resume_and_abort(make_cell):

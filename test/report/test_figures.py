@@ -79,7 +79,9 @@ def test_squareness_that_is_not_known_is_not_drawn():
     picture = squareness_picture(report)
     for panel in picture.axes:
         assert "Least squares" not in drawn_lines(panel)
-        assert "Least squares: unknown" in [text.get_text() for text in panel.texts]
+        words = "\n".join(text.get_text() for text in panel.texts).splitlines()
+        assert "Least squares: unknown" in words
+    assert "Truth (simulated cell): 12.00 µm/m" in picture.axes[0].texts[-1].get_text()
     truth = drawn_lines(picture.axes[0])["Truth (simulated cell)"]
     assert truth.get_xdata()[-1] < -0.1
 

@@ -1,7 +1,9 @@
 import math
+from dataclasses import replace
 
 import pytest
 
+from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan, Sampling, Volume
 from stepdiag_ros.run.sequence import (
     ANSWER_LIMIT,
@@ -10,6 +12,7 @@ from stepdiag_ros.run.sequence import (
     Purpose,
     Sequence,
     State,
+    beyond_machine,
     out_of_limits,
 )
 
@@ -304,3 +307,15 @@ def test_a_plan_beyond_the_soft_limits_is_named():
     assert out_of_limits(a_plan(), ORIGIN, (1.0, 1.0, 1.0)) == ""
     text = out_of_limits(a_plan(), ORIGIN, (1.0, 0.03, 1.0))
     assert "npp" in text and "Y" in text
+
+
+def test_a_machine_that_cannot_execute_the_plan():
+    machine = Machine("small", "XYZ", ORIGIN, (0.1, 0.1, 0.1), 0.01, 1.0)
+    assert beyond_machine(a_plan(), machine) == ""
+    assert "above the machine's feed limit" in beyond_machine(
+        a_plan(), replace(machine, feed_limit_m_per_s=0.0099)
+    )
+    assert "outside the soft limits" in beyond_machine(
+        a_plan(), replace(machine, travel_high_m=(0.1, 0.03, 0.1))
+    )
+    assert "has no feed" in beyond_machine(replace(a_plan(), feed=math.nan), machine)

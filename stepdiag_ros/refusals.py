@@ -1,0 +1,12 @@
+"""How a refusal reads: one sentence, whatever kind of error it comes from."""
+
+PREFIX = "stepdiag: error: "
+"""In front of the sentence with which the command line or a node ends."""
+
+
+def sentence(error: Exception) -> str:
+    """Say in one line what is wrong; an operating system's error begins with the file."""
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,30 @@
+"""The command line as a part of the ROS graph."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def in_graph() -> Iterator[None]:
+    """Be part of the ROS graph while the block runs.
+
+    Ctrl-C and a request to end (SIGTERM) both raise KeyboardInterrupt in the block, which leaves
+    time to stop the machine and to close the bag.
+
+    Raises:
+        ValueError: the graph cannot be joined, for example because of a wrong ROS_DOMAIN_ID.
+    """
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            raise ValueError(str(error)) from error
+        yield
+    finally:
+        rclpy.try_shutdown()
+        signal.signal(signal.SIGTERM, before)
