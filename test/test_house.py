@@ -52,3 +52,13 @@ def test_devices_and_metrology_know_no_ros():
         for path in (ROOT / "stepdiag_ros" / folder).rglob("*.py"):
             text = path.read_text()
             assert "rclpy" not in text and "stepdiag_ros.nodes" not in text, path
+
+
+def test_imports_point_inwards():
+    """Whoever stands later in this list may import those before it, not the other way round."""
+    floors = ("metrology", "devices", "bags", "run", "report", "nodes", "session", "commands")
+    for height, floor in enumerate(floors):
+        for path in (ROOT / "stepdiag_ros" / floor).rglob("*.py"):
+            text = path.read_text()
+            for above in floors[height + 1 :]:
+                assert f"from stepdiag_ros.{above}" not in text, f"{path} knows of {above}"

@@ -44,7 +44,7 @@ def _rate(text: str) -> float:
 def run(arguments: argparse.Namespace) -> int:
     """Replay, and compare if asked."""
     from stepdiag_ros.bags.reader import BagReader
-    from stepdiag_ros.run.replay import replay
+    from stepdiag_ros.session.replay import replay
 
     with BagReader(arguments.bag) as bag, progress_bar("replaying") as progress:
         played = replay(bag, arguments.rate, arguments.check, progress)

@@ -12,7 +12,7 @@ from stepdiag_ros.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from stepdiag_ros.run.session import Told
+    from stepdiag_ros.session.measure import Told
 
 DEFAULT_FOLDER = Path("stepdiag_results")
 LARGEST_SEED = 2**31
@@ -76,9 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
     from stepdiag_ros.report.publish import make_folder
-    from stepdiag_ros.run.cell import simulated_cell
     from stepdiag_ros.run.sequence import beyond_machine
-    from stepdiag_ros.run.session import Session
+    from stepdiag_ros.session.cell import simulated_cell
+    from stepdiag_ros.session.measure import Session
 
     # Refused here, before any process is started.
     plan = str(configuration.find(arguments.plan, "plans"))

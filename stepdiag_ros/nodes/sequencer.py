@@ -34,6 +34,9 @@ UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
 FOLLOWER_LIMIT = 5.0
 """Real seconds within which the other nodes must have taken up a new run."""
+RESET_LIMIT = 1.0
+"""Real seconds within which the bridge should answer a reset before it is asked again."""
+RESET_TRIES = 5
 FOLLOWERS = ("cnc_bridge", "assembler", "solver", "recorder")
 """Roles that say in their heartbeat which run they have taken up."""
 REQUIRED = ("interferometer", *FOLLOWERS)
@@ -61,6 +64,9 @@ class SequencerNode(StepdiagNode):
         self._cell_text = load_cell(cell)[1] if cell else ""
         self._sequence: Sequence | None = None
         self._waiting_since: float | None = None
+        self._after_reset: Callable[[], None] | None = None
+        self._reset_tries = 0
+        self._reset_asked = 0.0
         self._machine_state: Any = None
         self._published: Progress | None = None
         self._not_before = 0
@@ -130,6 +136,7 @@ class SequencerNode(StepdiagNode):
         """Stop the machine at once and end the run."""
         if self._waiting_since is not None:
             self._waiting_since = None
+        self._after_reset = None
         self._running().abort("aborted by the operator")
         self._ended()
         return "aborted"
@@ -176,6 +183,7 @@ class SequencerNode(StepdiagNode):
     def _update(self) -> None:
         if self._sequence is None:
             return
+        self._insist_on_reset()
         if self._waiting_since is not None:
             self._begin_when_taken_up()
         else:
@@ -257,14 +265,34 @@ class SequencerNode(StepdiagNode):
             self.get_logger().error("the CNC bridge does not offer its stop service")
 
     def _reset_machine(self, then: Callable[[], None]) -> None:
-        def answered(future: Any) -> None:
-            response = future.result()
-            if response.success:
-                then()
-            else:
-                self.unwell(f"the CNC bridge cannot be reset: {response.message}")
+        self._after_reset, self._reset_tries = then, 0
+        self._ask_for_reset()
 
-        self._reset_client.call_async(Trigger.Request()).add_done_callback(answered)
+    def _ask_for_reset(self) -> None:
+        self._reset_tries += 1
+        self._reset_asked = self.real_time()
+        self._reset_client.call_async(Trigger.Request()).add_done_callback(self._on_reset)
+
+    def _on_reset(self, future: Any) -> None:
+        response, then = future.result(), self._after_reset
+        self._after_reset = None
+        if then is None:
+            return
+        if response.success:
+            then()
+        else:
+            self.unwell(f"the CNC bridge cannot be reset: {response.message}")
+
+    def _insist_on_reset(self) -> None:
+        # A bridge that was started again is heard before its services are found; what was asked
+        # meanwhile went to the one that is gone.
+        if self._after_reset is None or self.real_time() - self._reset_asked < RESET_LIMIT:
+            return
+        if self._reset_tries < RESET_TRIES:
+            self._ask_for_reset()
+        else:
+            self._after_reset = None
+            self.unwell("the CNC bridge does not answer its reset service: abort, or start it anew")
 
     def _publish_changes(self) -> None:
         """Publish the state when another stop, line or state has been reached."""

@@ -1,1 +1,1 @@
-"""What makes a run, without ROS: the sequence of commands, the watch over nodes, the processes."""
+"""The course of a run, without ROS: its sequence of commands, the watch over nodes, its time."""

@@ -30,8 +30,8 @@ class CellUnderTest:
 
         from stepdiag_ros import topics
         from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.run.cell import simulated_cell
-        from stepdiag_ros.run.processes import Processes
+        from stepdiag_ros.session.cell import simulated_cell
+        from stepdiag_ros.session.processes import Processes
 
         self.folder = folder
         self.nodes = {

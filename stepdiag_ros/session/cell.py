@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from stepdiag_ros.run.processes import NodeProcess
+from stepdiag_ros.session.processes import NodeProcess
 
 
 def simulated_cell(

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.run.graph import in_graph
-from stepdiag_ros.run.processes import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.session.graph import in_graph
+from stepdiag_ros.session.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import topics
-from stepdiag_ros.run.graph import in_graph
-from stepdiag_ros.run.processes import NodeProcess, Processes
+from stepdiag_ros.session.graph import in_graph
+from stepdiag_ros.session.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.reader import BagReader

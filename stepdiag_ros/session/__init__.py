@@ -1,0 +1,1 @@
+"""Node processes started, followed and ended from the command line."""
