@@ -41,6 +41,8 @@ FOLLOWERS = ("cnc_bridge", "assembler", "solver", "recorder")
 """Roles that say in their heartbeat which run they have taken up."""
 REQUIRED = ("interferometer", *FOLLOWERS)
 """Roles without which no run starts, and whose loss stops one."""
+WELCOME = ("clock", "weather")
+"""Roles that a run can do without from the start, but not lose."""
 
 
 class SequencerNode(StepdiagNode):
@@ -63,6 +65,7 @@ class SequencerNode(StepdiagNode):
             raise ValueError(f"plan '{plan}' cannot be executed on machine '{machine}': {beyond}")
         self._cell_text = load_cell(cell)[1] if cell else ""
         self._sequence: Sequence | None = None
+        self._needed: tuple[str, ...] = REQUIRED
         self._waiting_since: float | None = None
         self._after_reset: Callable[[], None] | None = None
         self._reset_tries = 0
@@ -106,6 +109,8 @@ class SequencerNode(StepdiagNode):
         )
         if beyond:
             raise ValueError(f"cannot start: {beyond}")
+        present = tuple(role for role in WELCOME if self.watch.present(role))
+        self._needed = REQUIRED + present
         self.run_id = new_run_id()
         self.run_over = False
         self._sequence = Sequence(self._plan, tuple(state.position), self._send, self._stop_machine)
@@ -123,7 +128,7 @@ class SequencerNode(StepdiagNode):
     def resume(self) -> str:
         """Go on after a pause, a setup or a fault."""
         sequence = self._running()
-        missing = self.watch.missing(REQUIRED)
+        missing = self.watch.missing(self._needed)
         if missing:
             raise ValueError(f"cannot resume: {'; '.join(missing)}")
         if sequence.state is State.FAULT:
@@ -188,7 +193,7 @@ class SequencerNode(StepdiagNode):
             self._begin_when_taken_up()
         else:
             if self._sequence.active:
-                missing = self.watch.missing(REQUIRED)
+                missing = self.watch.missing(self._needed)
                 if missing:
                     self._sequence.fault(missing[0])
             self._sequence.update(self.now(), self.real_time())

@@ -45,7 +45,7 @@ def test_graph_of_another_process(node: Any, peer: Start) -> None:
     offered = node.get_service_names_and_types_by_node("original", "/cell")
     assert ("/cell/go", ["std_srvs/srv/Trigger"]) in offered and len(offered) == 7
     assert node.count_publishers("/cell/chat") == 1 and node.count_subscribers("/cell/chat") == 0
-    assert node.count_services("/cell/go") == 1
+    assert spin_until(node, lambda: node.count_services("/cell/go") == 1, 5)
     (info,) = node.get_publishers_info_by_topic("/cell/chat")
     assert (info.node_name, info.node_namespace) == ("original", "/cell")
     assert info.topic_type == "std_msgs/msg/String"
@@ -61,7 +61,7 @@ def test_remapping(node: Any, peer: Start) -> None:
     run(peer, *arguments, *more).wait_for_line("/hall/one/renamed")
     wanted = {"/hall/one/talk", "/hall/one/mine", "/absolute"}
     assert spin_until(node, lambda: topics(node, "renamed", "/hall/one") == wanted, 5)
-    assert node.count_services("/run") == 1
+    assert spin_until(node, lambda: node.count_services("/run") == 1, 5)
 
 
 def test_topic_and_service_rules(node: Any, peer: Start) -> None:
@@ -75,7 +75,7 @@ def test_topic_and_service_rules(node: Any, peer: Start) -> None:
     )
     run(peer, *arguments).wait_for_line("/cell/original")
     assert spin_until(node, lambda: node.count_publishers("/cell/only_topic") == 1, 5)
-    assert node.count_services("/cell/chat") == 1
+    assert spin_until(node, lambda: node.count_services("/cell/chat") == 1, 5)
 
 
 def test_resolving_names(node: Any, ros: Any) -> None:

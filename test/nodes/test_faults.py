@@ -18,6 +18,7 @@ ROLES = {
     "assembler": "assembler",
     "solver": "solver",
     "recorder": "recorder",
+    "weather": "weather",
 }
 
 
@@ -78,6 +79,20 @@ def _healthy_roles(cell) -> set[str]:
         for name, peer in watch.peers.items()
         if name not in watch.lost and not peer.faulty
     }
+
+
+def test_a_killed_clock_stops_the_run(make_cell):
+    with make_cell(factor=5.0) as cell:
+        cell.start()
+        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        cell.kill("clock")
+        cell.wait_for_state(State.FAULT, SAID_LIMIT)
+        assert "clock" in cell.operator.state.text
+        cell.operator.call("sequencer/abort")
+        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+    (bag,) = bags(cell)
+    with BagReader(bag) as reader:
+        assert sum(1 for _ in reader.records()) > 100
 
 
 def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_cell):
