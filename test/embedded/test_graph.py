@@ -40,10 +40,12 @@ def test_graph_of_another_process(node: Any, peer: Start) -> None:
     assert spin_until(node, lambda: ("original", "/cell") in node.get_node_names_and_namespaces())
     wanted = {"/cell/chat", "/cell/original/own", "/absolute"}
     assert spin_until(node, lambda: topics(node, "original", "/cell") == wanted, 3)
+    # Endpoints become known one after another.
+    services = node.get_service_names_and_types_by_node
+    assert spin_until(node, lambda: len(services("original", "/cell")) == 7, 5)
     assert ("/cell/chat", ["std_msgs/msg/String"]) in node.get_topic_names_and_types()
     assert ("/cell/go", ["std_srvs/srv/Trigger"]) in node.get_service_names_and_types()
-    offered = node.get_service_names_and_types_by_node("original", "/cell")
-    assert ("/cell/go", ["std_srvs/srv/Trigger"]) in offered and len(offered) == 7
+    assert ("/cell/go", ["std_srvs/srv/Trigger"]) in services("original", "/cell")
     assert node.count_publishers("/cell/chat") == 1 and node.count_subscribers("/cell/chat") == 0
     assert spin_until(node, lambda: node.count_services("/cell/go") == 1, 5)
     (info,) = node.get_publishers_info_by_topic("/cell/chat")
