@@ -29,6 +29,7 @@ class ClockNode(StepdiagNode):
         start = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._governed = GovernedTime(factor, origin=start, real_start=self.real_time())
         self._publisher = self.announce(topics.CLOCK)
+        self.follow_run()
         # Only the newest reading matters, and none is worth a repetition.
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         reading = topics.READING

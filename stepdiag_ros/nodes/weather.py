@@ -30,6 +30,7 @@ class WeatherNode(StepdiagNode):
         self._outlets = {
             name: (self.announce(topic), topic, field) for name, (topic, field) in WEATHER.items()
         }
+        self.follow_run()
         self.await_clock(self._open)
 
     def _open(self) -> None:
