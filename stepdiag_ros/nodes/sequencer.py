@@ -139,8 +139,7 @@ class SequencerNode(StepdiagNode):
 
     def abort(self) -> str:
         """Stop the machine at once and end the run."""
-        if self._waiting_since is not None:
-            self._waiting_since = None
+        self._waiting_since = None
         self._after_reset = None
         self._running().abort("aborted by the operator")
         self._ended()

@@ -105,9 +105,3 @@ class Watch:
                 said = [text for name, text in self.lost.items() if self.peers[name].role == role]
                 found += said or [f"there is no {role} node"]
         return found
-
-    def forget(self, name: str) -> None:
-        """Drop a node, for example when no run needs it any more."""
-        self.peers.pop(name, None)
-        self.lost.pop(name, None)
-        self.twins.discard(name)

@@ -65,7 +65,6 @@ class Design:
         self._group, self._first = observations.groups()
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(len(self._group))
-        self._single_weight = single
         self.weight: Vector = np.bincount(self._group, single).astype(np.float64)
         self.mean: Vector = np.bincount(self._group, single * observations.excess) / self.weight
         self._repeat_squares = float(
