@@ -5,7 +5,7 @@ text of a file is returned beside what was made from it, because a run records t
 """
 
 import re
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -143,6 +143,15 @@ def machine_from_text(text: str, source: str) -> "Machine":
     from stepdiag_ros.metrology.machine import Machine
 
     return Machine.from_mapping(parse_yaml(text, source), source)
+
+
+def chain_from_text(text: str, source: str) -> str:
+    """Return the order of the axes from workpiece to tool in a machine's YAML; empty if not told.
+
+    The machine of an imported table holds only what its case file knew, so it may lack all else.
+    """
+    parsed = parse_yaml(text, source) if text else {}
+    return "".join(parsed.get("chain", "")) if isinstance(parsed, Mapping) else ""
 
 
 def cell_from_text(text: str, source: str) -> "SimulatedCell":

@@ -10,7 +10,7 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.configuration import parse_yaml, plan_from_text
+from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_text
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -115,13 +115,12 @@ class RecordedRun:
     @property
     def chain(self) -> str:
         """Return the order of the axes from workpiece to tool, such as YXZ; empty if not known."""
-        chain = self.machine.get("chain", "")
-        return "".join(chain)
+        return chain_from_text(self.machine_text, f"{self.path}: machine")
 
     @property
     def measurement(self) -> Measurement:
         """Return the recorded lines, each with its last attempt, over the measured box."""
-        return Measurement(self.volume, latest_attempts(self.lines))
+        return Measurement(self.volume, latest_attempts(self.lines), self.chain)
 
     def events(self) -> Iterator[Event]:
         """Go through commands, arrivals and readings in the order in which they were recorded.

@@ -93,7 +93,7 @@ def load_table(path: str | Path, case: str | Path | None = None) -> RunTable:
         path=path,
         text=text,
         case=told,
-        measurement=Measurement(volume, lines),
+        measurement=Measurement(volume, lines, told.chain),
         plan_text=yaml.safe_dump(plan, sort_keys=False, default_flow_style=None),
         setups=len(setups),
     )

@@ -138,7 +138,7 @@ def _measurement(
         comparison = "NOT the same lines as recorded"
         say("stepdiag: warning: the lines assembled from the readings differ from those recorded")
     return (
-        Measurement(recorded.volume, latest_attempts(lines)),
+        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
         f"assembled again from {readings.count} readings: {comparison}",
     )
 

@@ -16,9 +16,13 @@ Vector = NDArray[np.float64]
 AXES = ("X", "Y", "Z")
 LINEAR_LINES = ("x", "y", "z")
 BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
+FACE_DIAGONALS = ("pp0", "np0", "p0p", "n0p", "0pp", "0np")
+"""Two in each plane XY, XZ, YZ; 0: the axis stands."""
 MOVE_ORDERS = tuple("".join(order) for order in permutations(AXES))
 CHAINS = MOVE_ORDERS
 """Orders of the axes from workpiece to tool."""
+
+_SENSES = {"p": 1, "n": -1, "0": 0}
 
 TRANSLATIONS = tuple(f"E_{error}{axis}" for axis in AXES for error in AXES)
 """E_XX E_YX …: error along the first letter as the axis of the second letter moves."""
@@ -38,14 +42,15 @@ def line_signs(line: str) -> NDArray[np.int64]:
     """Return the sense in which each axis runs along a line: +1, -1, or 0 if it stands; shape (3,).
 
     Raises:
-        ValueError: the name is neither x, y, z nor three letters of p and n.
+        ValueError: the name is neither x, y, z nor three letters of p and n, one of them perhaps 0.
     """
     if line in LINEAR_LINES:
         return np.array([int(line == name) for name in LINEAR_LINES], dtype=np.int64)
-    if len(line) == 3 and set(line) <= {"p", "n"}:
-        return np.array([1 if letter == "p" else -1 for letter in line], dtype=np.int64)
+    if len(line) == 3 and set(line) <= set(_SENSES) and line.count("0") <= 1:
+        return np.array([_SENSES[letter] for letter in line], dtype=np.int64)
     raise ValueError(
-        f"'{line}' is no line: use x, y, z or a body diagonal such as ppp, npp, pnp, ppn"
+        f"'{line}' is no line: use x, y, z, a body diagonal such as ppp, npp, pnp, ppn, or a face "
+        "diagonal such as pp0, n0p, 0np"
     )
 
 

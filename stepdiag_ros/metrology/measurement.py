@@ -165,10 +165,17 @@ class Measurement:
     """All finished lines of a run over one volume.
 
     A line that was measured again counts once, with its last attempt; see ``latest_attempts``.
+
+    Attributes:
+        volume: the measured box.
+        lines: in the order of the plan.
+        chain: order of the machine's axes from workpiece to tool, one of ``geometry.CHAINS``; empty
+            if not known. Only angular errors need it.
     """
 
     volume: Volume
     lines: tuple[MeasuredLine, ...]
+    chain: str = ""
 
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:

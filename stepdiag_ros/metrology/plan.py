@@ -18,6 +18,8 @@ from stepdiag_ros.metrology.geometry import (
 
 LINEAR = "linear"
 STEP_DIAGONAL = "step_diagonal"
+DIAGONAL = "diagonal"
+"""A body or face diagonal along which all its axes move at once, as ISO 230-6 tests it."""
 FORWARD = "forward"
 BACKWARD = "backward"
 

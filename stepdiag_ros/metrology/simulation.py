@@ -63,7 +63,7 @@ def simulate(
                 environment=np.array([cell.environment(float(moment)) for moment in times]),
             )
         )
-    return Measurement(volume=plan.volume, lines=tuple(made))
+    return Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
 
 
 def _times(targets: Vector, plan: Plan, start: float) -> Vector:

@@ -6,7 +6,7 @@ from collections import deque
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.conversion import from_volumetric_errors, to_measured_line
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Volume
@@ -22,6 +22,7 @@ class SolverNode(StepdiagNode):
     def __init__(self) -> None:
         super().__init__("solver")
         self._volume: Volume | None = None
+        self._chain = ""
         self._lines: list[MeasuredLine] = []
         self._early: deque[Any] = deque(maxlen=topics.LINE.qos.depth)
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
@@ -31,6 +32,7 @@ class SolverNode(StepdiagNode):
     def on_run(self, description: Any) -> None:
         """Begin anew; lines that came before the description are taken up now."""
         self._volume = plan_from_text(description.plan, "plan of the run").volume
+        self._chain = chain_from_text(description.machine, "machine of the run")
         self._lines = []
         self.run_id = description.run_id
         for _ in range(len(self._early)):
@@ -41,7 +43,7 @@ class SolverNode(StepdiagNode):
             self._early.append(message)
             return
         self._lines.append(to_measured_line(message))
-        measurement = Measurement(self._volume, latest_attempts(tuple(self._lines)))
+        measurement = Measurement(self._volume, latest_attempts(tuple(self._lines)), self._chain)
         results, _ = solve_reproducibly(measurement)
         for result in results.values():
             time = self._lines[-1].end_time
