@@ -17,8 +17,6 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import Row, refusal
 from stepdiag_ros.metrology.geometry import (
     AXES,
-    BODY_DIAGONALS,
-    LINEAR_LINES,
     MOVE_ORDERS,
     Vector,
     beam_direction,
@@ -28,7 +26,7 @@ from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
     FORWARD,
-    LINEAR,
+    LINE_NAMES,
     STEP_DIAGONAL,
     Line,
     Volume,
@@ -104,19 +102,17 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
     Raises:
         TableError: they do not tell all of it, or it is so large that the unit must be mistaken.
     """
-    diagonals = [stops for stops in passes if stops[0].which.kind == STEP_DIAGONAL]
-    if diagonals:
-        points = np.array([row.position for stops in diagonals for row in stops])
-        counts = Counter((len(stops) - 1) // 3 for stops in diagonals)
-        low, high = points.min(axis=0), points.max(axis=0)
-    else:
-        counts = Counter(len(stops) - 1 for stops in passes)
-        low, high = np.full(3, np.nan), np.full(3, np.nan)
-        for stops in passes:
-            axis = LINEAR_LINES.index(stops[0].which.line)
-            along = [row.position[axis] for row in stops]
-            low[axis] = np.fmin(low[axis], min(along))
-            high[axis] = np.fmax(high[axis], max(along))
+    # Step diagonals show the whole box, and the most of its stops.
+    steps = [stops for stops in passes if stops[0].which.kind == STEP_DIAGONAL]
+    counts: Counter[int] = Counter()
+    low, high = np.full(3, np.nan), np.full(3, np.nan)
+    for stops in steps or passes:
+        which = stops[0].which
+        counts[(len(stops) - 1) // max(len(which.order), 1)] += 1
+        points = np.array([row.position for row in stops])
+        moves = line_signs(which.line) != 0
+        low[moves] = np.fmin(low, points.min(axis=0))[moves]
+        high[moves] = np.fmax(high, points.max(axis=0))[moves]
     blocks = counts.most_common(1)[0][0]
     if blocks < 1:
         raise refusal(source, passes[0][0].number, "the line has a single stop; nothing moved")
@@ -168,13 +164,11 @@ def setups_of(passes: list[tuple[Row, ...]], volume: Volume, source: str) -> lis
 
 def _line_of(stops: tuple[Row, ...], volume: Volume) -> Line:
     which = stops[0].which
-    offset = (0.0, 0.0, 0.0)
-    if which.kind == LINEAR:
-        start = stops[0] if which.direction == FORWARD else stops[-1]
-        away = np.asarray(start.position) - np.asarray(volume.origin)
-        away[LINEAR_LINES.index(which.line)] = 0.0
-        away[np.abs(away) <= POSITION_TOLERANCE] = 0.0
-        offset = _rounded(away)
+    start = stops[0] if which.direction == FORWARD else stops[-1]
+    away = np.asarray(start.position) - np.asarray(volume.origin)
+    away[line_signs(which.line) != 0] = 0.0
+    away[np.abs(away) <= POSITION_TOLERANCE] = 0.0
+    offset = _rounded(away)
     return Line(which.kind, which.line, which.order, which.repeat, which.direction, offset)
 
 
@@ -210,10 +204,9 @@ def _equal(first: Vector, second: Vector) -> NDArray[np.bool_]:
 
 def _moved_like(line: Line, actual: Vector, volume: Volume) -> str:
     """Say what the positions are if they are those of another pass; an empty text if of none."""
-    names = LINEAR_LINES if line.kind == LINEAR else BODY_DIAGONALS
-    orders = ("",) if line.kind == LINEAR else MOVE_ORDERS
+    orders = MOVE_ORDERS if line.kind == STEP_DIAGONAL else ("",)
     for direction in (FORWARD, BACKWARD):
-        for name in names:
+        for name in LINE_NAMES[line.kind]:
             for order in orders:
                 other = Line(line.kind, name, order, line.repeat, direction, line.offset)
                 expected = other.stops(volume)

@@ -8,9 +8,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES, MOVE_ORDERS
+from stepdiag_ros.metrology.geometry import MOVE_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, STEP_DIAGONAL
+from stepdiag_ros.metrology.plan import (
+    BACKWARD,
+    DIAGONAL,
+    FORWARD,
+    LINE_NAMES,
+    STEP_DIAGONAL,
+)
 
 ENVIRONMENT_COLUMNS = (
     "air_temperature_degC",
@@ -55,7 +61,7 @@ class Pass(NamedTuple):
     direction: str
 
     def __str__(self) -> str:
-        name = f"{self.line} {self.order}".strip()
+        name = f"{self.line} {DIAGONAL if self.kind == DIAGONAL else self.order}".strip()
         return f"{name} {self.direction}, repeat {self.repeat}"
 
 
@@ -213,15 +219,13 @@ class _RowCells:
 
 
 def _row(cells: _RowCells) -> Row:
-    kind = cells.one_of("kind", (LINEAR, STEP_DIAGONAL))
-    if kind == LINEAR:
-        line = cells.one_of("line", LINEAR_LINES)
-        if cells.text("order"):
-            raise cells.wrong("order", "nothing for a linear line")
-        order = ""
-    else:
-        line = cells.one_of("line", BODY_DIAGONALS)
+    kind = cells.one_of("kind", tuple(LINE_NAMES))
+    line = cells.one_of("line", LINE_NAMES[kind])
+    order = ""
+    if kind == STEP_DIAGONAL:
         order = cells.one_of("order", MOVE_ORDERS)
+    elif cells.text("order"):
+        raise cells.wrong("order", f"nothing for a line of kind {kind}")
     which = Pass(
         kind,
         line,

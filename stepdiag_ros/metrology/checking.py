@@ -41,6 +41,11 @@ class Section:
         self._source = source
         self._taken: set[str] = set()
 
+    @property
+    def source(self) -> str:
+        """Return what the user calls the file and the part of it, for the text of an error."""
+        return self._source
+
     def _take(self, key: str, default: Any) -> Any:
         self._taken.add(key)
         value = self._mapping.get(key, _MISSING)
@@ -71,6 +76,11 @@ class Section:
         if not low <= float(value) <= high:
             raise self._wrong(key, value, f"a number from {low:g} to {high:g}")
         return float(value)
+
+    def unknown(self, key: str) -> bool:
+        """Say whether a key is left out, or the file says ``unknown`` for it."""
+        self._taken.add(key)
+        return bool(self._mapping.get(key, UNKNOWN) == UNKNOWN)
 
     def number_or_unknown(self, key: str, low: float, high: float) -> float:
         """Return a number within [low, high], or NaN where the file says ``unknown``."""

@@ -121,6 +121,57 @@ class Trajectory:
         return piece, moment - self.times[piece]
 
 
+@dataclass(frozen=True)
+class StraightMove:
+    """A linearly interpolated move: its axes share one profile, so that the path is straight.
+
+    Attributes:
+        trajectories: of each axis that moves.
+        accelerations: with which each of them brakes so that the path stays straight, m/s².
+    """
+
+    trajectories: dict[int, Trajectory]
+    accelerations: dict[int, float]
+
+    @classmethod
+    def between(
+        cls, start: Vector, target: Vector, feed: float, acceleration: float
+    ) -> "StraightMove":
+        """Return the fastest straight move within a feed along the path.
+
+        No axis exceeds the acceleration; none exceeds the feed, since none is faster than the path.
+
+        Args:
+            start: m, shape (axes,).
+            target: m, shape (axes,).
+            feed: along the path, m/s, > 0.
+            acceleration: of an axis, m/s², > 0.
+
+        Raises:
+            ValueError: feed or acceleration is not positive.
+        """
+        start, target = np.asarray(start, dtype=np.float64), np.asarray(target, dtype=np.float64)
+        way = target - start
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            return cls({}, {})
+        share = way / length
+        path = Trajectory.trapezoid(0.0, length, feed, acceleration / float(np.max(np.abs(share))))
+        trajectories, accelerations = {}, {}
+        for axis in np.flatnonzero(way).tolist():
+            positions = start[axis] + share[axis] * path.positions
+            # Where the move ends is no matter of rounding: the same place is the same number.
+            positions[-1] = target[axis]
+            trajectories[axis] = Trajectory(
+                path.times,
+                positions,
+                share[axis] * path.velocities,
+                share[axis] * path.accelerations,
+            )
+            accelerations[axis] = float(np.max(np.abs(trajectories[axis].accelerations)))
+        return cls(trajectories, accelerations)
+
+
 class AxisMotion:
     """Where an axis really is while it follows a trajectory with a lag and comes to rest.
 

@@ -28,14 +28,31 @@ TRANSLATIONS = tuple(f"E_{error}{axis}" for axis in AXES for error in AXES)
 """E_XX E_YX …: error along the first letter as the axis of the second letter moves."""
 ROTATIONS = tuple(f"E_{error}{axis}" for axis in AXES for error in "ABC")
 """E_AX E_BX …: rotation about X (A), Y (B), Z (C) as the axis of the last letter moves."""
+CURVES = (*TRANSLATIONS, *ROTATIONS)
+"""All eighteen in the order in which results hold them."""
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 """Of Y to X, of Z to X, of Z to Y."""
 FRAME = "mean slopes of E_YX, E_ZX and E_YZ over the travel are zero (Ibaraki & Hata 2010, eq. 17)"
+REFERENCE_POINT = (
+    "curves of the mirror's point with the other axes at the first corner of the measured box, "
+    "zero at the first node"
+)
+"""What all eighteen curves speak of. Mirror offset and machine zero need not be known for it."""
 
 
 def translation(error: int, axis: int) -> str:
     """Return the ISO 230-1 name of the error along axis ``error`` (0, 1, 2) as ``axis`` moves."""
     return TRANSLATIONS[3 * axis + error]
+
+
+def moving_axis(curve: str) -> int:
+    """Return the axis (0, 1, 2) whose motion an error curve such as E_ZX or E_BX belongs to."""
+    return AXES.index(curve[3])
+
+
+def curve_unit(curve: str) -> str:
+    """Return the unit of an error curve: m for a translation, rad for a rotation."""
+    return "rad" if curve in ROTATIONS else "m"
 
 
 def line_signs(line: str) -> NDArray[np.int64]:

@@ -10,9 +10,11 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
+    FACE_DIAGONALS,
     LINEAR_LINES,
     MOVE_ORDERS,
     Vector,
+    beam_direction,
     line_signs,
 )
 
@@ -20,6 +22,12 @@ LINEAR = "linear"
 STEP_DIAGONAL = "step_diagonal"
 DIAGONAL = "diagonal"
 """A body or face diagonal along which all its axes move at once, as ISO 230-6 tests it."""
+LINE_NAMES = {
+    LINEAR: LINEAR_LINES,
+    STEP_DIAGONAL: BODY_DIAGONALS,
+    DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
+}
+"""Kind of a line → the names that it may have."""
 FORWARD = "forward"
 BACKWARD = "backward"
 
@@ -48,12 +56,14 @@ class Line:
     """One pass along one line.
 
     Attributes:
-        kind: ``linear`` or ``step_diagonal``.
-        name: x, y, z, or a body diagonal.
-        order: order of a block's three moves along the forward direction; empty for linear lines.
+        kind: ``linear``, ``step_diagonal`` or ``diagonal``, the keys of ``LINE_NAMES``.
+        name: x, y, z, a body diagonal, or a face diagonal (kind ``diagonal`` only).
+        order: order of a block's three moves along the forward direction; empty for lines along
+            which all their axes move at once.
         repeat: from 0.
         direction: ``forward`` or ``backward``; backward runs the forward stops the other way round.
-        offset: shift of a linear line from the box's first corner, m.
+        offset: shift from the box's first corner of a linear line, or of a face diagonal along the
+            axis that stands, m.
     """
 
     kind: str
@@ -69,33 +79,50 @@ class Line:
         where = (
             "" if not any(self.offset) else "@" + ",".join(f"{value:g}" for value in self.offset)
         )
-        return f"{self.name} {self.order}".strip() + where
+        return self._words + where
 
     def __str__(self) -> str:
         """Say which pass this is, for example ``ppp XYZ forward, repeat 1``."""
-        return f"{self.name} {self.order}".strip() + f" {self.direction}, repeat {self.repeat}"
+        return f"{self._words} {self.direction}, repeat {self.repeat}"
+
+    @property
+    def _words(self) -> str:
+        # A body diagonal may be measured in one plan by steps and at once: two alignments.
+        return f"{self.name} {DIAGONAL if self.kind == DIAGONAL else self.order}".strip()
 
     def stops(self, volume: Volume) -> Vector:
-        """Return the commanded positions of the stops in order, m, shape (stops, 3)."""
+        """Return the commanded positions of the stops in order, m, shape (stops, 3).
+
+        A stop ends each single-axis move of a step diagonal; on other lines the stops are the nodes
+        that all axes of the line reach together, the targets of ISO 230-2 and ISO 230-6.
+        """
         signs = line_signs(self.name)
-        moved = [AXES.index(axis) for axis in self.order] if self.order else [int(np.argmax(signs))]
-        node = np.zeros((volume.blocks * len(moved) + 1, 3), dtype=np.int64)
-        node[0] = np.where(signs < 0, volume.blocks, 0)
-        for row, axis in enumerate(moved * volume.blocks, start=1):
-            node[row, axis] = signs[axis]
+        if self.order:
+            block = np.zeros((len(self.order), 3), dtype=np.int64)
+            for row, axis in enumerate(self.order):
+                block[row, AXES.index(axis)] = signs[AXES.index(axis)]
+        else:
+            block = signs[np.newaxis]
+        first = np.where(signs < 0, volume.blocks, 0)[np.newaxis]
         # Counted in nodes, so that a place is the same number on every line that comes by.
+        node = np.cumsum(np.vstack((first, *[block] * volume.blocks)), axis=0)
         positions: Vector = (
-            np.asarray(volume.origin)
-            + np.cumsum(node, axis=0) * np.asarray(volume.step)
-            + np.asarray(self.offset)
+            np.asarray(volume.origin) + node * np.asarray(volume.step) + np.asarray(self.offset)
         )
         return positions if self.direction == FORWARD else positions[::-1].copy()
 
 
-def moved_axis(before: Vector, after: Vector) -> str:
-    """Return the axis that moves between two stops (X, Y or Z), or an empty string if none does."""
-    difference = np.abs(np.asarray(after) - np.asarray(before))
-    return AXES[int(np.argmax(difference))] if np.any(difference > 0) else ""
+def kind_of(name: str, order: str) -> str:
+    """Return the kind of the line that has a name and an order of moves."""
+    if order:
+        return STEP_DIAGONAL
+    return LINEAR if name in LINEAR_LINES else DIAGONAL
+
+
+def moved_axes(before: Vector, after: Vector) -> str:
+    """Return the axes that move between two positions (X, XY, XYZ …); empty if none does."""
+    moved = np.asarray(after) != np.asarray(before)
+    return "".join(axis for axis, moves in zip(AXES, moved, strict=True) if moves)
 
 
 @dataclass(frozen=True)
@@ -134,6 +161,12 @@ class Plan:
         sampling: how stops are read.
         pause_for_setup: wait for the operator before each new setup (laser and mirror to be
             aligned).
+        one_alignment_per_diagonal: all move orders of a step diagonal are measured in one setup,
+            as Ibaraki & Hata 2010, section 4.2, do; else each order is aligned anew.
+        overrun: how far the machine goes beyond the first stop of a pass before it comes back to
+            it, m, so that every stop of the pass is approached in its direction, as the
+            bidirectional tests of ISO 230-2 and ISO 230-6 need it. Step diagonals have none: each
+            of their moves ends at a stop.
     """
 
     name: str
@@ -142,6 +175,27 @@ class Plan:
     feed: float
     sampling: Sampling = field(default_factory=Sampling)
     pause_for_setup: bool = True
+    one_alignment_per_diagonal: bool = False
+    overrun: float = 0.0
+
+    def setup_of(self, line: Line) -> str:
+        """Return the identity of the alignment and zero that a line is measured with."""
+        if self.one_alignment_per_diagonal and line.kind == STEP_DIAGONAL:
+            return line.name
+        return line.setup
+
+    def run_up(self, line: Line) -> Vector | None:
+        """Return the place beyond a pass's first stop that it is begun from, m, shape (3,).
+
+        None if the pass begins at its first stop. Source of the practice: Renishaw, laser diagonal
+        testing, "backlash is eliminated by moving in the same direction before each reading".
+        """
+        if self.overrun == 0.0 or line.kind == STEP_DIAGONAL:
+            return None
+        sense = 1.0 if line.direction == FORWARD else -1.0
+        along = sense * beam_direction(line.name, np.asarray(self.volume.step))
+        place: Vector = line.stops(self.volume)[0] - self.overrun * along
+        return place
 
     @property
     def stop_count(self) -> int:
@@ -202,21 +256,24 @@ class Plan:
             feed=plan.number_or_unknown("feed_m_per_s", low=1e-6, high=5.0),
             sampling=sampling,
             pause_for_setup=plan.flag("pause_for_setup", default=True),
+            one_alignment_per_diagonal=plan.flag("one_alignment_per_diagonal", default=False),
+            overrun=plan.number("overrun_m", low=0.0, high=1.0, default=0.0),
         )
         plan.finish()
         return made
 
 
 def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:
-    kind = group.names("kind", (LINEAR, STEP_DIAGONAL))[0]
-    known = LINEAR_LINES if kind == LINEAR else BODY_DIAGONALS
-    names = group.names("names", known)
+    kind = group.names("kind", tuple(LINE_NAMES))[0]
+    names = group.names("names", LINE_NAMES[kind])
     orders: tuple[str, ...] = ("",)
     offset = (0.0, 0.0, 0.0)
     if kind == STEP_DIAGONAL:
         orders = group.names("orders", MOVE_ORDERS, default=("XYZ",))
     else:
         offset = group.vector("offset_m", default=offset)
+    if kind == DIAGONAL:
+        _check_offset(names, offset, group.source)
     group_directions = group.names("directions", (FORWARD, BACKWARD), default=directions)
     group_repeats = group.integer("repeats", low=1, high=1000, default=repeats)
     group.finish()
@@ -225,3 +282,14 @@ def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -
             for repeat in range(group_repeats):
                 for direction in group_directions:
                     yield Line(kind, name, order, repeat, direction, offset)
+
+
+def _check_offset(names: tuple[str, ...], offset: tuple[float, ...], source: str) -> None:
+    for name in names:
+        for axis, sign, shift in zip(AXES, line_signs(name), offset, strict=True):
+            if sign and shift:
+                raise ValueError(
+                    f"{source}: offset_m shifts {axis}, which {name} moves along; a diagonal may "
+                    "only be shifted along an axis that stands (give other planes a group of their "
+                    "own)"
+                )

@@ -1,12 +1,14 @@
 """Simulation of a measurement at its stops: no drives, no servo, fast enough for Monte Carlo."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import Alignment
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plan import FORWARD, Line, Plan
 
 
 def simulate(
@@ -40,21 +42,22 @@ def simulate(
     time = 0.0
     for index, line in enumerate(plan.lines):
         targets = line.stops(plan.volume)
-        if line.setup not in alignments:
-            alignments[line.setup] = cell.alignment(
-                line.setup, line.name, plan.volume.step, tuple(targets[0])
-            )
-        readings = cell.displacement(targets, alignments[line.setup])
+        setup = plan.setup_of(line)
+        if setup not in alignments:
+            # The laser stands before the forward pass's first stop, whichever pass comes first.
+            start = replace(line, direction=FORWARD).stops(plan.volume)[0]
+            alignments[setup] = cell.alignment(setup, line.name, plan.volume.step, tuple(start))
+        readings = cell.displacement(targets, alignments[setup])
         readings = readings + noise * rng.standard_normal(len(targets))
-        zero = zeros.setdefault(line.setup, float(readings[0]))
-        times = _times(targets, plan, time)
+        zero = zeros.setdefault(setup, float(readings[0]))
+        times = stop_times(line, plan, time)
         time = float(times[-1]) + plan.sampling.dwell
         made.append(
             MeasuredLine(
                 line=line,
                 line_index=index,
                 attempt=1,
-                setup=line.setup,
+                setup=setup,
                 time=times,
                 end_time=round(float(times[-1]) * 1e9),
                 target=targets,
@@ -66,8 +69,11 @@ def simulate(
     return Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
 
 
-def _times(targets: Vector, plan: Plan, start: float) -> Vector:
-    """Return when each stop is read: travel at the plan's feed, then the dwell, s."""
+def stop_times(line: Line, plan: Plan, start: float) -> Vector:
+    """Return when each stop of a line is read: travel at the plan's feed, then the dwell, s."""
+    targets = line.stops(plan.volume)
     travel = np.linalg.norm(np.diff(targets, axis=0, prepend=targets[:1]), axis=1) / plan.feed
+    if plan.run_up(line) is not None:
+        travel[0] += 2.0 * plan.overrun / plan.feed
     times: Vector = start + np.cumsum(travel + plan.sampling.dwell)
     return times

@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import load_cell, load_machine
+from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.conversion import (
     FRAME_MACHINE,
     from_command_status,
@@ -15,7 +15,9 @@ from stepdiag_ros.conversion import (
 from stepdiag_ros.devices import Surroundings, create
 from stepdiag_ros.devices.cnc import CncDevice, CncState, MoveRefused, PositionSample, StateChange
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.run.permission import refusal_of_plan
 from stepdiag_ros.run.sequence import Answer
 
 POLL_PERIOD = 0.002
@@ -40,6 +42,7 @@ class BridgeNode(StepdiagNode):
         self._machine = load_machine(machine)[0]
         self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
         self._opened = False
+        self._plan: Plan | None = None
         self._command: Any = None
         self._last_command = 0
         self._reason = ""
@@ -79,8 +82,8 @@ class BridgeNode(StepdiagNode):
         return "ready"
 
     def on_run(self, description: Any) -> None:
-        """Accept the commands of a new run, from its first one."""
-        del description
+        """Accept the commands of a new run, from its first one, as far as its plan allows them."""
+        self._plan = plan_from_text(description.plan, "plan of the run")
         self._last_command = 0
         self._command = None
 
@@ -102,7 +105,9 @@ class BridgeNode(StepdiagNode):
         if not refusal:
             self._last_command = command.command_id
             try:
-                self._device.start_move(self.now(), tuple(command.target), command.feed)
+                self._device.start_move(
+                    self.now(), tuple(command.target), command.feed, command.axis
+                )
             except MoveRefused as error:
                 refusal = str(error)
         if refusal:
@@ -122,7 +127,10 @@ class BridgeNode(StepdiagNode):
             return f"command {self._last_command} was executed already"
         if self._command is not None:
             return "the move before has not ended"
-        return ""
+        if self._plan is None:
+            return "the plan of the run is not known yet"
+        target = tuple(command.target)
+        return refusal_of_plan(self._plan, command.line_index, command.axis, self._position, target)
 
     def _stop(self, reason: str) -> None:
         self._device.stop(self.now(), reason)

@@ -7,9 +7,9 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
+from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 
 NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
@@ -56,7 +56,7 @@ class Answer(IntEnum):
 
 @dataclass(frozen=True)
 class Command:
-    """One single-axis move (fields as in StepCommand.msg; m, m/s)."""
+    """One straight move (fields as in StepCommand.msg; m, m/s)."""
 
     command_id: int
     purpose: Purpose
@@ -93,8 +93,18 @@ class _Phase(Enum):
     DWELL = 5
 
 
+class _Approach(Enum):
+    """How far the machine has come on its way to a line."""
+
+    TO_FIRST_STOP = 1
+    BEYOND_IT = 2
+    ON_LINE = 3
+
+
 class Sequence:
-    """Executes a plan one single-axis move at a time, each only when the stop before has settled.
+    """Executes a plan one move at a time, each only when the stop before has settled.
+
+    A move is one of a single axis, except along a line of kind ``diagonal``.
 
     Every method takes the ROS time in ns (``now``) and a clock that never steps in s (``real``):
     durations of the machine count in ROS time, silence of other nodes in real time.
@@ -124,7 +134,7 @@ class Sequence:
         self._line_index = 0
         self._attempt = 1
         self._stop = 0
-        self._positioned = False
+        self._approach = _Approach.TO_FIRST_STOP
         self._phase = _Phase.READY
         self._command: Command | None = None
         self._command_count = 0
@@ -320,8 +330,9 @@ class Sequence:
 
     def _setup(self) -> str:
         """Return the identity of alignment and zero; a new one after each restart of a line."""
-        count = self._setup_count.get(self._line.setup, 1)
-        return self._line.setup + (f" #{count}" if count > 1 else "")
+        setup = self._plan.setup_of(self._line)
+        count = self._setup_count.get(setup, 1)
+        return setup + (f" #{count}" if count > 1 else "")
 
     def _enter(self, state: State, text: str) -> None:
         self.state = state
@@ -331,10 +342,11 @@ class Sequence:
     def _restart_line(self) -> None:
         self._attempt += 1
         self._stop = 0
-        self._positioned = False
+        self._approach = _Approach.TO_FIRST_STOP
         self._rejected = []
         self._phase = _Phase.READY
-        self._setup_count[self._line.setup] = self._setup_count.get(self._line.setup, 1) + 1
+        setup = self._plan.setup_of(self._line)
+        self._setup_count[setup] = self._setup_count.get(setup, 1) + 1
 
     def _end_dwell(self, now: int, real: float) -> None:
         assert self._command is not None
@@ -357,7 +369,7 @@ class Sequence:
             self._line_index += 1
             self._attempt = 1
             self._stop = 0
-            self._positioned = False
+            self._approach = _Approach.TO_FIRST_STOP
             self._rejected = []
         if self._line_index == len(self._stops):
             left = f"; left incomplete: {'; '.join(self.incomplete)}" if self.incomplete else ""
@@ -381,26 +393,14 @@ class Sequence:
         if self._plan.pause_for_setup and setup != self._confirmed_setup:
             self._enter(
                 State.WAITING_FOR_SETUP,
-                f"align laser and mirror for {self._line.name}, then resume",
+                f"align laser and mirror for {self._plan.setup_of(self._line)}, then resume",
             )
             return
         if not self._has_beam(setup, real):
             return
-        stops = self._stops[self._line_index]
-        target = self._position.copy()
-        purpose = Purpose.POSITION
-        if not self._positioned:
-            # One axis at a time, so that the machine never leaves the edges of its box.
-            away = [axis for axis in range(3) if self._position[axis] != stops[0][axis]]
-            if away:
-                target[away[0]] = stops[0][away[0]]
-            else:
-                self._positioned = True
-        if self._positioned:
-            purpose = Purpose.STOP
-            target = stops[self._stop]
+        target, purpose = self._next_target()
         self._command_count += 1
-        axis = moved_axis(self._position, target)
+        axis = moved_axes(self._position, target)
         self._command = Command(
             command_id=self._command_count,
             purpose=purpose,
@@ -412,13 +412,31 @@ class Sequence:
             target=(float(target[0]), float(target[1]), float(target[2])),
             feed=self._plan.feed,
         )
-        distance = abs(target[AXES.index(axis)] - self._position[AXES.index(axis)]) if axis else 0.0
+        distance = float(np.linalg.norm(target - self._position))
         allowed = 2.0 * distance / self._plan.feed + MOVE_ALLOWANCE
         self._deadline = now + round(allowed * NANOSECONDS)
         self._sent_real = real
         self._assembled = False
         self._phase = _Phase.ANSWER
         self._send(self._command)
+
+    def _next_target(self) -> tuple[Vector, Purpose]:
+        """Return where the machine goes next, and what for."""
+        stops = self._stops[self._line_index]
+        if self._approach is _Approach.TO_FIRST_STOP:
+            # One axis at a time, so that the machine never leaves the edges of its box.
+            away = [axis for axis in range(3) if self._position[axis] != stops[0][axis]]
+            if away:
+                target = self._position.copy()
+                target[away[0]] = stops[0][away[0]]
+                return target, Purpose.POSITION
+            self._approach = _Approach.BEYOND_IT
+            beyond = self._plan.run_up(self._line)
+            if beyond is not None:
+                return beyond, Purpose.POSITION
+        # Back from beyond the first stop along the line itself, so that the beam is kept.
+        self._approach = _Approach.ON_LINE
+        return stops[self._stop], Purpose.STOP
 
 
 def beyond_machine(plan: Plan, machine: Machine) -> str:
@@ -439,11 +457,15 @@ def out_of_limits(
     """Say which line first leaves the soft limits (m); empty if none does."""
     for line in plan.lines:
         stops = line.stops(plan.volume)
+        beyond = plan.run_up(line)
+        if beyond is not None:
+            stops = np.vstack((beyond, stops))
         for axis in range(3):
             reach = stops[:, axis].min(), stops[:, axis].max()
             if reach[0] < low[axis] or reach[1] > high[axis]:
+                overrun = "" if beyond is None else f", overrun of {plan.overrun:g} m included"
                 return (
-                    f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m, "
-                    f"outside the soft limits {low[axis]:g} m to {high[axis]:g} m"
+                    f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m"
+                    f"{overrun}, outside the soft limits {low[axis]:g} m to {high[axis]:g} m"
                 )
     return ""

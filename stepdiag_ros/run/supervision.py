@@ -6,6 +6,8 @@ HEARTBEAT_PERIOD = 0.5
 """Real seconds between two heartbeats of a node."""
 SILENCE_LIMIT = 2.0
 """Real seconds without a heartbeat after which a node counts as lost."""
+WORK_LEFT = "work_left"
+"""Fact by which a node says how many results it still owes to what it has heard."""
 
 
 @dataclass
@@ -87,6 +89,13 @@ class Watch:
         """Say whether a node of that role is alive (and, if asked, works on that run)."""
         return any(
             peer.role == role and name not in self.lost and run_id in (None, peer.run_id)
+            for name, peer in self.peers.items()
+        )
+
+    def working(self) -> bool:
+        """Say whether a node that is alive still owes results."""
+        return any(
+            peer.facts.get(WORK_LEFT, "0") != "0" and name not in self.lost
             for name, peer in self.peers.items()
         )
 

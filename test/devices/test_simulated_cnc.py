@@ -36,7 +36,7 @@ def samples(events):
 def test_a_move_ends_in_position_when_the_actual_position_has_stayed_in_the_window():
     cnc = controller()
     begin = START + 7 * MS + 77
-    cnc.start_move(begin, (0.01, 0.0, 0.0), 0.033)
+    cnc.start_move(begin, (0.01, 0.0, 0.0), 0.033, "X")
     events = cnc.poll(begin + 2 * SECOND)
     moving, arrived = changes(events)
     assert (moving.time, moving.state) == (begin, CncState.MOVING)
@@ -53,7 +53,7 @@ def test_lag_makes_done_later_than_the_command():
     slow, fast = controller(DriveModel(lag_s=0.05)), controller(DriveModel(lag_s=0.0))
     ends = []
     for cnc in (slow, fast):
-        cnc.start_move(START, (0.0, 0.01, 0.0), 0.1)
+        cnc.start_move(START, (0.0, 0.01, 0.0), 0.1, "Y")
         ends.append(changes(cnc.poll(START + 5 * SECOND))[1].time)
     assert ends[0] - ends[1] > 0.3 * SECOND
     duration = Trajectory.trapezoid(0.0, 0.01, 0.1, 2.0).duration
@@ -63,7 +63,7 @@ def test_lag_makes_done_later_than_the_command():
 def test_vibration_can_leave_the_window_again():
     shaky = DriveModel(0.0, 5e-6, 0.05, 10.0)
     cnc = controller(shaky)
-    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1, "X")
     arrived = changes(cnc.poll(START + 5 * SECOND))[1]
     motion = AxisMotion(Trajectory.trapezoid(0.0, 0.01, 0.1, 2.0), shaky)
     held = (arrived.time - START - np.arange(0, 20) * MS) * 1e-9
@@ -74,7 +74,7 @@ def test_vibration_can_leave_the_window_again():
 def test_position_samples_lie_on_their_own_grid_and_follow_the_axis():
     cnc = controller(sample_rate=300.0)
     events = cnc.poll(START)
-    cnc.start_move(START + 5 * MS, (0.0, 0.0, 0.02), 0.1)
+    cnc.start_move(START + 5 * MS, (0.0, 0.0, 0.02), 0.1, "Z")
     events += cnc.poll(START + SECOND)
     found = samples(events)
     assert [s.time for s in found] == [START + round(k * SECOND / 300) for k in range(301)]
@@ -91,7 +91,7 @@ def test_events_do_not_depend_on_when_they_are_asked_for(waits):
     whole, parts = controller(), controller()
     for cnc in (whole, parts):
         cnc.inject_fault(START + 900 * MS, "broken")
-        cnc.start_move(START + MS, (0.2, 0.0, 0.0), 0.1)
+        cnc.start_move(START + MS, (0.2, 0.0, 0.0), 0.1, "X")
     events, now = [], START + MS
     for wait in waits:
         now += wait
@@ -109,7 +109,7 @@ def test_successive_moves_start_where_the_axis_really_is():
     now = START
     position = 0.0
     for target in (0.01, 0.02, 0.01):
-        cnc.start_move(now, (target, 0.0, 0.0), 0.1)
+        cnc.start_move(now, (target, 0.0, 0.0), 0.1, "X")
         events = cnc.poll(now + SECOND // 2)
         path = [s.position[0] for s in samples(events)]
         assert abs(path[0] - position) < 1e-6
@@ -123,13 +123,13 @@ def test_successive_moves_start_where_the_axis_really_is():
 def test_a_move_may_begin_before_the_last_one_has_wholly_settled():
     machine = replace(MACHINE, position_window_m=20e-6)
     cnc = controller(DriveModel(lag_s=0.05), machine)
-    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1, "X")
     arrived = changes(cnc.poll(START + SECOND))[1]
     behind = 0.01 - arrived.position[0]
     cnc = controller(DriveModel(lag_s=0.05), machine)
-    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1, "X")
     cnc.poll(arrived.time)
-    cnc.start_move(arrived.time, (0.005, 0.0, 0.0), 0.1)
+    cnc.start_move(arrived.time, (0.005, 0.0, 0.0), 0.1, "X")
     moving = changes(cnc.poll(arrived.time + SECOND))[0]
     assert behind > 1e-6
     assert moving.position[0] == pytest.approx(arrived.position[0], abs=1e-12)
@@ -137,7 +137,7 @@ def test_a_move_may_begin_before_the_last_one_has_wholly_settled():
 
 def test_a_move_of_no_length_is_in_position_after_the_hold():
     cnc = controller()
-    cnc.start_move(START, (0.0, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.0, 0.0, 0.0), 0.1, "X")
     moving, arrived = changes(cnc.poll(START + SECOND))
     assert moving.time == START
     assert arrived.time == START + 20 * MS
@@ -145,38 +145,90 @@ def test_a_move_of_no_length_is_in_position_after_the_hold():
 
 
 @pytest.mark.parametrize(
-    ("target", "feed", "words"),
+    ("target", "feed", "axes", "words"),
     [
-        ((0.51, 0.0, 0.0), 0.1, "X = 0.51 m lies beyond the soft limits -0.1 m to 0.5 m"),
-        ((0.0, -0.2, 0.0), 0.1, "Y = -0.2 m lies beyond"),
-        ((0.0, 0.0, 0.1), 0.0, "feed 0 m/s"),
-        ((0.0, 0.0, 0.1), 0.6, "feed 0.6 m/s is not above 0 and up to 0.5 m/s"),
-        ((0.0, 0.0, 0.1), float("nan"), "feed"),
-        ((0.0, 0.1, 0.1), 0.1, "of Y and Z; only one axis"),
-        ((float("nan"), 0.0, 0.0), 0.1, "no position"),
+        ((0.51, 0.0, 0.0), 0.1, "X", "X = 0.51 m lies beyond the soft limits -0.1 m to 0.5 m"),
+        ((0.0, -0.2, 0.0), 0.1, "Y", "Y = -0.2 m lies beyond"),
+        ((0.0, 0.0, 0.1), 0.0, "Z", "feed 0 m/s"),
+        ((0.0, 0.0, 0.1), 0.6, "Z", "feed 0.6 m/s is not above 0 and up to 0.5 m/s"),
+        ((0.0, 0.0, 0.1), float("nan"), "Z", "feed"),
+        ((0.0, 0.1, 0.1), 0.1, "Y", "of Y and Z, but was asked for as one of Y"),
+        ((0.0, 0.1, 0.1), 0.1, "", "of Y and Z, but was asked for as none"),
+        ((0.1, 0.1, 0.1), 0.1, "XY", "of X and Y and Z, but was asked for as one of X and Y"),
+        ((0.1, 0.1, 0.35), 0.1, "XYZ", "Z = 0.35 m lies beyond"),
+        ((float("nan"), 0.0, 0.0), 0.1, "X", "no position"),
     ],
 )
-def test_forbidden_moves_are_refused_and_nothing_moves(target, feed, words):
+def test_forbidden_moves_are_refused_and_nothing_moves(target, feed, axes, words):
     cnc = controller()
     with pytest.raises(MoveRefused, match=words):
-        cnc.start_move(START, target, feed)
+        cnc.start_move(START, target, feed, axes)
     events = cnc.poll(START + SECOND)
     assert not changes(events)
     assert {s.position for s in samples(events)} == {(0.0, 0.0, 0.0)}
     assert cnc.state is CncState.READY
 
 
+def test_axes_that_move_at_once_stay_on_the_straight_line_and_within_their_limits():
+    cnc = controller(sample_rate=1000.0)
+    target = np.array([-0.05, 0.03, 0.1])
+    cnc.start_move(START, tuple(target), 0.4, "XYZ")
+    events = cnc.poll(START + 2 * SECOND)
+    moving, arrived = changes(events)
+    assert (moving.state, arrived.state) == (CncState.MOVING, CncState.READY)
+    assert arrived.position == pytest.approx(tuple(target), abs=0.5e-6)
+    times = np.array([sample.time - START for sample in samples(events)]) * 1e-9
+    places = np.array([sample.position for sample in samples(events)])
+    direction = target / np.linalg.norm(target)
+    along = places @ direction
+    assert places == pytest.approx(np.outer(along, direction), abs=1e-12)
+    speed = np.diff(along) / np.diff(times)
+    # The path itself keeps the feed, the fastest axis the acceleration.
+    assert np.max(speed) == pytest.approx(0.4, rel=1e-3)
+    fastest = np.abs(np.diff(speed)) / 1e-3 * np.max(np.abs(direction))
+    assert np.max(fastest) <= 2.0 * (1.0 + 1e-3)
+    assert np.max(fastest) > 1.7
+    way, ramp = np.linalg.norm(target), 0.4 * np.max(np.abs(direction)) / 2.0
+    duration = way / 0.4 + ramp
+    assert arrived.time * 1e-9 - START * 1e-9 > duration + MACHINE.position_hold_s
+
+
+def test_in_position_waits_for_all_axes_of_a_move():
+    """The axis with the longest way enters the window last and decides."""
+    ends = {}
+    for axes, target in (("X", (0.001, 0.0, 0.0)), ("XZ", (0.001, 0.0, 0.1))):
+        cnc = controller(DriveModel(lag_s=0.05))
+        cnc.start_move(START, target, 0.1, axes)
+        event = changes(cnc.poll(START + 9 * SECOND))[-1]
+        assert event.position == pytest.approx(target, abs=0.5e-6)
+        ends[axes] = event.time
+    assert ends["XZ"] - ends["X"] > 0.9 * SECOND
+
+
+def test_braking_keeps_to_the_straight_line():
+    cnc = controller(sample_rate=1000.0)
+    cnc.start_move(START, (0.3, 0.03, 0.0), 0.3, "XY")
+    cnc.stop(START + 500 * MS, "operator")
+    events = cnc.poll(START + 3 * SECOND)
+    assert changes(events)[-1].state is CncState.STOPPED
+    places = np.array([sample.position for sample in samples(events)])
+    assert 0.1 < places[-1, 0] < 0.2
+    assert places[:, 1] == pytest.approx(0.1 * places[:, 0], abs=1e-12)
+    cnc.reset(START + 3 * SECOND)
+    cnc.start_move(START + 3 * SECOND, (0.0, float(places[-1, 1]), 0.0), 0.1, "X")
+
+
 def test_a_second_move_is_refused_while_the_first_goes_on():
     cnc = controller()
-    cnc.start_move(START, (0.1, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.1, 0.0, 0.0), 0.1, "X")
     with pytest.raises(MoveRefused, match="moving"):
-        cnc.start_move(START + 100 * MS, (0.1, 0.1, 0.0), 0.1)
+        cnc.start_move(START + 100 * MS, (0.1, 0.1, 0.0), 0.1, "X")
     assert changes(cnc.poll(START + 3 * SECOND))[-1].position[0] == pytest.approx(0.1, abs=1e-6)
 
 
 def test_stop_brakes_tells_when_the_axes_stand_and_wants_a_reset():
     cnc = controller()
-    cnc.start_move(START, (0.4, 0.0, 0.0), 0.2)
+    cnc.start_move(START, (0.4, 0.0, 0.0), 0.2, "X")
     cnc.stop(START + SECOND, "operator")
     assert cnc.state is CncState.MOVING
     events = cnc.poll(START + 3 * SECOND)
@@ -190,11 +242,11 @@ def test_stop_brakes_tells_when_the_axes_stand_and_wants_a_reset():
     assert after.pop()[0] == pytest.approx(0.2 * 0.95 + 0.2**2 / 2 / 2.0, abs=1e-3)
     assert len(changes(events)) == 2
     with pytest.raises(MoveRefused, match="stopped"):
-        cnc.start_move(START + 3 * SECOND, (0.0, 0.0, 0.0), 0.1)
+        cnc.start_move(START + 3 * SECOND, (0.0, 0.0, 0.0), 0.1, "X")
     cnc.reset(START + 3 * SECOND)
     # A target made from the encoders of the standing axes is a single-axis move.
     x, _, _ = stopped.position
-    cnc.start_move(START + 3 * SECOND, (x, 0.1, 0.0), 0.1)
+    cnc.start_move(START + 3 * SECOND, (x, 0.1, 0.0), 0.1, "Y")
     arrived = changes(cnc.poll(START + 6 * SECOND))[-1]
     assert arrived.state is CncState.READY
     assert arrived.position == pytest.approx((x, 0.1, 0.0), abs=1e-6)
@@ -207,14 +259,14 @@ def test_stop_at_rest_is_at_once_and_reset_while_moving_is_refused():
     (change,) = changes(cnc.poll(START + MS))
     assert change == StateChange(START + MS, CncState.STOPPED, (0.0, 0.0, 0.0), "watchdog")
     cnc.reset(START + 2 * MS)
-    cnc.start_move(START + 3 * MS, (0.1, 0.0, 0.0), 0.1)
+    cnc.start_move(START + 3 * MS, (0.1, 0.0, 0.0), 0.1, "X")
     with pytest.raises(MoveRefused, match="still move"):
         cnc.reset(START + 100 * MS)
 
 
 def test_a_fault_brakes_and_is_told_at_its_time():
     cnc = controller()
-    cnc.start_move(START, (0.4, 0.0, 0.0), 0.2)
+    cnc.start_move(START, (0.4, 0.0, 0.0), 0.2, "X")
     cnc.inject_fault(START + SECOND, "joint 0 following error")
     events = cnc.poll(START + SECOND + 10 * MS)
     fault = changes(events)[-1]
@@ -223,7 +275,7 @@ def test_a_fault_brakes_and_is_told_at_its_time():
     with pytest.raises(MoveRefused, match="still move"):
         cnc.reset(START + SECOND + 20 * MS)
     with pytest.raises(MoveRefused, match="fault"):
-        cnc.start_move(START + SECOND + 30 * MS, (0.0, 0.0, 0.0), 0.1)
+        cnc.start_move(START + SECOND + 30 * MS, (0.0, 0.0, 0.0), 0.1, "X")
     events = cnc.poll(START + 3 * SECOND)
     assert not changes(events)
     assert samples(events)[-1].position[0] < 0.21
@@ -234,7 +286,7 @@ def test_a_fault_brakes_and_is_told_at_its_time():
 def test_time_never_runs_backwards():
     cnc = controller()
     cnc.poll(START + SECOND)
-    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1)
+    cnc.start_move(START, (0.01, 0.0, 0.0), 0.1, "X")
     assert changes(cnc.poll(START))[0].time == START + SECOND
 
 

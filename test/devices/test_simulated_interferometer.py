@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from stepdiag_ros.devices import Surroundings, create
 from stepdiag_ros.metrology.air import compensated_displacement, index_of
-from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.cell import SimulatedCell, WeatherModel
 from stepdiag_ros.metrology.measurement import Environment
 
 START = 1_700_000_000_000_000_123
@@ -300,3 +300,20 @@ def test_settings_are_checked():
         laser(rate=10)
     with pytest.raises(ValueError, match="needs a simulated cell"):
         create("interferometer", "simulated", {}, Surroundings(START))
+
+
+def test_the_compensation_takes_the_equation_that_it_is_told():
+    hot = replace(CELL, weather=WeatherModel(air_temperature=48.0, relative_humidity=0.9))
+    found = {}
+    for equation in ("edlen", "ciddor"):
+        device = laser(hot, index_equation=equation)
+        device.align(START, "x", "x", STEP, ORIGIN)
+        feed(device, START + 2 * SECOND, stepping, weather(hot))
+        found[equation] = device.poll(START + 2 * SECOND)[-1]
+    assert found["edlen"].raw_displacement == found["ciddor"].raw_displacement
+    ratio = found["ciddor"].compensated_displacement / found["edlen"].compensated_displacement
+    indices = [index_of(found["edlen"].environment, equation=name) for name in found]
+    assert ratio - 1.0 == pytest.approx(indices[0] / indices[1] - 1.0, abs=1e-12)
+    assert abs(ratio - 1.0) > 1e-8
+    with pytest.raises(ValueError, match="'index_equation' is 'owens'; expected one of"):
+        laser(index_equation="owens")

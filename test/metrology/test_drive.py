@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stepdiag_ros.metrology.cell import DriveModel
-from stepdiag_ros.metrology.drive import AxisMotion, Trajectory
+from stepdiag_ros.metrology.drive import AxisMotion, StraightMove, Trajectory
 
 LAG = DriveModel(lag_s=0.01)
 IDEAL = DriveModel(lag_s=0.0)
@@ -30,7 +30,9 @@ def test_trapezoid_keeps_its_limits_and_ends_exactly(start, target, feed, accele
     assert np.all(sense * velocity >= -1e-12)
     assert np.max(np.abs(velocity)) <= feed * (1 + 1e-12)
     changes = np.abs(np.diff(velocity))
-    assert np.all(changes <= acceleration * np.diff(times) * (1 + 1e-9) + 1e-12)
+    # Times of long moves are themselves rounded, to 4e-13 s at 2,000 s.
+    rounding = acceleration * np.spacing(path.duration) + 1e-12
+    assert np.all(changes <= acceleration * np.diff(times) * (1 + 1e-9) + rounding)
     # The velocity is the derivative of the position (trapezoidal rule is exact within a piece).
     way = np.sum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times))
     assert way == pytest.approx(target - start, rel=1e-9, abs=1e-15)
@@ -128,3 +130,39 @@ def test_braking_keeps_where_the_axis_has_been():
     times = np.linspace(0, 0.5, 100)
     assert braked.position(times) == pytest.approx(motion.position(times), abs=1e-15)
     assert braked.position(10.0) == pytest.approx(0.05, abs=0.01)
+
+
+@given(st.tuples(positions, positions, positions), st.tuples(positions, positions, positions))
+def test_a_straight_move_ends_exactly_with_all_axes_and_brakes_on_its_line(start, target):
+    start, target = np.array(start), np.array(target)
+    way = target - start
+    assume(np.all((way == 0.0) | (np.abs(way) > 1e-6)) and np.any(way))
+    move = StraightMove.between(start, target, 0.3, 2.0)
+    assert sorted(move.trajectories) == np.flatnonzero(way).tolist()
+    length = np.linalg.norm(way)
+    for axis, path in move.trajectories.items():
+        assert (path.positions[0], path.end) == (start[axis], target[axis])
+        assert np.max(np.abs(path.velocities)) <= 0.3 * abs(way[axis]) / length * (1 + 1e-12)
+    assert max(move.accelerations.values()) == pytest.approx(2.0)
+    duration = path.duration
+    for time in np.linspace(0.0, duration, 7):
+        stopped = {
+            axis: path.stopped(time, move.accelerations[axis]).end
+            for axis, path in move.trajectories.items()
+        }
+        shares = [(stopped[axis] - start[axis]) / way[axis] for axis in stopped]
+        assert shares == pytest.approx(np.full(len(shares), shares[0]), abs=1e-8)
+
+
+def test_a_straight_move_of_one_axis_is_its_trapezoid():
+    move = StraightMove.between(np.array([0.1, 0.2]), np.array([0.1, -0.3]), 0.3, 2.0)
+    (path,) = move.trajectories.values()
+    alone = Trajectory.trapezoid(0.2, -0.3, 0.3, 2.0)
+    assert path.times == pytest.approx(alone.times, abs=1e-15)
+    times = np.linspace(0.0, alone.duration, 101)
+    assert path.position(times) == pytest.approx(alone.position(times), abs=1e-15)
+
+
+def test_a_straight_move_of_no_length_moves_nothing():
+    here = np.array([0.1, 0.2, 0.3])
+    assert StraightMove.between(here, here, 0.3, 2.0) == StraightMove({}, {})

@@ -1,10 +1,22 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan, Sampling, Volume
+from stepdiag_ros.metrology.plan import (
+    BACKWARD,
+    DIAGONAL,
+    FORWARD,
+    LINEAR,
+    STEP_DIAGONAL,
+    Line,
+    Plan,
+    Sampling,
+    Volume,
+)
 from stepdiag_ros.run.sequence import (
     ANSWER_LIMIT,
     Answer,
@@ -116,6 +128,87 @@ def test_every_command_moves_one_axis_at_most_and_ends_at_the_stops_of_the_plan(
         ]
         assert targets == [tuple(stop) for stop in line.stops(plan.volume)]
     assert [command.command_id for command in rig.sent] == list(range(1, len(rig.sent) + 1))
+
+
+def overrun_plan(overrun=0.003):
+    both = (FORWARD, BACKWARD)
+    lines = [Line(LINEAR, "x", "", 0, way) for way in both]
+    lines += [Line(DIAGONAL, "npp", "", 0, way) for way in both]
+    lines += [Line(DIAGONAL, "p0n", "", 0, way, (0.0, 0.01, 0.0)) for way in both]
+    lines.append(Line(STEP_DIAGONAL, "ppp", "XYZ", 0, FORWARD))
+    return replace(a_plan(), lines=tuple(lines), overrun=overrun)
+
+
+def test_several_axes_move_at_once_on_diagonals_only():
+    plan = overrun_plan()
+    rig = Rig(plan)
+    rig.start()
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+    position = np.array(ORIGIN)
+    at_once = set()
+    for command in rig.sent:
+        target = np.array(command.target)
+        line = plan.lines[command.line_index]
+        moved = "".join(axis for axis, way in zip("XYZ", target - position, strict=True) if way)
+        assert command.axis == moved
+        if len(moved) > 1:
+            assert line.kind == DIAGONAL
+            at_once.add((line.name, moved))
+            # Along the line itself, in either sense.
+            direction = beam_direction(line.name, np.array(plan.volume.step))
+            assert np.cross(target - position, direction) == pytest.approx(np.zeros(3), abs=1e-12)
+        position = target
+    assert at_once == {("npp", "XYZ"), ("p0n", "XZ")}
+
+
+@pytest.mark.parametrize("overrun", [0.003, 0.0])
+def test_with_an_overrun_every_stop_is_approached_in_the_direction_of_its_pass(overrun):
+    plan = overrun_plan(overrun)
+    rig = Rig(plan)
+    rig.start()
+    rig.finish()
+    position = np.array(ORIGIN)
+    wrong = 0
+    for command in rig.sent:
+        line, target = plan.lines[command.line_index], np.array(command.target)
+        if command.purpose is Purpose.STOP and line.kind != STEP_DIAGONAL:
+            stops = line.stops(plan.volume)
+            towards = (stops[1] - stops[0]) / np.linalg.norm(stops[1] - stops[0])
+            way = target - position
+            right = towards @ way >= (overrun or 1e-9) - 1e-12
+            wrong += not (right and np.cross(towards, way) == pytest.approx(np.zeros(3), abs=1e-12))
+        position = target
+    # Without one, the first stop of each of the six passes is not.
+    assert wrong == (0 if overrun else 6)
+
+
+def test_a_line_that_is_measured_again_begins_with_its_overrun_again():
+    plan = overrun_plan()
+    rig = Rig(replace(plan, lines=plan.lines[2:3]))
+    rig.start()
+    while rig.sent[-1].stop < 1:
+        rig.obey()
+    before = len(rig.sent)
+    rig.answer(Answer.FAULT, "servo")
+    assert rig.sequence.state is State.FAULT
+    rig.sequence.resume(rig.now, rig.real, (0.015, 0.013, 0.021))
+    rig.align()
+    rig.finish()
+    again = rig.sent[before:]
+    assert [command.axis for command in again] == ["X", "Y", "Z", "XYZ", "XYZ", "XYZ", "XYZ"]
+    assert {command.attempt for command in again} == {2}
+
+
+def test_a_run_up_beyond_the_soft_limits_is_named():
+    plan = overrun_plan()
+    high = (0.0235, 0.042, 0.063)
+    assert out_of_limits(plan, (-0.003, -0.003, -0.003), high) == ""
+    text = out_of_limits(plan, (-0.002, -0.003, -0.003), high)
+    assert "line x runs X from -0.003 m" in text and "overrun of 0.003 m included" in text
+    text = out_of_limits(replace(plan, lines=plan.lines[4:]), (-0.003, -0.003, -0.003), ORIGIN)
+    assert "line p0n runs X" in text
+    assert out_of_limits(replace(plan, overrun=0.0), ORIGIN, (0.02, 0.04, 0.06)) == ""
 
 
 def test_waits_for_the_assembler_and_for_the_dwell():

@@ -49,7 +49,7 @@ CncEvent = PositionSample | StateChange
 
 
 class CncDevice(Protocol):
-    """A controller that makes single-axis moves, one at a time.
+    """A controller that makes straight moves, one at a time.
 
     Times are ns and never decrease; a time before the last one counts as the last one.
     """
@@ -64,18 +64,19 @@ class CncDevice(Protocol):
         """Lower and upper soft limits of X, Y, Z, m."""
         ...
 
-    def start_move(self, time_ns: int, target: Point, feed: float) -> None:
-        """Begin a move of one axis.
+    def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:
+        """Begin a straight move: all its axes start together and arrive together.
 
         Args:
             time_ns: now.
-            target: X Y Z after the move, m; at most one differs from the present command. A target
-                that is the present position is a move of no length.
-            feed: m/s.
+            target: X Y Z after the move, m. A target that is the present position is a move of no
+                length.
+            feed: along the path, m/s; no axis is faster.
+            axes: that may move, such as X or XYZ; empty for a move of no length.
 
         Raises:
-            MoveRefused: the controller is not ready, the move is of several axes, or a limit
-                forbids it.
+            MoveRefused: the controller is not ready, another axis would move, or a limit forbids
+                the move.
         """
         ...
 

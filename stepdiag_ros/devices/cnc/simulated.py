@@ -19,7 +19,7 @@ from stepdiag_ros.devices.cnc import (
 from stepdiag_ros.devices.grid import SampleGrid
 from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.checking import Section
-from stepdiag_ros.metrology.drive import AxisMotion, Trajectory
+from stepdiag_ros.metrology.drive import AxisMotion, StraightMove, Trajectory
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
 
@@ -58,7 +58,8 @@ class SimulatedCnc:
             AxisMotion(Trajectory.trapezoid(value, value, 1.0, 1.0), drive) for value in position
         ]
         self._still_after = [0] * 3
-        self._moving: list[int] = []
+        # Axes of the present move, and how each brakes without leaving the path, m/s².
+        self._moving: dict[int, float] = {}
         self._state = CncState.READY
         self._events: list[CncEvent] = []
         # When the present motion is over (ns), and what the controller says then.
@@ -77,17 +78,18 @@ class SimulatedCnc:
         """Lower and upper soft limits of X, Y, Z, m."""
         return self._machine.travel_low_m, self._machine.travel_high_m
 
-    def start_move(self, time_ns: int, target: Point, feed: float) -> None:
-        """Begin a move of one axis (see ``CncDevice.start_move``)."""
+    def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:
+        """Begin a straight move of the named axes (see ``CncDevice.start_move``)."""
         self._advance(time_ns)
-        self._moving = self._checked(target, feed)
-        for axis in self._moving:
-            motion = self._motions[axis]
+        self._check(target, feed, axes)
+        ends = np.array([motion.trajectory.end for motion in self._motions])
+        acceleration = self._machine.acceleration_m_per_s2
+        move = StraightMove.between(ends, np.asarray(target), feed, acceleration)
+        self._moving = move.accelerations
+        for axis, trajectory in move.trajectories.items():
             # Where the encoder is now: the last move may still be settling within the window.
-            actual = float(motion.position((self._now - self._started[axis]) * 1e-9))
-            trajectory = Trajectory.trapezoid(
-                motion.trajectory.end, target[axis], feed, self._machine.acceleration_m_per_s2
-            )
+            since = (self._now - self._started[axis]) * 1e-9
+            actual = float(self._motions[axis].position(since))
             self._set_motion(axis, AxisMotion(trajectory, self._drive, start=actual))
             self._started[axis] = self._now
         self._change(self._now, CncState.MOVING, "")
@@ -131,8 +133,8 @@ class SimulatedCnc:
     def close(self) -> None:
         """Let the controller go."""
 
-    def _checked(self, target: Point, feed: float) -> list[int]:
-        """Return the axes that a move takes to a new place; refuse what it would not do."""
+    def _check(self, target: Point, feed: float, axes: str) -> None:
+        """Refuse a move that the controller would not make."""
         if self._state is not CncState.READY:
             raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
         if not all(isfinite(value) for value in target):
@@ -147,15 +149,14 @@ class SimulatedCnc:
                 )
         # A target made from encoder values differs from the command by up to the window: no move,
         # but the axis still goes exactly to its target.
-        ways = [
-            abs(value - motion.trajectory.end)
-            for value, motion in zip(target, self._motions, strict=True)
-        ]
-        moved = [axis for axis in range(3) if ways[axis] > self._machine.position_window_m]
-        if len(moved) > 1:
-            names = " and ".join(AXES[axis] for axis in moved)
-            raise MoveRefused(f"the move is of {names}; only one axis may move at a time")
-        return [axis for axis in range(3) if ways[axis] > 0.0]
+        moved = "".join(
+            name
+            for name, value, motion in zip(AXES, target, self._motions, strict=True)
+            if abs(value - motion.trajectory.end) > self._machine.position_window_m
+        )
+        if not set(moved) <= set(axes):
+            asked = f"one of {' and '.join(axes)}" if axes else "none"
+            raise MoveRefused(f"the move is of {' and '.join(moved)}, but was asked for as {asked}")
 
     def _advance(self, time_ns: int) -> None:
         """Bring the controller to a time, noting what happens until then in order of time."""
@@ -207,9 +208,8 @@ class SimulatedCnc:
         self._events.append(StateChange(time, state, (x, y, z), reason))
 
     def _brake(self, time: int) -> None:
-        for axis in self._moving:
+        for axis, braking in self._moving.items():
             since = (time - self._started[axis]) * 1e-9
-            braking = self._machine.acceleration_m_per_s2
             self._set_motion(axis, self._motions[axis].braked(since, braking))
 
     def _command_ends(self) -> int:

@@ -18,7 +18,13 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OVERSPEED,
     Point,
 )
-from stepdiag_ros.metrology.air import compensated_displacement, index_of, raw_displacement
+from stepdiag_ros.metrology.air import (
+    DEFAULT_EQUATION,
+    EQUATIONS,
+    compensated_displacement,
+    index_of,
+    raw_displacement,
+)
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.forward import Alignment
@@ -67,6 +73,7 @@ class Behaviour:
         believed_dead_path: that the compensation reckons with, m.
         fastest: speed that the counter can follow, m/s.
         weather_begins: the zero of the cell's weather, ns.
+        index_equation: that the compensation takes, one of ``air.EQUATIONS``.
     """
 
     rate: float
@@ -76,6 +83,7 @@ class Behaviour:
     believed_dead_path: float
     fastest: float
     weather_begins: int
+    index_equation: str
 
 
 class SimulatedInterferometer:
@@ -136,7 +144,7 @@ class SimulatedInterferometer:
         if self._weather_times and time_ns <= self._weather_times[-1]:
             return
         try:
-            index = index_of(environment)
+            index = index_of(environment, equation=self._behaviour.index_equation)
         except ValueError:
             index = nan
         self._weather_times.append(time_ns)
@@ -320,7 +328,8 @@ def from_settings(
     Settings: ``rate_hz`` (default: the cell's), ``seed`` of the noise (default 0), ``hold_after_s``
     (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation reckons
     with (default: the true one), ``fastest_m_per_s`` (default 4), ``weather_begins_ns`` (the same
-    for all devices of a cell; default 0: when this one is switched on).
+    for all devices of a cell; default 0: when this one is switched on), ``index_equation`` of the
+    compensation, edlen (default) or ciddor.
 
     Raises:
         ValueError: a setting is wrong, or there is no cell.
@@ -340,6 +349,9 @@ def from_settings(
         fastest=section.number("fastest_m_per_s", low=1e-3, high=1e3, default=4.0),
         weather_begins=section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0)
         or surroundings.start,
+        index_equation=section.names(
+            "index_equation", tuple(EQUATIONS), default=(DEFAULT_EQUATION,)
+        )[0],
     )
     section.finish()
     return SimulatedInterferometer(cell, surroundings.start, behaviour)
