@@ -1,7 +1,10 @@
-"""Time of one least-squares solve and of 1,000 Monte Carlo replicates, on one core, as JSON.
+"""Time of least-squares solves and of Monte Carlo replicates, on one core, as JSON.
 
-The plan: 36 blocks, 4 step diagonals and 3 linear lines, one pass each (547 stops).
+The first plan: 36 blocks, 4 step diagonals and 3 linear lines, one pass each (547 stops).
 Cold is the first solve of a fresh process after its imports, warm the median of the following ones.
+The large plan: 12 blocks, 4 step diagonals in 3 move orders and 3 linear lines, 10 passes (4,830
+stops). The slopes are those of log time over log stops, 1 if the time is proportional: over the
+blocks (12 to 100) and over the passes of the large plan (5 to 80).
 
     python benchmarks/solve.py [--processes 5] [--solves 30]
 """
@@ -19,6 +22,8 @@ ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_TH
 
 def measure_in_this_process(solves):
     started = time.perf_counter()
+    import numpy as np
+
     from stepdiag_ros.metrology.cell import SimulatedCell
     from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
     from stepdiag_ros.metrology.plan import Plan
@@ -27,18 +32,6 @@ def measure_in_this_process(solves):
     from stepdiag_ros.metrology.solvers.monte_carlo import replicate
 
     imported = time.perf_counter() - started
-    plan = Plan.from_mapping(
-        {
-            "step_m": [0.01, 0.01, 0.01],
-            "blocks": 36,
-            "feed_m_per_s": 0.05,
-            "lines": [
-                {"kind": "linear", "names": list(LINEAR_LINES)},
-                {"kind": "step_diagonal", "names": list(BODY_DIAGONALS)},
-            ],
-        },
-        "benchmark",
-    )
     cell = SimulatedCell.from_mapping(
         {
             "seed": 1,
@@ -53,20 +46,54 @@ def measure_in_this_process(solves):
         },
         "benchmark",
     )
-    measured = simulate(plan, cell)
+
+    def plan_of(blocks, orders=("XYZ",), passes=1):
+        lines = [
+            {"kind": "linear", "names": list(LINEAR_LINES)},
+            {"kind": "step_diagonal", "names": list(BODY_DIAGONALS), "orders": list(orders)},
+        ]
+        mapping = {
+            "step_m": [0.36 / blocks] * 3,
+            "blocks": blocks,
+            "feed_m_per_s": 0.05,
+            "repeats": passes,
+            "lines": lines,
+        }
+        return Plan.from_mapping(mapping, "benchmark")
 
     def timed(function, *arguments):
         begin = time.perf_counter()
         function(*arguments)
         return time.perf_counter() - begin
 
+    measured = simulate(plan_of(36), cell)
     cold = timed(solve, measured, "least_squares")
     warm = [timed(solve, measured, "least_squares") for _ in range(solves)]
     replicates = {
         method: timed(replicate, measured, 1000, 1, method)
         for method in ("conventional", "setup_robust", "least_squares")
     }
+    orders = ("XYZ", "YZX", "ZXY")
+    large = simulate(plan_of(12, orders, 10), cell)
+
+    def best(measurement, method):
+        timed(solve, measurement, method)
+        return min(timed(solve, measurement, method) for _ in range(5))
+
+    def slope(measurements):
+        stops = [sum(len(line.time) for line in one.lines) for one in measurements]
+        times = [best(one, "least_squares") for one in measurements]
+        return float(np.polyfit(np.log(stops), np.log(times), 1)[0])
+
     return {
+        "large_ms": {
+            method: 1e3 * best(large, method) for method in ("least_squares", "rigid_body")
+        },
+        "large_replicates_10000_s": timed(replicate, large, 10_000, 1, "least_squares"),
+        "slope_over_blocks": slope([simulate(plan_of(n), cell) for n in (12, 25, 50, 100)]),
+        "slope_over_passes": slope(
+            [simulate(plan_of(12, orders, passes), cell) for passes in (5, 10, 20, 40, 80)]
+        ),
         "import_ms": 1e3 * imported,
         "cold_ms": 1e3 * cold,
         "warm_ms": 1e3 * statistics.median(warm),
@@ -103,6 +130,13 @@ def main():
                 "cores": 1,
                 "processes": arguments.processes,
                 "import_ms": median("import_ms"),
+                "large_plan_ms": {
+                    method: round(statistics.median(run["large_ms"][method] for run in runs), 1)
+                    for method in runs[0]["large_ms"]
+                },
+                "large_plan_monte_carlo_10000_s": median("large_replicates_10000_s"),
+                "slope_over_blocks_12_to_100": median("slope_over_blocks"),
+                "slope_over_passes_5_to_80": median("slope_over_passes"),
                 "least_squares_cold_ms": median("cold_ms"),
                 "least_squares_warm_ms": median("warm_ms"),
                 "monte_carlo_1000_s": {

@@ -18,7 +18,9 @@ from stepdiag_ros.metrology.forward import (
     ErrorCurves,
     in_result_frame,
     reading,
+    rotation_vectors,
     tilted,
+    tool_point,
 )
 from stepdiag_ros.metrology.geometry import (
     AXES,
@@ -221,17 +223,32 @@ class SimulatedCell:
         return self.weather.at(time_s)
 
     def truth(self, volume: Volume) -> dict[str, Vector]:
-        """Return the nine true translational curves in the frame of the results, m.
+        """Return all eighteen true curves at the reference point, in the frame of the results.
 
-        Each has its values at the volume's nodes, shape (N + 1,), and begins at zero; the frame is
+        Each has its values at the volume's nodes, shape (N + 1,), m or rad, and begins at zero.
+        They are what the mirror's point and the tool really do as one axis moves with the others at
+        the volume's first corner (``geometry.REFERENCE_POINT``), exactly; the frame is
         ``geometry.FRAME``.
         """
         nodes = [volume.nodes(axis) for axis in range(3)]
+        offset = np.asarray(self.mirror_offset)
         curves: dict[str, Vector] = {}
-        for axis in range(3):
-            values = self.errors.at(axis, nodes[axis])
-            curves.update({f"E_{AXES[error]}{AXES[axis]}": values[:, error] for error in range(3)})
-        return in_result_frame(nodes, curves)
+        for axis, letter in enumerate(AXES):
+            positions = np.tile(np.asarray(volume.origin, dtype=np.float64), (len(nodes[axis]), 1))
+            positions[:, axis] = nodes[axis]
+            point, rotation = tool_point(positions, self.errors, self.chain, offset)
+            if rotation is None:
+                # The same, without the rounding of a difference of positions.
+                moved = self.errors.at(axis, nodes[axis])[:, :3]
+                turned = np.zeros_like(moved)
+            else:
+                moved = point - point[0] - (positions - positions[0])
+                turned = rotation_vectors(rotation @ rotation[0].T)
+            for column in range(3):
+                curves[f"E_{AXES[column]}{letter}"] = moved[:, column]
+                curves[f"E_{'ABC'[column]}{letter}"] = turned[:, column]
+        framed = in_result_frame(nodes, curves)
+        return {**framed, **{name: curves[name] for name in ROTATIONS}}
 
 
 def _stable_numbers(text: str) -> list[int]:

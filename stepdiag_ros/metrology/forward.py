@@ -143,6 +143,32 @@ def rotation_matrices(vectors: Vector) -> Vector:
     return turned
 
 
+def rotation_vectors(matrices: Vector) -> Vector:
+    """Return the rotation vectors (rad) of rotations by less than a quarter turn.
+
+    The reverse of ``rotation_matrices``.
+
+    Args:
+        matrices: shape (n, 3, 3).
+
+    Returns:
+        shape (n, 3).
+    """
+    skew = 0.5 * np.stack(
+        [
+            matrices[..., 2, 1] - matrices[..., 1, 2],
+            matrices[..., 0, 2] - matrices[..., 2, 0],
+            matrices[..., 1, 0] - matrices[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.minimum(np.linalg.norm(skew, axis=-1, keepdims=True), 1.0)
+    # a/sin(a), which is 1 + a²/6 where a is too small to divide by.
+    factor = np.where(sine > 1e-4, np.arcsin(sine) / np.maximum(sine, 1e-4), 1.0 + sine**2 / 6.0)
+    vectors: Vector = factor * skew
+    return vectors
+
+
 def tool_point(
     positions: Vector, errors: ErrorCurves, chain: str, offset: Vector | None = None
 ) -> tuple[Vector, Vector | None]:

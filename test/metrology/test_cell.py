@@ -10,7 +10,14 @@ from cells_for_tests import make_cell
 
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import perpendiculars, tilted
-from stepdiag_ros.metrology.geometry import AXES, CHAINS, TRANSLATIONS, beam_direction
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    CHAINS,
+    CURVES,
+    ROTATIONS,
+    TRANSLATIONS,
+    beam_direction,
+)
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.resources import directory
@@ -25,8 +32,14 @@ def test_shipped_cells_can_be_read(name):
     cell = SimulatedCell.from_mapping(yaml.safe_load(text), name)
     assert cell.chain == "YXZ"
     assert cell.errors.turns == (name == "angular")
-    for curve in cell.truth(Volume((0.0, 0.0, 0.0), STEP, 12)).values():
-        assert 0.05e-6 < np.ptp(curve) < 8e-6
+    truth = cell.truth(Volume((0.0, 0.0, 0.0), STEP, 12))
+    assert list(truth) == list(CURVES)
+    for name in TRANSLATIONS:
+        # Levers of the rotations are in the translations of the mirror's point.
+        assert 0.05e-6 < np.ptp(truth[name]) < (30e-6 if cell.errors.turns else 8e-6)
+    for name in ROTATIONS:
+        assert (1e-6 < np.ptp(truth[name]) < 100e-6) == cell.errors.turns
+        assert cell.errors.turns or not np.any(truth[name])
 
 
 def test_shipped_machine_can_be_read_and_holds_the_shipped_cell():

@@ -8,8 +8,8 @@ from cells_for_tests import make_cell, make_plan
 from stepdiag_ros.metrology.geometry import CHAINS, TRANSLATIONS, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.metrology.solvers import SOLVERS, NotDeterminable, solve, solve_all
-from stepdiag_ros.metrology.solvers.monte_carlo import replicate
+from stepdiag_ros.metrology.solvers import NotDeterminable, solve, solve_all
+from stepdiag_ros.metrology.solvers.monte_carlo import METHODS, replicate
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line
 
@@ -24,7 +24,8 @@ from stepdiag_ros.metrology.solvers.summary import deviations_from_line
 def test_reference_scores(case, bars):
     measured, truth = load_case(case)
     results, reasons = solve_all(measured)
-    assert not reasons
+    # The tables do not say the machine's chain; two orders of moves are missing besides.
+    assert set(reasons) <= {"soons", "rigid_body"}
     for method, bar in bars.items():
         digits = 1 if method == "conventional" else 3
         assert round(rms_error(results[method], truth) * 1e6, digits) <= bar
@@ -181,7 +182,7 @@ def test_tilts_are_those_of_the_setup():
         assert result.figure(f"tilt {line} XYZ 2").value == pytest.approx(two, abs=2e-7)
 
 
-@pytest.mark.parametrize("method", SOLVERS)
+@pytest.mark.parametrize("method", ["conventional", "setup_robust", "alternative", "least_squares"])
 def test_covariance_is_that_of_the_readings_with_shared_zeros_and_stops(method):
     plan = make_plan(4, directions=("forward", "backward"))
     cell = make_cell(high=(0.04,) * 3)
@@ -204,15 +205,18 @@ def test_covariance_is_that_of_the_readings_with_shared_zeros_and_stops(method):
     )
 
 
-@pytest.mark.parametrize("method", SOLVERS)
+@pytest.mark.parametrize("method", METHODS)
 def test_replicates_have_the_covariance_of_the_result(method):
     measured = simulate(make_plan(4), make_cell(high=(0.04,) * 3))
     result = solve(measured, method)
     drawn = replicate(measured, 2000, seed=1, method=method)
-    assert drawn.shape == (2000, 45)
-    expected = np.sqrt(np.diag(result.covariance))
-    assert np.std(drawn, axis=0) == pytest.approx(expected, rel=0.1, abs=1e-15)
     centre = np.concatenate(list(result.curves.values()))
+    assert drawn.shape == (2000, len(centre))
+    expected = np.sqrt(np.diag(result.covariance))
+    known = np.isfinite(centre)
+    assert np.array_equal(np.isfinite(drawn).all(axis=0), known)
+    drawn, centre, expected = drawn[:, known], centre[known], expected[known]
+    assert np.std(drawn, axis=0) == pytest.approx(expected, rel=0.1, abs=1e-15)
     assert np.all(np.abs(np.mean(drawn, axis=0) - centre) < 5 * expected / np.sqrt(2000) + 1e-11)
 
 
@@ -243,7 +247,7 @@ def only(measured, *names):
 def test_registry_says_what_is_missing():
     measured = simulate(make_plan(diagonals=("ppp", "npp")), make_cell())
     results, reasons = solve_all(measured)
-    assert set(results) == {"least_squares"}
+    assert set(results) == {"least_squares", "rigid_body"}
     assert "pnp" in reasons["conventional"]
     with pytest.raises(NotDeterminable, match="missing: z"):
         solve(
@@ -293,7 +297,7 @@ def test_a_gap_is_named_and_other_passes_fill_it():
 
     index = next(i for i, m in enumerate(once.lines) if m.line.name == "pnp")
     gap = with_gap(once, index, 5)  # after the move of Y in block 2, downwards from node 5 to 4
-    with pytest.raises(NotDeterminable, match=r"Y over its interval 5 .*pnp"):
+    with pytest.raises(NotDeterminable, match=r"Y alone over its interval 5 .*pnp"):
         solve(gap, "conventional")
     assert np.all(np.isfinite(solve(gap, "least_squares").curves["E_YX"]))
     twice = with_gap(simulate(make_plan(repeats=2), make_cell()), 6 + 4, 5)

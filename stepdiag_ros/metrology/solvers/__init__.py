@@ -3,17 +3,23 @@
 from collections.abc import Callable
 
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.alternative import solve_alternative
 from stepdiag_ros.metrology.solvers.conventional import solve_conventional
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
+from stepdiag_ros.metrology.solvers.rigid_body import solve_rigid_body
 from stepdiag_ros.metrology.solvers.setup_robust import solve_setup_robust
+from stepdiag_ros.metrology.solvers.soons import solve_soons
 
 Solver = Callable[[Measurement], VolumetricErrors]
 
 SOLVERS: dict[str, Solver] = {
     "conventional": solve_conventional,
     "setup_robust": solve_setup_robust,
+    "alternative": solve_alternative,
+    "soons": solve_soons,
     "least_squares": solve_least_squares,
+    "rigid_body": solve_rigid_body,
 }
 """Name of the method → solver, from the plainest to the one that uses everything."""
 

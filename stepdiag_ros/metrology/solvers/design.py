@@ -1,30 +1,61 @@
-"""The least-squares problem of a measurement: its matrix, what it leaves open, its solution.
+"""The least-squares problem of a measurement: its unknowns, its matrix, the exact model behind it.
 
 Readings of one setup at one place are repeats and enter as their weighted mean; the spread among
 them goes into χ². The matrix is that of the nominal setup; it is factored once, and since
 misalignments are small the iteration with the exact model converges in a few steps.
+
+Without a kinematic chain the unknowns are the nine translations, two angles for every diagonal
+setup and a zero for every setup; with a chain, the nine rotations too. A reading then is
+
+    s = g·(w + Σ t_i(q_i) + Σ v_i × ε_i(q_i)) + zero,     v_i = w - A_i(u),
+
+with g the effective direction (unit vector), u the position from the first corner of the box, w
+that from the line's first forward stop, and A_i(u) the part of u that the axes after i in the chain
+make up. This is METROLOGY's first-order model, (ε_i × n)·(q - L_i - L0) = n·((q - L_i - L0) × ε_i),
+with L0 = first stop + mirror offset - dead path · n, after three steps:
+
+- The curves are those of the mirror's point with the other axes at the first corner q0: t_i here is
+  t_i + ε_i × (L_i(q0) + mirror offset) of the chain's own. Levers from the machine's zero and the
+  mirror offset are gone with that.
+- The dead path is a lever along n, and (ε × n)·n = 0.
+- Values at the first node are zero: a rotation ε_i(q0) that is left turns the mirror (a part of g)
+  and the axes after i (their slopes, which are their curves' own).
+
+What is left out is of second order: angles by errors, tilts by the dead path (0.3 m · 150 µrad ·
+20 µrad = 1 nm), and a beam that misses the mirror's point at the first stop by b ⊥ n, which adds
+Σ (ε_i × n)·b (1 mm · 20 µrad = 0.02 µm).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import perpendiculars
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.forward import levers, perpendiculars
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    CHAINS,
+    CURVES,
+    ROTATIONS,
+    TRANSLATIONS,
+    Vector,
+    moving_axis,
+)
+from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.positive import inverse_positive
 
-_FIXED_AT_END = ((0, 1), (0, 2), (2, 1))
-"""Moving axis and error direction of E_YX, E_ZX, E_YZ, which end at zero (IH eq. 17)."""
-_PAIRS = np.triu_indices(12)
-"""Pairs of the twelve entries of a row, each once."""
+_FIXED_AT_END = ("E_YX", "E_ZX", "E_YZ")
+"""Curves that end at zero (IH eq. 17)."""
 _INFLATION_LIMIT = 1e8
 """Variance inflation (diagonal of C times that of H) beyond which a rank analysis is made."""
 _RANK_LIMIT = 1e-11
 """Eigenvalues of the scaled normal matrix below this share of the largest count as zero."""
+_FEW_UNKNOWNS = 200
 _CONVERGED = 1e-13
 _LARGEST_TILT = 0.2
 _ITERATIONS = 60
+_IDLE = 3
+_OFF_GRID = 1e-4
 
 
 @dataclass(frozen=True)
@@ -32,7 +63,7 @@ class Fit:
     """A solution.
 
     Attributes:
-        curves: m, shape (..., 9(N+1)) in the order of ``geometry.TRANSLATIONS``.
+        curves: m and rad, shape (..., c(N+1)) in the order of ``Design.names``.
         tilts: rad, shape (..., diagonal setups, 2).
         fitted: excess of the readings' group means by the model, m, shape (..., groups).
         squares: weighted sum of squares of all residuals, NaN for replicates.
@@ -49,20 +80,40 @@ class Design:
 
     Args:
         observations: the readings.
+        chain: order of the axes from workpiece to tool: the rotations are unknowns too; empty: the
+            translations only.
+        effects: further columns, what a unit of each effect adds to each reading, m, shape (n, e);
+            none if None. With effects no readings are averaged, since an effect may tell repeats
+            apart.
 
     Attributes:
+        names: of the curves among the unknowns.
+        arm: distance at which angles are counted in metres, so that all unknowns are of one size.
         tilt_setups: indices of the setups that have two angles.
         unseen: orthonormal directions of the unknowns that the readings do not tell, (p, r).
         degrees_of_freedom: readings minus determined unknowns.
         tilt_known: 1 where a tilt is determined, else NaN, shape (diagonal setups, 2).
+
+    Raises:
+        ValueError: no such chain, or an axis that stands between nodes where its rotation counts.
     """
 
-    def __init__(self, observations: Observations) -> None:
+    def __init__(
+        self, observations: Observations, chain: str = "", effects: Vector | None = None
+    ) -> None:
+        if chain and chain not in CHAINS:
+            raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
         self.observations = observations
+        self.chain = chain
+        self.names: tuple[str, ...] = CURVES if chain else TRANSLATIONS
         volume = observations.volume
         self._size = volume.blocks + 1
         self.tilt_setups = [i for i, setup in enumerate(observations.setups) if setup.diagonal]
-        self._group, self._first = observations.groups()
+        count = len(observations.displacement)
+        self._effects = np.zeros((count, 0)) if effects is None else effects
+        self._group, self._first = (
+            observations.groups() if effects is None else (np.arange(count), np.arange(count))
+        )
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(len(self._group))
         self.weight: Vector = np.bincount(self._group, single).astype(np.float64)
@@ -71,83 +122,135 @@ class Design:
             np.sum(single * (observations.excess - self.mean[self._group]) ** 2)
         )
         self._setup = observations.setup[self._first]
-        self._way = observations.position[self._first]
+        self._way = observations.way[self._first]
         self._directions = np.array([setup.direction for setup in observations.setups])
         self._pairs = np.array(
             [perpendiculars(self._directions[setup]) for setup in self.tilt_setups]
         ).reshape(-1, 2, 3)
-        # Tilts are counted in metres at this distance, so that all unknowns are of one size.
-        self._arm = float(np.linalg.norm(np.asarray(volume.step)) * volume.blocks)
+        self.arm = float(np.linalg.norm(np.asarray(volume.step)) * volume.blocks)
         self._number_unknowns()
         self._columns, self._values = self._entries()
         self._factor()
-        self.degrees_of_freedom = len(self._group) - (self._count - self.unseen.shape[1])
+        self.degrees_of_freedom = len(self._group) - (self.count - self.unseen.shape[1])
 
     def _number_unknowns(self) -> None:
-        free = np.ones((3, 3, self._size), dtype=bool)
-        free[:, :, 0] = False
-        for axis, error in _FIXED_AT_END:
-            free[axis, error, -1] = False
+        free = np.ones((len(self.names), self._size), dtype=bool)
+        free[:, 0] = False
+        for name in _FIXED_AT_END:
+            free[self.names.index(name), -1] = False
         curves = int(np.count_nonzero(free))
         setups, tilted = len(self.observations.setups), len(self.tilt_setups)
-        self._count = curves + 2 * tilted + setups
+        effects = self._effects.shape[1]
+        self.count = curves + 2 * tilted + setups + effects
         # Curve values that are zero by definition share a column beyond the last, which is cut off.
-        self._curve_column = np.full((3, 3, self._size), self._count)
-        self._curve_column[free] = np.arange(curves)
-        self._tilt_column = curves + np.arange(2 * tilted).reshape(tilted, 2)
-        self._zero_column = curves + 2 * tilted + np.arange(setups)
+        self.curve_column: Integers = np.full((len(self.names), self._size), self.count)
+        self.curve_column[free] = np.arange(curves)
+        self.tilt_column: Integers = curves + np.arange(2 * tilted).reshape(tilted, 2)
+        self.zero_column: Integers = curves + 2 * tilted + np.arange(setups)
+        self.effect_column: Integers = self.count - effects + np.arange(effects)
 
     def _entries(self) -> tuple[Integers, Vector]:
-        """Return columns and values of the twelve entries of each row of the nominal matrix."""
-        groups = len(self._first)
-        columns = np.full((groups, 12), self._count)
-        values = np.zeros((groups, 12))
+        """Return columns and values of the entries of each row of the nominal matrix."""
+        groups, curves = len(self._first), len(self.names)
+        width = curves + 3 + len(self.effect_column)
+        columns = np.full((groups, width), self.count)
+        values = np.zeros((groups, width))
         node = self.observations.node[self._first]
         direction = self._directions[self._setup]
-        for axis in range(3):
+        for place, name in enumerate(TRANSLATIONS):
+            axis = moving_axis(name)
             moves = node[:, axis] >= 0
-            for error in range(3):
-                place = 3 * axis + error
-                columns[moves, place] = self._curve_column[axis, error, node[moves, axis]]
-                values[moves, place] = direction[moves, error]
+            columns[moves, place] = self.curve_column[place, node[moves, axis]]
+            values[moves, place] = direction[moves, AXES.index(name[2])]
+        if self.chain:
+            self._arms = self._arm_vectors(node)
+            turning = [np.cross(direction, self._arms[:, axis]) for axis in range(3)]
+            for place, name in enumerate(ROTATIONS, start=len(TRANSLATIONS)):
+                axis = moving_axis(name)
+                at = node[:, axis]
+                here = at >= 0
+                columns[here, place] = self.curve_column[place, at[here]]
+                values[here, place] = turning[axis][here, "ABC".index(name[2])] / self.arm
+        self._curve_places = columns[:, :curves].copy()
         for row, setup in enumerate(self.tilt_setups):
             here = self._setup == setup
-            columns[here, 9:11] = self._tilt_column[row]
-            values[here, 9:11] = self._way[here] @ self._pairs[row].T / self._arm
-        columns[:, 11] = self._zero_column[self._setup]
-        values[:, 11] = 1.0
-        self._curve_places = columns[:, :9]
+            columns[here, curves : curves + 2] = self.tilt_column[row]
+            values[here, curves : curves + 2] = self._way[here] @ self._pairs[row].T / self.arm
+        columns[:, curves + 2] = self.zero_column[self._setup]
+        values[:, curves + 2] = 1.0
+        columns[:, curves + 3 :] = self.effect_column
+        values[:, curves + 3 :] = self._effects[self._first]
         return columns, values
+
+    def _arm_vectors(self, node: Integers) -> Vector:
+        """Return v_i of X, Y, Z for each group, m, (groups, 3, 3), and put standing axes in place.
+
+        An axis that stands adds a constant where its lever lies along the beam or does not change,
+        which the zero takes; that is so on every linear line. On a face diagonal it may not be so,
+        and the errors of the node at which it stands are unknowns of the line.
+        """
+        position = self.observations.position[self._first]
+        after = levers(position, self.chain)
+        arms = np.stack([self._way - after[axis] for axis in range(3)], axis=1)
+        step = np.asarray(self.observations.volume.step)
+        for number, setup in enumerate(self.observations.setups):
+            here = self._setup == number
+            for axis in np.flatnonzero(setup.signs == 0):
+                effect = np.cross(setup.direction, arms[here, axis])
+                if np.max(np.abs(effect - effect[:1])) <= 1e-9 * self.arm:
+                    continue
+                counted = setup.start[axis] / step[axis]
+                if not self._is_node(counted):
+                    raise ValueError(
+                        f"on {setup.name} the axis {AXES[axis]} stands {setup.start[axis]:g} m from"
+                        " the first corner, which is no node: the rotations of that axis count "
+                        "there; let it stand at a node of the volume"
+                    )
+                node[here, axis] = round(counted)
+        return arms
+
+    def _is_node(self, counted: float) -> bool:
+        nearest = round(counted)
+        return abs(counted - nearest) <= _OFF_GRID and 0 <= nearest < self._size
 
     @property
     def matrix(self) -> Vector:
         """Return the nominal matrix, shape (groups, p): readings' excess by unknowns, m."""
-        matrix = np.zeros((len(self._columns), self._count + 1))
+        matrix = np.zeros((len(self._columns), self.count + 1))
         # Columns of a row differ except for the cut-off one.
         matrix[np.arange(len(self._columns))[:, None], self._columns] = self._values
-        nominal: Vector = matrix[:, : self._count]
+        nominal: Vector = matrix[:, : self.count]
         return nominal
 
     def _factor(self) -> None:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
         normal = self._normal(self.weight)
-        self.unseen: Vector = np.zeros((self._count, 0))
-        inverse = inverse_positive(normal)
+        self.unseen: Vector = np.zeros((self.count, 0))
+        inverse = self._inverse(normal)
         if inverse is None or not np.all(np.diag(inverse) * np.diag(normal) <= _INFLATION_LIMIT):
             inverse = self._pseudo_inverse(normal, self._normal(np.ones(len(self.weight))))
         self.covariance: Vector = inverse
 
+    def _inverse(self, normal: Vector) -> Vector | None:
+        """Return the inverse of the normal matrix, None if it is not positive definite."""
+        # Up to this size a general inverse is as fast.
+        if self.count > _FEW_UNKNOWNS:
+            levels = fold(self.curve_column, self._curve_places, self.count)
+            if levels is not None:
+                return inverse_folded(normal, levels)
+        return inverse_positive(normal)
+
     def _normal(self, weight: Vector) -> Vector:
-        width = self._count + 1
+        width = self.count + 1
         columns, values = self._columns, self._values
         weighted = values * weight[:, None]
-        one, other = _PAIRS
+        one, other = np.triu_indices(columns.shape[1])
         products = weighted[:, one] * values[:, other]
         places = columns[:, one] * width + columns[:, other]
         half = np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
-        half = half.reshape(width, width)[: self._count, : self._count]
+        half = half.reshape(width, width)[: self.count, : self.count]
         normal: Vector = half + half.T
-        normal.flat[:: self._count + 1] -= np.diag(half)
+        normal.flat[:: self.count + 1] -= np.diag(half)
         return normal
 
     def _pseudo_inverse(self, normal: Vector, unweighted: Vector) -> Vector:
@@ -170,7 +273,7 @@ class Design:
             ValueError: the iteration does not converge: a tilt far beyond any alignment.
         """
         given = self.mean if means is None else means
-        unknowns = np.zeros((*given.shape[:-1], self._count))
+        unknowns = np.zeros((*given.shape[:-1], self.count))
         modelled = np.zeros(given.shape)
         many = given.ndim > 1
         solver = (
@@ -193,26 +296,92 @@ class Design:
                 )
         squares = float("nan")
         if not many:
+            unknowns, modelled = self._refined(given, unknowns, modelled)
             squares = float(np.sum(self.weight * (given - modelled) ** 2)) + self._repeat_squares
         return Fit(
-            self._padded(unknowns)[..., self._curve_column.reshape(-1)],
-            unknowns[..., self._tilt_column] / self._arm,
+            self._padded(unknowns)[..., self.curve_column.reshape(-1)] / self.curve_scale,
+            unknowns[..., self.tilt_column] / self.arm,
             modelled,
             squares,
         )
 
-    def _pull(self, weighted: Vector) -> Vector:
-        """Return the transposed matrix times weighted residuals, shape (p,)."""
-        pulled = (self._values * weighted[:, None]).reshape(-1)
-        sums = np.bincount(self._columns.reshape(-1), pulled, minlength=self._count + 1)
-        return sums[: self._count].astype(np.float64)
+    @property
+    def curve_scale(self) -> Vector:
+        """Return the factor from each stacked curve value to its unknown, 1 or m, (c(N+1),)."""
+        factors = [self.arm if name in ROTATIONS else 1.0 for name in self.names]
+        scale: Vector = np.repeat(np.array(factors), self._size)
+        return scale
+
+    def _pull(self, weighted: Vector, values: Vector | None = None) -> Vector:
+        """Return a matrix of these entries' values (the nominal one), transposed, times weighted.
+
+        Args:
+            weighted: residuals, shape (groups,).
+            values: of the entries; nominal ones if None.
+
+        Returns:
+            shape (p,).
+        """
+        values = self._values if values is None else values
+        pulled = (values * weighted[:, None]).reshape(-1)
+        sums = np.bincount(self._columns.reshape(-1), pulled, minlength=self.count + 1)
+        return sums[: self.count].astype(np.float64)
+
+    def _refined(self, given: Vector, unknowns: Vector, modelled: Vector) -> tuple[Vector, Vector]:
+        """Go on to the very minimum from where the nominal matrix led.
+
+        There its transpose times the residuals vanishes, in the minimum that of the exact model's
+        derivatives: the two differ by the tilts times the noise, some 1e-4 of an uncertainty.
+        (Monte Carlo replicates are left there.)
+        """
+        best, least, idle = (unknowns, modelled), np.inf, 0
+        # Rounding is left, or a tilt is beyond all alignment, when changes grow no smaller.
+        while idle < _IDLE:
+            weighted = (given - modelled) * self.weight
+            change = self.covariance @ self._pull(weighted, self._derivatives(unknowns))
+            unknowns = unknowns + change
+            modelled = self._model(unknowns)
+            size, idle = float(np.max(np.abs(change))), idle + 1
+            if size < least:
+                best, least, idle = (unknowns, modelled), size, 0
+        return best
+
+    def _derivatives(self, unknowns: Vector) -> Vector:
+        """Return the exact model's derivatives, as values of the matrix's entries."""
+        values: Vector = self._values.copy()
+        turned = (self._directions + self._turn(unknowns))[self._setup]
+        values[:, : len(TRANSLATIONS)] = np.tile(turned, 3)
+        if self.chain:
+            turning = np.cross(turned[:, None, :], self._arms) / self.arm
+            values[:, len(TRANSLATIONS) : len(self.names)] = turning.reshape(len(values), -1)
+        errors = self._mirror_errors(self._padded(unknowns)[self._curve_places])
+        tilts = unknowns[self.tilt_column] / self.arm
+        shortening = tilts / np.sqrt(1.0 - np.sum(tilts**2, axis=-1, keepdims=True))
+        place = slice(len(self.names), len(self.names) + 2)
+        for row, setup in enumerate(self.tilt_setups):
+            here = self._setup == setup
+            by_tilt = self._pairs[row] - np.outer(shortening[row], self._directions[setup])
+            values[here, place] = (self._way[here] + errors[here]) @ by_tilt.T / self.arm
+        # Curve values that are zero by definition have entries in the cut-off column.
+        return values
 
     def _padded(self, unknowns: Vector) -> Vector:
         return np.concatenate([unknowns, np.zeros((*unknowns.shape[:-1], 1))], axis=-1)
 
     def _model(self, unknowns: Vector) -> Vector:
         """Return the exact model's excess of the readings over a perfect machine and setup, m."""
-        tilts = unknowns[..., self._tilt_column] / self._arm
+        turned = self._turn(unknowns)[..., self._setup, :]
+        errors = self._mirror_errors(self._padded(unknowns)[..., self._curve_places])
+        excess: Vector = np.sum(
+            turned * (self._way + errors) + self._directions[self._setup] * errors, axis=-1
+        )
+        if len(self.effect_column):
+            excess = excess + unknowns[..., self.effect_column] @ self._effects[self._first].T
+        return excess + unknowns[..., self.zero_column[self._setup]]
+
+    def _turn(self, unknowns: Vector) -> Vector:
+        """Return what the tilts change of each setup's direction, shape (..., setups, 3)."""
+        tilts = unknowns[..., self.tilt_column] / self.arm
         tilts = np.clip(tilts, -_LARGEST_TILT, _LARGEST_TILT)
         change = np.zeros((*unknowns.shape[:-1], *self._directions.shape))
         if self.tilt_setups:
@@ -223,36 +392,43 @@ class Design:
             change[..., self.tilt_setups, :] = shortening * nominal + np.sum(
                 tilts[..., :, :, None] * self._pairs, axis=-2
             )
-        turned = change[..., self._setup, :]
-        errors = self._padded(unknowns)[..., self._curve_places]
-        errors = np.sum(errors.reshape(*errors.shape[:-1], 3, 3), axis=-2)
-        excess: Vector = np.sum(
-            turned * (self._way + errors) + self._directions[self._setup] * errors, axis=-1
-        )
-        return excess + unknowns[..., self._zero_column[self._setup]]
+        return change
+
+    def _mirror_errors(self, values: Vector) -> Vector:
+        """Return Σ t_i + Σ v_i × ε_i of each row from its unknowns, m, shape (..., groups, 3)."""
+        by_axis = values.reshape(*values.shape[:-1], len(self.names) // 3, 3)
+        errors: Vector = np.sum(by_axis[..., :3, :], axis=-2)
+        for axis in range(3 if self.chain else 0):
+            errors = errors + np.cross(self._arms[:, axis] / self.arm, by_axis[..., 3 + axis, :])
+        return errors
 
     @property
     def tilt_known(self) -> Vector:
         """Return 1 where a tilt is determined, else NaN, shape (diagonal setups, 2)."""
-        hidden = np.linalg.norm(self.unseen[self._tilt_column], axis=-1)
+        hidden = np.linalg.norm(self.unseen[self.tilt_column], axis=-1)
         return np.where(hidden <= 1e-6, 1.0, np.nan)
 
     def tilt_uncertainty(self) -> Vector:
         """Return the standard uncertainties of the tilts for unit scale, rad; NaN where unknown."""
-        variance = np.diag(self.covariance)[self._tilt_column]
-        uncertainty: Vector = self.tilt_known * np.sqrt(variance) / self._arm
+        variance = np.diag(self.covariance)[self.tilt_column]
+        uncertainty: Vector = self.tilt_known * np.sqrt(variance) / self.arm
         return uncertainty
 
     def curve_covariance(self) -> Vector:
-        """Return the covariance of the stacked curves for unit scale, m²."""
-        place = self._curve_column.reshape(-1)
-        padded = np.zeros((self._count + 1, self._count + 1))
+        """Return the covariance of the stacked curves for unit scale, in their units."""
+        place = self.curve_column.reshape(-1)
+        padded = np.zeros((self.count + 1, self.count + 1))
         padded[:-1, :-1] = self.covariance
         covariance: Vector = padded.take(place, axis=0).take(place, axis=1)
+        if self.chain:
+            covariance /= np.outer(self.curve_scale, self.curve_scale)
         return covariance
 
     def curves_unseen(self) -> Vector:
-        """Return the curves' part of the undetermined directions, shape (9(N+1), r)."""
+        """Return the curves' part of the undetermined directions, (c(N+1), r), angles by the arm.
+
+        The rows of ``summary.CurveEstimate.unseen``.
+        """
         padded = np.concatenate([self.unseen, np.zeros((1, self.unseen.shape[1]))])
-        part: Vector = padded[self._curve_column.reshape(-1)]
+        part: Vector = padded[self.curve_column.reshape(-1)]
         return part

@@ -6,14 +6,14 @@ zero for every setup. A mirror is set to return the beam, so both are taken to b
 the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
 the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
 linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
-Angular errors of the machine are not in this model.
+Angular errors of the machine are not in this model; ``rigid_body`` has them too.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.design import Design, Fit
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
@@ -24,6 +24,7 @@ from stepdiag_ros.metrology.solvers.summary import (
     make_result,
     shape_determined,
 )
+from stepdiag_ros.metrology.solvers.verdicts import DETERMINED, Verdicts
 
 _SIGNIFICANT = 2.3263
 """Standard normal quantile of p = 0.01, one-sided."""
@@ -42,8 +43,18 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
-    observations = observe(measurement)
-    design = Design(observations)
+    return solve_design("least_squares", Design(observe(measurement)), measurement.chain)
+
+
+def solve_design(method: str, design: Design, chain: str) -> VolumetricErrors:
+    """Return the weighted least-squares result of a design, of translations or of all errors.
+
+    Args:
+        method: name of the solver.
+        design: of the readings.
+        chain: of the machine; empty if not known.
+    """
+    observations = design.observations
     fit = design.fit()
     freedom = design.degrees_of_freedom
     remarks: list[str] = []
@@ -71,11 +82,23 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
                 f"uncertainties explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the "
                 "model. All uncertainties were multiplied by this factor."
             )
+            if chain and not design.chain:
+                remarks.append(
+                    "Angular errors of the machine are not in this model: see whether the method "
+                    "rigid_body, which has them, explains the readings."
+                )
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
-    estimate = CurveEstimate(fit.curves, factor * design.curve_covariance(), design.curves_unseen())
+    estimate = CurveEstimate(
+        fit.curves,
+        factor * design.curve_covariance(),
+        design.curves_unseen(),
+        design.names,
+        design.arm,
+    )
+    words = _not_told(design) if design.chain else _not_determined(observations, estimate)
     return make_result(
-        "least_squares",
+        method,
         observations.volume,
         estimate,
         [setup.line for setup in observations.setups],
@@ -83,9 +106,18 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         _tilt_figures(design, fit, factor),
         chi_squared,
         freedom,
-        _not_determined(observations, estimate),
+        words,
         remarks,
+        frame=f"{FRAME}; {REFERENCE_POINT}" if design.chain else FRAME,
+        chain=design.chain,
     )
+
+
+def _not_told(design: Design) -> list[str]:
+    """Say of every error that is not determined what can do the same."""
+    return [
+        f"{row.name}: {row.words}." for row in Verdicts(design).rows() if row.status != DETERMINED
+    ]
 
 
 def exceeds_chance(chi_squared: float, freedom: int) -> bool:

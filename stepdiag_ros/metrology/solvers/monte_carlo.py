@@ -1,16 +1,209 @@
-"""Replicates of a whole estimate: the same lines measured again and again, with new noise."""
+"""Replicates of a whole estimate: the same lines measured again and again, with other readings.
+
+An ``Estimator`` is a solver made ready for many sets of readings at once: the formulations of
+Ibaraki & Hata as one matrix, least squares as its iteration with the exact model on all sets
+together.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.alternative import alternative_map
 from stepdiag_ros.metrology.solvers.conventional import conventional_map
 from stepdiag_ros.metrology.solvers.design import Design
-from stepdiag_ros.metrology.solvers.linear import noise_of
-from stepdiag_ros.metrology.solvers.observations import Observations, observe
+from stepdiag_ros.metrology.solvers.linear import LinearMap, noise_of
+from stepdiag_ros.metrology.solvers.observations import Integers, Observations, observe
+from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.solvers.setup_robust import setup_robust_map
 
 _CHUNK = 2_000_000
+_STEP = 1e-6
+"""m: change of a reading by which an iterated estimate is differentiated: as errors are large."""
+
+
+class Estimator(Protocol):
+    """A method on the readings of one measurement.
+
+    Attributes:
+        observations: the readings.
+        names: of the curves, in the order in which they are stacked.
+        models_cosine: the tilt of a diagonal is in the model to the second order.
+    """
+
+    observations: Observations
+    names: tuple[str, ...]
+    models_cosine: bool
+
+    def solution(self) -> Vector:
+        """Return the stacked curves of the readings themselves, shape (k,), as the solver does."""
+
+    def curves(self, excess: Vector) -> Vector:
+        """Return the stacked curves of many sets of readings, shape (count, k).
+
+        Args:
+            excess: of the readings over a perfect machine and setup, m, shape (count, n).
+
+        Returns:
+            m (rad for rotations); NaN where not determined.
+        """
+
+    def jacobian(self) -> Vector:
+        """Return the derivatives of the curves by the readings, shape (k, n); NaN as above."""
+
+
+class LinearEstimator:
+    """A formulation that is one matrix on the readings.
+
+    Args:
+        observations: the readings.
+        linear: the matrix.
+    """
+
+    names = TRANSLATIONS
+    models_cosine = False
+
+    def __init__(self, observations: Observations, linear: LinearMap) -> None:
+        self.observations = observations
+        self._matrix = linear.curves
+
+    def solution(self) -> Vector:
+        """Return the stacked curves of the readings themselves; see ``Estimator``."""
+        found: Vector = self._matrix @ self.observations.excess
+        return found
+
+    def curves(self, excess: Vector) -> Vector:
+        """Return the stacked curves of many sets of readings; see ``Estimator``."""
+        found: Vector = excess @ self._matrix.T
+        return found
+
+    def jacobian(self) -> Vector:
+        """Return the matrix; see ``Estimator``."""
+        return self._matrix
+
+
+class LeastSquaresEstimator:
+    """Least squares with the exact model of the setups.
+
+    Args:
+        observations: the readings.
+        chain: order of the axes, to estimate the rotations too; empty for translations only.
+    """
+
+    models_cosine = True
+
+    def __init__(self, observations: Observations, chain: str = "") -> None:
+        self.observations = observations
+        self._design = Design(observations, chain)
+        self.names = self._design.names
+        group, first = observations.groups()
+        known = observations.noise_known
+        single = 1.0 / observations.uncertainty**2 if known else np.ones(len(group))
+        # Readings of one place and setup act through their weighted mean alone.
+        self._share = single / self._design.weight[group]
+        self._group, self._groups = group, len(first)
+        unseen = np.linalg.norm(self._design.curves_unseen(), axis=1)
+        self._unknown = unseen > 1e-6
+
+    def solution(self) -> Vector:
+        """Return the stacked curves of the readings themselves; see ``Estimator``."""
+        found: Vector = np.where(self._unknown, np.nan, self._design.fit().curves)
+        return found
+
+    def curves(self, excess: Vector) -> Vector:
+        """Return the stacked curves of many sets of readings; see ``Estimator``."""
+        gather = np.zeros((excess.shape[1], self._groups))
+        gather[np.arange(excess.shape[1]), self._group] = self._share
+        return self.curves_of_means(excess @ gather)
+
+    def curves_of_means(self, means: Vector) -> Vector:
+        """Return the stacked curves of many sets of group means, m, shape (count, groups)."""
+        curves = np.empty((len(means), len(self._unknown)))
+        rows = max(1, _CHUNK // (9 * self._groups))
+        for start in range(0, len(means), rows):
+            part = slice(start, start + rows)
+            curves[part] = self._design.fit(means[part]).curves
+        curves[:, self._unknown] = np.nan
+        return curves
+
+    def jacobian(self) -> Vector:
+        """Return the derivatives at the solution, by central differences; see ``Estimator``."""
+        change = _STEP * np.eye(self._groups)
+        mean = self._design.mean
+        above, below = self.curves_of_means(mean + change), self.curves_of_means(mean - change)
+        by_group = (above - below).T / (2.0 * _STEP)
+        by_reading: Vector = by_group[:, self._group] * self._share
+        return by_reading
+
+    def misfit(self) -> tuple[Vector, Integers, int]:
+        """Return what the fit leaves of the mean reading at each place, for lack of a better model.
+
+        Returns:
+            mean readings less the fitted ones, m, shape (groups,); number of the group of each
+            reading, shape (n,); degrees of freedom that the fit leaves.
+        """
+        left: Vector = self._design.mean - self._design.fit().fitted
+        return left, self._group, self._design.degrees_of_freedom
+
+    def noisy(self, count: int, noise: float, rng: np.random.Generator) -> Vector:
+        """Return curves of readings drawn around the fitted model.
+
+        Args:
+            count: number of replicates.
+            noise: standard uncertainty of a reading of unit weight, m.
+            rng: of the noise.
+        """
+        fitted = self._design.fit().fitted
+        spread = noise / np.sqrt(self._design.weight)
+        curves = np.empty((count, len(self._unknown)))
+        rows = max(1, _CHUNK // (9 * self._groups))
+        for start in range(0, count, rows):
+            end = min(count, start + rows)
+            drawn = fitted + spread * rng.standard_normal((end - start, self._groups))
+            curves[start:end] = self.curves_of_means(drawn)
+        return curves
+
+
+LINEAR_MAPS: dict[str, Callable[[Observations], LinearMap]] = {
+    "conventional": conventional_map,
+    "setup_robust": setup_robust_map,
+    "alternative": alternative_map,
+}
+"""Method → its matrix on the readings, for the formulations that are linear."""
+
+
+METHODS = (*LINEAR_MAPS, "least_squares", "rigid_body")
+"""Methods that many sets of readings can be solved by at once."""
+
+
+def estimator(
+    observations: Observations, method: str, chain: str = ""
+) -> LinearEstimator | LeastSquaresEstimator:
+    """Return a method made ready for many sets of readings.
+
+    Args:
+        observations: the readings.
+        method: one of ``METHODS``.
+        chain: order of the machine's axes; ``rigid_body`` needs it.
+
+    Raises:
+        NotDeterminable: the lines are not enough for this method, or the chain is not known.
+        ValueError: no such method.
+    """
+    if method == "least_squares":
+        return LeastSquaresEstimator(observations)
+    if method == "rigid_body":
+        if not chain:
+            raise NotDeterminable(
+                "needs the kinematic chain of the machine, which is not known for this measurement"
+            )
+        return LeastSquaresEstimator(observations, chain)
+    if method in LINEAR_MAPS:
+        return LinearEstimator(observations, LINEAR_MAPS[method](observations))
+    raise ValueError(f"'{method}' is no method for this; use one of {', '.join(METHODS)}")
 
 
 def replicate(
@@ -21,17 +214,17 @@ def replicate(
     Each replicate draws new noise of the readings' standard uncertainty around what the fitted
     model says (least squares) or around the readings themselves (the two formulations that have no
     fit), and is solved like the measurement. The noise is independent between readings; repeats are
-    drawn as their mean.
+    drawn as their mean. ``uncertainty.monte_carlo`` draws from all sources, not the noise alone.
 
     Args:
         measurement: lines with known standard uncertainties, or with repeats to take them from.
         count: number of replicates, at least 1.
         seed: of the noise.
-        method: ``conventional``, ``setup_robust`` or ``least_squares``.
+        method: one of ``METHODS``.
 
     Returns:
-        m, shape (count, 9(N+1)) in the order of ``geometry.TRANSLATIONS``; NaN where not
-        determined.
+        m, shape (count, 9(N+1)) in the order of ``geometry.TRANSLATIONS``; for ``rigid_body`` those
+        and the rotations in rad, shape (count, 18(N+1)); NaN where not determined.
 
     Raises:
         NotDeterminable: the lines are not enough for this method.
@@ -41,32 +234,15 @@ def replicate(
         raise ValueError(f"count is {count}; expected 1 or more replicates")
     observations = observe(measurement)
     rng = np.random.default_rng(seed)
-    if method == "least_squares":
-        return _least_squares(observations, count, rng)
-    if method not in ("conventional", "setup_robust"):
-        raise ValueError(f"'{method}' is no method; use conventional, setup_robust, least_squares")
-    linear = conventional_map if method == "conventional" else setup_robust_map
+    solver = estimator(observations, method, measurement.chain)
+    if isinstance(solver, LeastSquaresEstimator):
+        # Weights are 1/u² where the noise is known and plain counts of repeats where it is not.
+        return solver.noisy(
+            count, 1.0 if observations.noise_known else float(_known_noise(observations)[0]), rng
+        )
     noise = _known_noise(observations)
     drawn = observations.excess + noise * rng.standard_normal((count, len(noise)))
-    curves: Vector = drawn @ linear(observations).curves.T
-    return curves
-
-
-def _least_squares(observations: Observations, count: int, rng: np.random.Generator) -> Vector:
-    design = Design(observations)
-    fit = design.fit()
-    # Weights are 1/u² where the noise is known and plain counts of repeats where it is not.
-    scale = 1.0 if observations.noise_known else _known_noise(observations)[0]
-    noise = scale / np.sqrt(design.weight)
-    known = np.linalg.norm(design.curves_unseen(), axis=1) <= 1e-6
-    curves = np.empty((count, len(known)))
-    rows = max(1, _CHUNK // (9 * len(noise)))
-    for start in range(0, count, rows):
-        end = min(count, start + rows)
-        drawn = fit.fitted + noise * rng.standard_normal((end - start, len(noise)))
-        curves[start:end] = design.fit(drawn).curves
-    curves[:, ~known] = np.nan
-    return curves
+    return solver.curves(drawn)
 
 
 def _known_noise(observations: Observations) -> Vector:

@@ -17,6 +17,9 @@ from stepdiag_ros.metrology.solvers.result import NotDeterminable
 Integers = NDArray[np.int64]
 
 _OFF_GRID = 1e-4
+"""Share of a step by which a stop may lie beside its node."""
+_ELSEWHERE = 1e-5
+"""Standing axes of one setup may differ by less, m; no lever tells such a distance."""
 _CONSPICUOUS = 2.0
 
 
@@ -29,12 +32,15 @@ class Setup:
         line: name of its line.
         signs: sense in which each axis runs, 0 where it stands, shape (3,).
         direction: nominal unit vector of the beam, shape (3,).
+        start: the line's first stop of its forward sense, from the first corner of the box, m,
+            shape (3,); where the axes stand that do not move.
     """
 
     name: str
     line: str
     signs: Integers
     direction: Vector
+    start: Vector
 
     @property
     def diagonal(self) -> bool:
@@ -76,15 +82,23 @@ class Observations:
 
     @property
     def position(self) -> Vector:
-        """Return commanded positions from the first corner, m, 0 for standing axes, (n, 3)."""
-        relative: Vector = np.maximum(self.node, 0) * np.asarray(self.volume.step)
-        return relative
+        """Return commanded positions of all axes from the first corner, m, shape (n, 3)."""
+        starts = np.array([setup.start for setup in self.setups])[self.setup]
+        placed: Vector = np.where(self.node < 0, starts, self.node * np.asarray(self.volume.step))
+        return placed
+
+    @property
+    def way(self) -> Vector:
+        """Return commanded positions from the first forward stop of each line, m, shape (n, 3)."""
+        starts = np.array([setup.start for setup in self.setups])[self.setup]
+        covered: Vector = self.position - starts
+        return covered
 
     @property
     def excess(self) -> Vector:
         """Return the readings minus those of a perfect machine and setup, m, shape (n,)."""
         directions = np.array([setup.direction for setup in self.setups])[self.setup]
-        beyond: Vector = self.displacement - np.sum(directions * self.position, axis=1)
+        beyond: Vector = self.displacement - np.sum(directions * self.way, axis=1)
         return beyond
 
     def groups(self) -> tuple[Integers, Integers]:
@@ -114,8 +128,8 @@ def observe(measurement: Measurement) -> Observations:
 
     Raises:
         NotDeterminable: there is no reading at all.
-        ValueError: a stop that is no node of the volume; lines of different directions in one
-            setup.
+        ValueError: a stop that is no node of the volume; lines of different directions or places
+            in one setup.
     """
     volume = measurement.volume
     index: dict[str, int] = {}
@@ -129,12 +143,18 @@ def observe(measurement: Measurement) -> Observations:
             index[line.setup] = len(setups)
             signs = line_signs(line.line.name)
             direction = beam_direction(line.line.name, np.asarray(volume.step))
-            setups.append(Setup(line.setup, line.line.name, signs, direction))
+            start = _start(line, volume, signs)
+            setups.append(Setup(line.setup, line.line.name, signs, direction, start))
         used = setups[index[line.setup]]
         if used.line != line.line.name:
             raise ValueError(
                 f"setup '{line.setup}' holds lines '{used.line}' and '{line.line.name}': "
                 "one setup has one beam direction"
+            )
+        if np.max(np.abs(_start(line, volume, used.signs) - used.start)) > _ELSEWHERE:
+            raise ValueError(
+                f"setup '{line.setup}' holds lines '{line.line.name}' at different places: one "
+                "setup stands at one place; give each place a setup of its own"
             )
         setup.append(np.full(len(good), index[line.setup]))
         passes.append(np.full(len(good), number))
@@ -158,6 +178,14 @@ def observe(measurement: Measurement) -> Observations:
         uncertainty=uncertainty,
         lines=len(values),
     )
+
+
+def _start(line: MeasuredLine, volume: Volume, signs: Integers) -> Vector:
+    """Return where a line's forward sense starts, from the first corner of the box, m."""
+    standing = line.target[0] - np.asarray(volume.origin)
+    first = np.where(signs < 0, volume.blocks * np.asarray(volume.step), 0.0)
+    start: Vector = np.where(signs == 0, standing, first)
+    return start
 
 
 def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
@@ -251,8 +279,8 @@ def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMean
             gap = np.flatnonzero(number[moving] == 0)
             if len(gap):
                 raise NotDeterminable(
-                    f"the move of {AXES[moving]} over its interval {gap[0] + 1} was not measured "
-                    f"on {line}; measure the line again, or use least_squares"
+                    f"the move of {AXES[moving]} alone over its interval {gap[0] + 1} was not "
+                    f"measured on {line}; measure it as a step diagonal again, or use least_squares"
                 )
         share = sense / number[axis, interval]
         np.add.at(weights[row], (axis, interval, before + 1), share)

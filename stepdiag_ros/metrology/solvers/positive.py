@@ -7,6 +7,11 @@ from scipy.linalg import lapack
 Matrix = NDArray[np.float64]
 
 
+def is_positive(matrix: Matrix) -> bool:
+    """Say whether a symmetric matrix is positive definite."""
+    return not lapack.dpotrf(matrix, lower=1)[1]
+
+
 def inverse_positive(matrix: Matrix) -> Matrix | None:
     """Return the inverse by Cholesky, or None if the matrix is not positive definite.
 

@@ -30,25 +30,25 @@ class Figure:
 
 @dataclass(frozen=True)
 class VolumetricErrors:
-    """Nine translational error curves with their uncertainty, and what follows from them.
+    """Error curves with their uncertainty, and what follows from them.
 
     Attributes:
-        method: ``conventional``, ``setup_robust`` or ``least_squares``.
+        method: name of the solver.
         nodes: machine coordinates of the nodes of X, Y, Z, m, each shape (N + 1,).
-        curves: ISO 230-1 name → errors at the nodes, m, shape (N + 1,); zero at the first node; NaN
-            where
-            not determined.
-        standard_uncertainty: ISO 230-1 name → standard uncertainties, m, same shape; NaN where not
-            known.
+        curves: ISO 230-1 name → errors at the nodes, m (translations) or rad (rotations), shape
+            (N + 1,); zero at the first node; NaN where not determined. A method holds the curves
+            that it estimates, in the order of ``geometry.CURVES``: the nine translations, all
+            eighteen, or some.
+        standard_uncertainty: ISO 230-1 name → standard uncertainties, m or rad, same names and
+            shape; NaN where not known.
         figures: squareness, straightness, positioning, setup errors.
         lines: number of lines used.
         chi_squared: of the fit; NaN where the method leaves no degrees of freedom.
         degrees_of_freedom: of the fit.
         not_determined: what these lines cannot tell, in words.
         remarks: what the reader must know, in words.
-        covariance: of all curves stacked in the order of ``geometry.TRANSLATIONS``, m², shape
-            (9(N+1), 9(N+1));
-            NaN rows and columns where not determined.
+        covariance: of all curves stacked in the order of ``curves``, in the products of their
+            units, shape (c(N+1), c(N+1)) for c curves; NaN rows and columns where not determined.
         frame: of the results, in words.
     """
 

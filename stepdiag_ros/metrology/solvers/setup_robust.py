@@ -15,7 +15,8 @@ from stepdiag_ros.metrology.solvers.observations import Observations, block_mean
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 _X, _Y, _Z = range(3)
-_LAMBDAS = ("xx", "yx", "zx", "xy", "yy", "zy", "xz", "yz", "zz")
+LAMBDAS = ("xx", "yx", "zx", "xy", "yy", "zy", "xz", "yz", "zz")
+"""The nine λ of IH eq. (15) in the order of the result's figures."""
 
 
 def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
@@ -99,6 +100,6 @@ def setup_robust_map(observations: Observations) -> LinearMap:
             )
     return LinearMap(
         accumulate(increments),
-        np.array([lambdas[name] for name in _LAMBDAS]),
-        tuple(f"lambda {name}" for name in _LAMBDAS),
+        np.array([lambdas[name] for name in LAMBDAS]),
+        tuple(f"lambda {name}" for name in LAMBDAS),
     )

@@ -1,9 +1,9 @@
-"""From an estimate of the nine curves to the result: what is known, how well, and the figures.
+"""From an estimate of the curves to the result: what is known, how well, and the figures.
 
 The figures follow Ibaraki & Hata 2010, Table 1 and section 4.1: straightness is the largest
 variation of the mean values from their least-squares line; squareness is the sum of the slopes of
 least-squares lines of the two curves that turn an axis against another; positioning is the value at
-the last node.
+the last node; an angular error motion is the largest minus the smallest value (ISO 230-1).
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
+from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
     FRAME,
+    ROTATIONS,
     TRANSLATIONS,
     Vector,
     beam_direction,
     line_signs,
+    moving_axis,
 )
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -31,25 +33,43 @@ _NOTHING = 1e-6
 
 @dataclass(frozen=True)
 class CurveEstimate:
-    """Estimate of the nine curves, stacked in the order of ``geometry.TRANSLATIONS``.
+    """Estimate of c curves, stacked in the order of their names.
 
     Attributes:
-        values: one solution, m, shape (9(N+1),); any multiple of ``unseen`` may be added to it.
-        covariance: of the values, m², shape (9(N+1), 9(N+1)); NaN where the noise is not known.
-        unseen: directions that the readings do not tell, shape (9(N+1), r); r = 0 if all is
-            determined.
+        values: one solution, m and rad, shape (c(N+1),); any multiple of ``unseen`` may be added.
+        covariance: of the values, shape (c(N+1), c(N+1)); NaN where the noise is not known.
+        unseen: directions that the readings do not tell, shape (c(N+1), r), rotations times
+            ``arm``; r = 0 if all is determined.
+        names: of the curves, the nine translations first.
+        arm: distance by which a rotation is as large as a translation, m.
     """
 
     values: Vector
     covariance: Vector
     unseen: Vector
+    names: tuple[str, ...] = TRANSLATIONS
+    arm: float = 1.0
+
+    def place(self, name: str) -> slice:
+        """Return where a curve is in the stack."""
+        size = len(self.values) // len(self.names)
+        start = self.names.index(name) * size
+        return slice(start, start + size)
+
+    @property
+    def scale(self) -> Vector:
+        """Return what turns each stacked value into metres: 1, or the arm of a rotation."""
+        size = len(self.values) // len(self.names)
+        factors = [self.arm if name in ROTATIONS else 1.0 for name in self.names]
+        return np.repeat(np.array(factors), size)
 
     def determined(self, functionals: Vector) -> NDArray[np.bool_]:
-        """Say which linear functionals (rows, shape (m, 9(N+1))) of the curves are determined."""
+        """Say which linear functionals (rows, shape (m, c(N+1))) of the curves are determined."""
         if self.unseen.shape[1] == 0:
             return np.ones(len(functionals), dtype=bool)
-        left = np.linalg.norm(functionals @ self.unseen, axis=1)
-        whole = np.linalg.norm(functionals, axis=1)
+        in_metres = functionals / self.scale
+        left = np.linalg.norm(in_metres @ self.unseen, axis=1)
+        whole = np.linalg.norm(in_metres, axis=1)
         return np.asarray(left <= _NOTHING * np.maximum(whole, 1e-300))
 
     def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
@@ -63,7 +83,7 @@ class CurveEstimate:
         )
 
     def curves_determined(self) -> NDArray[np.bool_]:
-        """Say which single curve values are determined, shape (9(N+1),)."""
+        """Say which single curve values are determined, shape (c(N+1),)."""
         return np.asarray(np.linalg.norm(self.unseen, axis=1) <= _NOTHING)
 
 
@@ -86,7 +106,7 @@ def slope_weights(nodes: Vector) -> Vector:
 
 
 def common_figures(
-    volume: Volume, estimate: CurveEstimate, lines: Sequence[str]
+    volume: Volume, estimate: CurveEstimate, lines: Sequence[str], chain: str = ""
 ) -> tuple[Figure, ...]:
     """Return squareness, positioning, straightness and the measured body diagonals.
 
@@ -94,10 +114,14 @@ def common_figures(
     other sign. The uncertainty of a straightness is that of the difference between the two nodes
     where the deviation is largest and smallest. ``diagonal ppp`` is the error of the displacement
     over the whole body diagonal (ISO 230-6), m, given for the step diagonals among ``lines``.
+
+    Where the estimate holds rotations, ``angular E_AX`` and its like are their ranges (rad),
+    ``angular-shape E_AX`` and its like those of the deviations from their least-squares lines,
+    which are often determined where the slope is not; and a diagonal's displacement has the levers
+    of the rotations in it, which need the ``chain``.
     """
-    size = volume.blocks + 1
     nodes = [volume.nodes(axis) for axis in range(3)]
-    place = {name: slice(i * size, (i + 1) * size) for i, name in enumerate(TRANSLATIONS)}
+    place = {name: estimate.place(name) for name in estimate.names}
     names: list[str] = []
     units: list[str] = []
     rows: list[Vector] = []
@@ -105,13 +129,13 @@ def common_figures(
     def add(name: str, unit: str) -> Vector:
         names.append(name)
         units.append(unit)
-        rows.append(np.zeros(9 * size))
+        rows.append(np.zeros(len(estimate.values)))
         return rows[-1]
 
     for name, (factor, pair) in SQUARENESS_SLOPES.items():
         row = add(name, "rad")
         for curve in pair:
-            row[place[curve]] = factor * slope_weights(nodes[AXES.index(curve[3])])
+            row[place[curve]] = factor * slope_weights(nodes[moving_axis(curve)])
     for letter in AXES:
         add(f"positioning E_{letter}{letter}", "m")[place[f"E_{letter}{letter}"]][-1] = 1.0
     flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
@@ -119,21 +143,31 @@ def common_figures(
     for curve in TRANSLATIONS:
         if curve[2] == curve[3]:
             continue
-        matrix = flatten[AXES.index(curve[3])]
+        matrix = flatten[moving_axis(curve)]
         deviation = matrix @ estimate.values[place[curve]]
         row = add(f"straightness {curve}", "m")
         row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
         shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
+    known = estimate.curves_determined()
+    for curve in estimate.names:
+        if curve in ROTATIONS:
+            values = estimate.values[place[curve]]
+            row = add(f"angular {curve}", "rad")[place[curve]]
+            row[np.argmax(values)] += 1.0
+            row[np.argmin(values)] -= 1.0
+            shapes[names[-1]] = bool(np.all(known[place[curve]]))
+            matrix = flatten[moving_axis(curve)]
+            deviation = matrix @ values
+            row = add(f"angular-shape {curve}", "rad")
+            row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
+            shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
     for line in BODY_DIAGONALS:
         if line in lines:
             row = add(f"diagonal {line}", "m")
-            direction = beam_direction(line, np.asarray(volume.step))
-            signs = line_signs(line)
-            for curve in TRANSLATIONS:
-                axis, error = AXES.index(curve[3]), AXES.index(curve[2])
-                part = row[place[curve]]
-                part[-1] += signs[axis] * direction[error]
-                part[0] -= signs[axis] * direction[error]
+            for curve in estimate.names:
+                start, end = _end_weights(curve, line, volume, chain)
+                forth = line_signs(line)[moving_axis(curve)] > 0
+                row[place[curve]][[0, -1]] = (start, end) if forth else (end, start)
     values, uncertainties = estimate.evaluate(np.array(rows))
     made = []
     for name, unit, value, uncertainty in zip(names, units, values, uncertainties, strict=True):
@@ -141,6 +175,28 @@ def common_figures(
             value, uncertainty = np.nan, np.nan
         made.append(Figure(name, float(value), float(uncertainty), unit))
     return tuple(made)
+
+
+def _end_weights(curve: str, line: str, volume: Volume, chain: str) -> tuple[float, float]:
+    """Return the weights of a curve at start and end of a body diagonal in its displacement.
+
+    A translation counts by its direction cosine. A rotation moves the mirror by its lever, the way
+    of the axes after its own in the chain from the first corner: n·(ε × A) = ε·(A × n). The
+    mirror's own turn has no lever left, since the laser's reference lies on the line.
+    """
+    step = np.asarray(volume.step)
+    direction = beam_direction(line, step)
+    error = curve[2]
+    if curve not in ROTATIONS:
+        cosine = float(direction[AXES.index(error)])
+        return -cosine, cosine
+    signs = line_signs(line)
+    turning = moving_axis(curve)
+    weights = []
+    for corner in (signs < 0, signs > 0):
+        arm = levers((corner * step * volume.blocks)[None, :], chain)[turning][0]
+        weights.append(float(np.cross(arm, direction)["ABC".index(error)]))
+    return -weights[0], weights[1]
 
 
 def shape_determined(estimate: CurveEstimate, matrix: Vector, place: slice) -> bool:
@@ -162,6 +218,7 @@ def make_result(
     not_determined: Sequence[str] = (),
     remarks: Sequence[str] = (),
     frame: str = FRAME,
+    chain: str = "",
 ) -> VolumetricErrors:
     """Return the result of a solver: NaN wherever the estimate is not determined.
 
@@ -177,20 +234,21 @@ def make_result(
         not_determined: in words.
         remarks: in words.
         frame: of the curves, in words.
+        chain: of the machine; needed where the estimate holds rotations.
     """
-    size = volume.blocks + 1
     known = estimate.curves_determined()
     values = np.where(known, estimate.values, np.nan)
     covariance = estimate.covariance
     if not np.all(known):
         covariance = np.where(known[:, None] & known[None, :], covariance, np.nan)
     uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    place = {name: estimate.place(name) for name in estimate.names}
     return VolumetricErrors(
         method=method,
         nodes=(volume.nodes(0), volume.nodes(1), volume.nodes(2)),
-        curves=dict(zip(TRANSLATIONS, values.reshape(9, size), strict=True)),
-        standard_uncertainty=dict(zip(TRANSLATIONS, uncertainty.reshape(9, size), strict=True)),
-        figures=(*common_figures(volume, estimate, lines), *setup_figures),
+        curves={name: values[place[name]] for name in place},
+        standard_uncertainty={name: uncertainty[place[name]] for name in place},
+        figures=(*common_figures(volume, estimate, lines, chain), *setup_figures),
         lines=line_count,
         chi_squared=chi_squared,
         degrees_of_freedom=degrees_of_freedom,

@@ -1,0 +1,88 @@
+"""``stepdiag compare``: a result beside errors that were measured directly."""
+
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter, add_result_options, progress_bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+_FORM = """\
+the table of direct measurements is CSV in SI units; lines that begin with # are notes:
+  name                  a curve (E_XX ... E_CZ) or a squareness (C0Y, B0Z, A0Z)
+  position_m            machine coordinate of the moving axis; empty for a squareness
+  repeat                from 0; may be left out
+  value                 m, or rad for angles and squareness
+  standard_uncertainty  of the value without its repeatability (the artefact's); empty if unknown
+  definition            of a squareness: rotation (right-handed, ISO 230-1) or angle (positive where
+                        the angle between the positive axes is larger than 90 degrees)
+a straightness may have any zero and slope: deviations from least-squares lines are compared.
+
+examples:
+  stepdiag compare run.mcap --measured artefact.csv         tables, pictures in run_comparison/
+  stepdiag compare run.mcap --measured artefact.csv --json  the same as JSON
+  stepdiag run --plan ibaraki_hata_2010 --cell ibaraki_hata_2010 --factor 60
+                                                            makes a bag to try it on"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "compare",
+        help="compare a result with directly measured straightness, squareness, ...",
+        description="Compare the errors identified from a bag with errors measured directly with"
+        " an artefact or another instrument: Table 1 and Figures 7 to 10 of Ibaraki and Hata"
+        " (2010), differences and normalised errors E_n, with pictures.",
+        epilog=_FORM,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    parser.add_argument(
+        "--measured",
+        type=Path,
+        metavar="FILE",
+        required=True,
+        help="table of what was measured directly (.csv), see below",
+    )
+    add_result_options(parser, "NAME_comparison beside the bag")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Compare; see the module."""
+    from stepdiag_ros.commands.solve import report_of
+    from stepdiag_ros.configuration import read_text
+    from stepdiag_ros.metrology.direct import read_direct
+    from stepdiag_ros.report.experiment import experiment_json, experiment_of, experiment_texts
+    from stepdiag_ros.report.experiment_tables import print_experiment
+    from stepdiag_ros.report.publish import write_results
+    from stepdiag_ros.report.tables import make_console
+
+    direct = read_direct(read_text(arguments.measured), str(arguments.measured))
+    report = report_of(arguments.bag)
+    try:
+        experiment = experiment_of(report, direct)
+    except ValueError as error:
+        raise ValueError(f"{arguments.measured}: {error}") from None
+    if experiment is None:
+        reason = report.refused.get("setup_robust", "it holds no measured lines")
+        raise ValueError(f"{arguments.bag}: there is nothing to compare with: {reason}")
+
+    def draw() -> "dict[str, Picture]":
+        from stepdiag_ros.report.experiment_figures import draw_experiment
+
+        return draw_experiment(experiment)
+
+    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_comparison"
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    with progress_bar("writing results") as progress:
+        files = write_results(folder, experiment_texts(experiment), draw, formats, progress)
+    if arguments.json:
+        print(experiment_json(experiment))
+    else:
+        print_experiment(experiment, make_console(sys.stdout), arguments.squareness_sign)
+    say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    return 0

@@ -1,0 +1,294 @@
+"""Errors measured directly, with an artefact or another instrument, to compare a result with.
+
+The table is CSV with a header, SI units, one row a value; lines that begin with ``#`` are notes
+(instrument, artefact, certificate, date):
+
+    name,position_m,repeat,value,standard_uncertainty,definition
+    E_YX,0.000,0,0.00e-6,0.08e-6,
+    E_YX,0.010,0,0.05e-6,0.08e-6,
+    C0Y,,0,-1.0e-5,3.3e-6,angle
+
+``name`` is an error curve (E_XX … E_CZ, value in m or rad) or a squareness (C0Y, B0Z, A0Z, value
+in rad). ``position_m`` is the machine coordinate of the moving axis, empty for a squareness.
+``repeat`` counts from 0 and may be left out. ``standard_uncertainty`` is that of the value but for
+its repeatability, so mostly the artefact's; empty: unknown. ``definition`` says which sign a
+squareness has: ``rotation`` (right-handed, ISO 230-1) or ``angle`` (positive where the angle is
+larger than 90°). The zero and, of a straightness, the slope of a curve are free.
+"""
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import (
+    OVER_90_DEGREES,
+    RIGHT_HANDED,
+    SQUARENESS_DEFINITIONS,
+)
+from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, Vector
+
+NEEDED_COLUMNS = ("name", "position_m", "value")
+COLUMNS = (*NEEDED_COLUMNS, "repeat", "standard_uncertainty", "definition")
+_DEFINITIONS = {"rotation": RIGHT_HANDED, "angle": OVER_90_DEGREES}
+
+
+@dataclass(frozen=True)
+class DirectCurve:
+    """A curve as it was measured directly.
+
+    Attributes:
+        name: ISO 230-1 name.
+        positions: machine coordinates, m, ascending, shape (n,).
+        values: of each repeat, m or rad, shape (repeats, n).
+        stated_uncertainty: standard uncertainty of a value but for its repeatability, shape (n,);
+            NaN if unknown.
+    """
+
+    name: str
+    positions: Vector
+    values: Vector
+    stated_uncertainty: Vector
+
+    @property
+    def mean(self) -> Vector:
+        """Return the mean of the repeats, shape (n,)."""
+        found: Vector = np.mean(self.values, axis=0)
+        return found
+
+    def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
+        """Return values and standard uncertainties of linear functionals of the curve.
+
+        What is stated is taken as independent between positions. Repeatability is the scatter of
+        the functionals over the repeats, not of the values: a straightedge that lies another way in
+        every repeat does not count where the functionals do not see its slope.
+
+        Args:
+            functionals: shape (m, n).
+
+        Returns:
+            mean over the repeats and its standard uncertainty, NaN if unknown, each shape (m,).
+        """
+        found = self.values @ functionals.T
+        stated = np.sqrt(functionals**2 @ self.stated_uncertainty**2)
+        return np.mean(found, axis=0), np.hypot(stated, _of_mean(found))
+
+
+@dataclass(frozen=True)
+class DirectSquareness:
+    """A squareness as it was measured directly, as a right-handed rotation (ISO 230-1).
+
+    Attributes:
+        name: C0Y, B0Z or A0Z.
+        values: of each repeat, rad, shape (repeats,).
+        stated_uncertainty: standard uncertainty of a value but for its repeatability, rad; NaN if
+            unknown.
+    """
+
+    name: str
+    values: Vector
+    stated_uncertainty: float
+
+    @property
+    def mean(self) -> float:
+        """Return the mean of the repeats, rad."""
+        return float(np.mean(self.values))
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Return that of the mean, rad: what is stated, and the scatter of the repeats."""
+        return float(np.hypot(self.stated_uncertainty, _of_mean(self.values)))
+
+
+@dataclass(frozen=True)
+class DirectMeasurement:
+    """Everything that was measured directly.
+
+    Attributes:
+        curves: by name, in the order of ``geometry.CURVES``.
+        squareness: by name.
+        notes: of the file.
+    """
+
+    curves: Mapping[str, DirectCurve]
+    squareness: Mapping[str, DirectSquareness]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Value:
+    row: int
+    name: str
+    position: float
+    repeat: int
+    value: float
+    uncertainty: float
+
+
+def read_direct(text: str, source: str) -> DirectMeasurement:
+    """Read the table of a direct measurement; its form is that of the module.
+
+    Args:
+        text: of the table.
+        source: what the user calls it, for the text of an error.
+
+    Raises:
+        ValueError: names the source, the row and what is wrong; row 1 is the file's first line.
+    """
+    lines = text.splitlines()
+    notes = tuple(line.lstrip("# ").rstrip() for line in lines if line.startswith("#"))
+    numbered = [
+        (number, line)
+        for number, line in enumerate(lines, start=1)
+        if line.strip() and not line.startswith("#")
+    ]
+    if not numbered:
+        raise ValueError(f"{source}: the table is empty; expected the columns {', '.join(COLUMNS)}")
+    header = [cell.strip() for cell in next(csv.reader([numbered[0][1]]))]
+    for column in NEEDED_COLUMNS:
+        if column not in header:
+            raise ValueError(
+                f"{source}: the column '{column}' is missing; expected {', '.join(COLUMNS)}"
+            )
+    for column in header:
+        if column not in COLUMNS or header.count(column) > 1:
+            raise ValueError(
+                f"{source}: unknown or repeated column '{column}'; expected {', '.join(COLUMNS)}"
+            )
+    values = [
+        _value(number, line, header, f"{source}, row {number}") for number, line in numbered[1:]
+    ]
+    if not values:
+        raise ValueError(f"{source}: the table has no values, only a header")
+    by_name: dict[str, list[_Value]] = {}
+    for value in values:
+        by_name.setdefault(value.name, []).append(value)
+    return DirectMeasurement(
+        curves={name: _curve(by_name[name], source) for name in CURVES if name in by_name},
+        squareness={
+            name: _squareness(by_name[name], source) for name in SQUARENESS if name in by_name
+        },
+        notes=notes,
+    )
+
+
+def _value(number: int, line: str, header: list[str], where: str) -> _Value:
+    cells = [cell.strip() for cell in next(csv.reader([line]))]
+    if len(cells) != len(header):
+        raise ValueError(f"{where}: {len(cells)} values for {len(header)} columns")
+    row = dict(zip(header, cells, strict=True))
+    name = row["name"]
+    if name not in CURVES and name not in SQUARENESS:
+        raise ValueError(
+            f"{where}: '{name}' is no error; use a curve such as E_XX, E_YX, E_AX or a squareness"
+            f" ({', '.join(SQUARENESS)})"
+        )
+    factor = 1.0
+    definition = row.get("definition", "")
+    if name in SQUARENESS:
+        if definition not in _DEFINITIONS:
+            raise ValueError(
+                f"{where}: the definition of {name} is '{definition}'; expected rotation"
+                " (right-handed, ISO 230-1) or angle (positive where it is larger than 90°)"
+            )
+        factor = SQUARENESS_DEFINITIONS[_DEFINITIONS[definition]][name]
+        if row["position_m"]:
+            raise ValueError(f"{where}: {name} is a squareness and has no position; leave it empty")
+    elif definition:
+        raise ValueError(f"{where}: {name} is a curve and has no definition; leave it empty")
+    repeat = row.get("repeat", "") or "0"
+    if not (repeat.isascii() and repeat.isdigit()):
+        raise ValueError(f"{where}: repeat is '{repeat}'; expected a whole number from 0")
+    uncertainty = math.nan
+    if row.get("standard_uncertainty", ""):
+        uncertainty = _number(row["standard_uncertainty"], "standard_uncertainty", where)
+        if uncertainty <= 0.0:
+            raise ValueError(
+                f"{where}: standard_uncertainty is {uncertainty:g}; expected more than 0, or"
+                " nothing where it is unknown"
+            )
+    position = 0.0 if name in SQUARENESS else _number(row["position_m"], "position_m", where)
+    value = factor * _number(row["value"], "value", where)
+    if abs(value) > 0.1:
+        raise ValueError(
+            f"{where}: value is {row['value']}; expected an error in m or rad, at most 0.1"
+        )
+    return _Value(number, name, position, int(repeat), value, uncertainty)
+
+
+def _number(text: str, column: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{where}: {column} is '{text}'; expected a number")
+    return value
+
+
+def _curve(values: list[_Value], source: str) -> DirectCurve:
+    name = values[0].name
+    table: dict[int, dict[float, _Value]] = {}
+    for value in values:
+        own = table.setdefault(value.repeat, {})
+        if value.position in own:
+            raise ValueError(
+                f"{source}, row {value.row}: {name} at {value.position:g} m in repeat"
+                f" {value.repeat} is there already in row {own[value.position].row}"
+            )
+        own[value.position] = value
+    positions = sorted(next(iter(table.values())))
+    for repeat, own in table.items():
+        if sorted(own) != positions:
+            raise ValueError(
+                f"{source}: {name} has other positions in repeat {repeat} than in repeat"
+                f" {next(iter(table))}; give every repeat the same"
+            )
+    if len(positions) < 3:
+        raise ValueError(
+            f"{source}: {name} has {len(positions)} positions; three are needed to see a shape"
+        )
+    uncertainty = [
+        max(own[position].uncertainty for own in table.values()) for position in positions
+    ]
+    known = [all(math.isfinite(own[p].uncertainty) for own in table.values()) for p in positions]
+    return DirectCurve(
+        name=name,
+        positions=np.array(positions),
+        values=np.array(
+            [[table[repeat][position].value for position in positions] for repeat in sorted(table)]
+        ),
+        stated_uncertainty=np.where(known, uncertainty, np.nan),
+    )
+
+
+def _squareness(values: list[_Value], source: str) -> DirectSquareness:
+    name = values[0].name
+    seen: dict[int, int] = {}
+    for value in values:
+        if value.repeat in seen:
+            raise ValueError(
+                f"{source}, row {value.row}: {name} in repeat {value.repeat} is there already"
+                f" in row {seen[value.repeat]}"
+            )
+        seen[value.repeat] = value.row
+    uncertainties = [value.uncertainty for value in values]
+    known = all(math.isfinite(value) for value in uncertainties)
+    return DirectSquareness(
+        name=name,
+        values=np.array([value.value for value in sorted(values, key=lambda one: one.repeat)]),
+        stated_uncertainty=max(uncertainties) if known else math.nan,
+    )
+
+
+def _of_mean(values: Vector) -> Vector:
+    """Return the type A standard uncertainty of the mean over the first index; 0 for one value.
+
+    With a single value the repeatability is part of what is stated.
+    """
+    if len(values) < 2:
+        return np.zeros(np.shape(values)[1:])
+    scatter: Vector = np.std(values, axis=0, ddof=1) / np.sqrt(len(values))
+    return scatter

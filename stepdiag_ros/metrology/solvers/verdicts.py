@@ -1,0 +1,292 @@
+"""What a design tells of each of its errors, and which errors do the same where it does not tell.
+
+Null directions of the design are changes of the unknowns that no reading shows. An error that is in
+none of them is determined. Where it is in one, whoever else is in it can do the same. Setups
+(angles and zeros) are free always and are named only where they can do it alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector, curve_unit, moving_axis
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.observations import Integers
+from stepdiag_ros.metrology.solvers.positive import is_positive
+from stepdiag_ros.metrology.solvers.summary import deviations_from_line, slope_weights
+
+DETERMINED = "determined"
+PARTLY = "partly determined"
+CONFOUNDED = "confounded"
+INVISIBLE = "invisible"
+SETUP = "the setup"
+
+_NOTHING = 1e-6
+"""Part of a unit vector in undetermined directions, or of a partner in it, that counts as none."""
+_RANK_LIMIT = 1e-9
+"""Eigenvalues below this share of the largest count as zero."""
+_SHARE = 1e-3
+"""Part of the error in a null direction that others are looked for by."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What can be told of one error.
+
+    Attributes:
+        name: ISO 230-1 name of a curve, C0Y, B0Z, A0Z, or the name of an effect.
+        unit: m, rad, or the unit of the effect.
+        status: ``determined``, ``partly determined``, ``confounded`` or ``invisible``.
+        part: what of it is determined, in words; empty unless partly.
+        confounded_with: names of the errors that can do what is not determined of it.
+        end: expected standard uncertainty at the last node (of the value itself where it is one
+            number), in the unit; NaN if not determined.
+        largest: the largest over the nodes that are determined, or of the deviations from the
+            least-squares line where only the shape is; NaN if nothing is.
+        condition: by which factor the largest uncertainty exceeds that with all else known (square
+            root of the variance inflation); NaN if nothing is determined.
+    """
+
+    name: str
+    unit: str
+    status: str
+    part: str = ""
+    confounded_with: tuple[str, ...] = ()
+    end: float = float("nan")
+    largest: float = float("nan")
+    condition: float = float("nan")
+
+    @property
+    def words(self) -> str:
+        """Return the verdict in one phrase, such as ``confounded with E_AY, E_CY``."""
+        others = ", ".join(self.confounded_with)
+        if self.status == PARTLY:
+            return f"{PARTLY}: {self.part}" + (f"; the rest with {others}" if others else "")
+        if self.status == CONFOUNDED:
+            return f"confounded with {others}" if others else "confounded in itself"
+        if self.status == INVISIBLE:
+            return (
+                f"invisible: {others} can do the same" if others else "invisible: no line sees it"
+            )
+        return self.status
+
+
+class Verdicts:
+    """The rows of a design.
+
+    Args:
+        design: of a measurement.
+        effects: names and units of its further columns.
+        sizes: by which these columns were divided.
+
+    Attributes:
+        condition_number: of the determined part of the problem, ratio of the singular values.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        effects: Sequence[tuple[str, str]] = (),
+        sizes: Sequence[float] = (),
+    ) -> None:
+        self._design = design
+        self._effects = tuple(effects)
+        self._sizes = tuple(sizes)
+        self._noise = 1.0 if design.observations.noise_known else float("nan")
+        self._groups: dict[str, Integers] = {
+            name: columns[columns < design.count]
+            for name, columns in zip(design.names, design.curve_column, strict=True)
+        }
+        for (name, _), column in zip(self._effects, design.effect_column, strict=True):
+            self._groups[name] = np.array([column])
+        self._setup = np.concatenate([design.tilt_column.reshape(-1), design.zero_column])
+        weighted = design.matrix * np.sqrt(design.weight / np.max(design.weight))[:, None]
+        self._normal: Vector = weighted.T @ weighted
+        self._information = np.diag(self._normal) * np.max(design.weight)
+        values = np.linalg.eigvalsh(self._normal)
+        rank = design.count - design.unseen.shape[1]
+        self.condition_number = float(np.sqrt(values[-1] / values[-rank]))
+        self._largest = float(np.max(np.diag(self._normal)))
+        if design.unseen.shape[1]:
+            self._grams = {
+                name: design.unseen[columns].T @ design.unseen[columns]
+                for name, columns in self._groups.items()
+            }
+            self._setup_gram = design.unseen[self._setup].T @ design.unseen[self._setup]
+            self._without_setups = self._eliminated(self._setup)
+            moves = np.concatenate([self._groups[name] for name in TRANSLATIONS])
+            self._without_base = self._eliminated(np.concatenate([moves, self._setup]))
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return the verdict on each curve, each squareness error and each effect."""
+        rows = [self._curve(name) for name in self._design.names]
+        rows += [self._squareness(name) for name in SQUARENESS_SLOPES]
+        for (name, unit), size in zip(self._effects, self._sizes, strict=True):
+            rows.append(self._effect(name, unit, size))
+        return tuple(rows)
+
+    def _eliminated(self, base: Integers) -> Vector:
+        """Return the normal matrix of all unknowns with some of them left free (Schur)."""
+        values, vectors = np.linalg.eigh(self._normal[np.ix_(base, base)])
+        good = values > _RANK_LIMIT * values[-1]
+        turned = vectors[:, good].T @ self._normal[base]
+        left: Vector = self._normal - turned.T @ (turned / values[good, None])
+        return left
+
+    def _shows(self, name: str) -> bool:
+        """Say whether an error shows where only setups (and translations) are free beside it."""
+        columns = self._groups[name]
+        left = self._without_setups if name in TRANSLATIONS else self._without_base
+        own = np.max(np.diag(left)[columns], initial=0.0)
+        return bool(own > _RANK_LIMIT * self._largest)
+
+    def _partners(self, own: Sequence[str], part: Vector) -> tuple[str, ...]:
+        """Return who else can do what is not determined of an error.
+
+        Args:
+            own: names of the error's curves.
+            part: the error's part in each null direction, shape (k, r).
+
+        Returns:
+            everyone who can do it alone; else the fewest together that were found.
+        """
+        design = self._design
+        coupled = [
+            name
+            for name, columns in self._groups.items()
+            if name not in own
+            and np.max(np.abs(design.unseen[columns] @ part.T), initial=0.0) > _NOTHING
+        ]
+        values, vectors = np.linalg.eigh(sum(self._grams[name] for name in own))
+        if np.max(np.abs(part @ vectors[:, values > 1.0 - _NOTHING]), initial=0.0) > _SHARE:
+            return ()  # Nobody is needed: no reading speaks of it.
+        if self._can(own, (), part):
+            return (SETUP,)
+        alone = [name for name in coupled if self._can(own, (name,), part)]
+        if alone:
+            return tuple(alone)
+        needed = list(coupled)
+        # Rotations and effects are dropped first: what translations do is the plainest answer.
+        # Many are dropped at once, so that few questions are asked.
+        chunk = len(needed)
+        while chunk:
+            end = len(needed)
+            while end > 0:
+                fewer = needed[: max(0, end - chunk)] + needed[end:]
+                end -= chunk
+                if self._can(own, fewer, part):
+                    needed = fewer
+            chunk //= 2
+        return tuple(needed)
+
+    def _can(self, own: Sequence[str], others: Sequence[str], part: Vector) -> bool:
+        """Say whether some null direction holds the error, these others and setups only."""
+        inside = self._setup_gram + sum(self._grams[name] for name in (*own, *others))
+        # Cholesky is much faster than eigenvectors, and mostly there is no such direction.
+        if is_positive((1.0 - _NOTHING) * np.eye(len(inside)) - inside):
+            return False
+        values, vectors = np.linalg.eigh(inside)
+        found = part @ vectors[:, values > 1.0 - _NOTHING]
+        return bool(np.max(np.abs(found), initial=0.0) > _SHARE)
+
+    def _curve(self, name: str) -> Row:
+        design = self._design
+        columns = self._groups[name]
+        unit = curve_unit(name)
+        scale = design.arm if unit == "rad" else 1.0
+        unseen = design.unseen[columns]
+        variance = np.maximum(np.diag(design.covariance)[columns], 0.0)
+        hidden = np.linalg.norm(unseen, axis=1) > _NOTHING
+        spread = np.where(hidden, np.nan, self._noise * np.sqrt(variance) / scale)
+        inflation = np.sqrt(variance * self._information[columns])
+        place = design.names.index(name)
+        ends_at_zero = design.curve_column[place, -1] == design.count
+        row = Row(
+            name,
+            unit,
+            DETERMINED,
+            end=0.0 if ends_at_zero else float(spread[-1]),
+            largest=float(np.max(spread[~hidden], initial=0.0)),
+            condition=float(np.max(inflation[~hidden], initial=1.0)),
+        )
+        if not np.any(hidden):
+            return row
+        row = replace(row, confounded_with=self._partners((name,), unseen))
+        nothing = replace(row, end=np.nan, largest=np.nan, condition=np.nan)
+        if not self._shows(name):
+            return replace(nothing, status=INVISIBLE)
+        shape = self._shape(name)
+        if shape is not None:
+            return replace(
+                row, status=PARTLY, part="the shape, not the slope", largest=shape, condition=np.nan
+            )
+        if not np.all(hidden):
+            nodes = np.flatnonzero(design.curve_column[place] < design.count)[~hidden]
+            return replace(row, status=PARTLY, part=f"the nodes {_ranges(nodes)}")
+        sums = len(columns) - int(np.linalg.matrix_rank(unseen, tol=_NOTHING))
+        if sums:
+            part = f"{sums} of {len(columns)} independent sums of its values"
+            return replace(nothing, status=PARTLY, part=part)
+        return replace(nothing, status=CONFOUNDED)
+
+    def _shape(self, name: str) -> float | None:
+        """Return the largest uncertainty of the deviations from a line; None if not determined."""
+        design = self._design
+        columns = design.curve_column[design.names.index(name)]
+        nodes = design.observations.volume.nodes(moving_axis(name))
+        if len(nodes) < 3:
+            return None
+        free = columns[columns < design.count]
+        matrix = deviations_from_line(nodes)[:, columns < design.count]
+        if np.max(np.abs(matrix @ design.unseen[free])) > _NOTHING:
+            return None
+        variance = np.diag(matrix @ design.covariance[np.ix_(free, free)] @ matrix.T)
+        scale = design.arm if curve_unit(name) == "rad" else 1.0
+        return self._noise * float(np.sqrt(np.max(variance))) / scale
+
+    def _squareness(self, name: str) -> Row:
+        design = self._design
+        pair = SQUARENESS_SLOPES[name][1]
+        weights = np.zeros(design.count + 1)
+        for curve in pair:
+            nodes = design.observations.volume.nodes(moving_axis(curve))
+            weights[design.curve_column[design.names.index(curve)]] += slope_weights(nodes)
+        weights = weights[:-1]
+        left = weights @ design.unseen / np.linalg.norm(weights)
+        if np.linalg.norm(left) <= _NOTHING:
+            variance = max(float(weights @ design.covariance @ weights), 0.0)
+            spread = self._noise * float(np.sqrt(variance))
+            alone = float(np.sum(weights**2 / np.maximum(self._information, 1e-300)))
+            condition = float(np.sqrt(variance / alone))
+            return Row(name, "rad", DETERMINED, end=spread, largest=spread, condition=condition)
+        seen = any(self._shows(curve) for curve in pair)
+        partners = self._partners(pair, left[None, :])
+        return Row(name, "rad", CONFOUNDED if seen else INVISIBLE, confounded_with=partners)
+
+    def _effect(self, name: str, unit: str, size: float) -> Row:
+        design = self._design
+        column = int(self._groups[name][0])
+        if size <= 0.0:
+            return Row(name, unit, INVISIBLE)
+        unseen = design.unseen[[column]]
+        if np.linalg.norm(unseen) > _NOTHING:
+            status = CONFOUNDED if self._shows(name) else INVISIBLE
+            return Row(name, unit, status, confounded_with=self._partners((name,), unseen))
+        variance = float(design.covariance[column, column])
+        spread = self._noise * float(np.sqrt(variance)) / size
+        condition = float(np.sqrt(variance * self._information[column]))
+        return Row(name, unit, DETERMINED, end=spread, largest=spread, condition=condition)
+
+
+def _ranges(numbers: Integers) -> str:
+    """Write whole numbers as ranges: 1-4, 7."""
+    parts: list[str] = []
+    start = previous = int(numbers[0])
+    for number in [*(int(value) for value in numbers[1:]), -1]:
+        if number != previous + 1:
+            parts.append(f"{start}-{previous}" if previous > start else str(start))
+            start = number
+        previous = number
+    return ", ".join(parts)

@@ -1,0 +1,189 @@
+"""What a test plan or a measurement can tell of each error, and how well, before and after.
+
+Every error is free at every node, as in ``solvers.rigid_body`` (with a kinematic chain) or
+``solvers.least_squares`` (without), beside the angles and the zero of every setup. An error is
+
+- *determined*: every value of it follows from the readings, whatever the other errors are;
+- *partly determined*: some of it does: its shape but not its slope, some nodes, or some sums;
+- *confounded*: it would show in the readings, but other errors can show in the same way;
+- *invisible*: whatever it is, the readings would be explained without it: no line sees it, or the
+  nine translations and the setups together do what it does.
+
+With four step diagonals for the chain ``YXZ`` the rotations that are not invisible are E_AX, E_CX,
+E_AZ, E_BZ and E_CZ, as Ibaraki & Hata 2010, section 4.2, say.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.simulation import stop_times
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.verdicts import (
+    CONFOUNDED,
+    DETERMINED,
+    INVISIBLE,
+    PARTLY,
+    Row,
+    Verdicts,
+)
+
+__all__ = [
+    "CONFOUNDED",
+    "DETERMINED",
+    "INVISIBLE",
+    "PARTLY",
+    "Effect",
+    "Row",
+    "Visibility",
+    "measured_visibility",
+    "visibility",
+]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A further cause that may be in the readings, with one unknown size.
+
+    Attributes:
+        name: in words.
+        unit: of its size.
+        change: what one unit of it adds to the readings of a line, m, one value a stop.
+    """
+
+    name: str
+    unit: str
+    change: Callable[[MeasuredLine], Vector]
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """The visibility table of a plan or a measurement.
+
+    Attributes:
+        rows: the curves (nine without a chain, eighteen with one), the three squareness errors, the
+            effects.
+        chain: for which it holds; empty: translations only, as if nothing turned.
+        stop_uncertainty: standard uncertainty of a stop that the expected uncertainties rest on, m
+            (of the readings: root mean square); NaN if unknown.
+        readings: number of stops.
+        unknowns: number of free values.
+        rank: number of independent sums of them that are determined.
+        condition_number: of the determined part of the problem, ratio of the singular values.
+    """
+
+    rows: tuple[Row, ...]
+    chain: str
+    stop_uncertainty: float
+    readings: int
+    unknowns: int
+    rank: int
+    condition_number: float
+
+    def row(self, name: str) -> Row:
+        """Return the row of an error.
+
+        Raises:
+            KeyError: the table has no such row.
+        """
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise KeyError(f"the visibility table has no row '{name}'")
+
+    def named(self, status: str) -> tuple[str, ...]:
+        """Return the names of the errors with this status."""
+        return tuple(row.name for row in self.rows if row.status == status)
+
+
+def visibility(
+    plan: Plan, chain: str, stop_uncertainty: float, effects: Sequence[Effect] = ()
+) -> Visibility:
+    """Say before measuring what a plan can tell.
+
+    Args:
+        plan: the test plan.
+        chain: order of the axes from workpiece to tool; empty if not known: translations only.
+        stop_uncertainty: expected standard uncertainty of a stop, m.
+        effects: further causes that the readings may hold.
+
+    Raises:
+        ValueError: no such chain, an uncertainty that is not above zero, or a plan without lines.
+    """
+    if not stop_uncertainty > 0.0:
+        raise ValueError(
+            f"the stop uncertainty is {stop_uncertainty:g} m; expected a number above 0"
+        )
+    if not plan.lines:
+        raise ValueError(f"the plan '{plan.name}' has no lines, so it can tell nothing")
+    lines = []
+    time = 0.0
+    for index, line in enumerate(plan.lines):
+        target = line.stops(plan.volume)
+        times = stop_times(line, plan, time)
+        time = float(times[-1])
+        lines.append(
+            MeasuredLine(
+                line=line,
+                line_index=index,
+                attempt=1,
+                setup=plan.setup_of(line),
+                time=times,
+                end_time=0,
+                target=target,
+                displacement=np.zeros(len(target)),
+                standard_uncertainty=np.full(len(target), stop_uncertainty),
+                environment=np.full((len(target), len(Environment._fields)), np.nan),
+            )
+        )
+    return measured_visibility(Measurement(plan.volume, tuple(lines), chain), effects)
+
+
+def measured_visibility(measurement: Measurement, effects: Sequence[Effect] = ()) -> Visibility:
+    """Say after measuring what the lines that are there tell, with their own uncertainties.
+
+    Args:
+        measurement: the lines; those of its stops that were rejected tell nothing. Its chain
+            decides whether rotations are looked at.
+        effects: further causes that the readings may hold.
+
+    Raises:
+        NotDeterminable: there is no reading at all.
+        ValueError: the lines contradict the volume or each other.
+    """
+    observations = observe(measurement)
+    columns = np.column_stack(
+        [np.zeros((len(observations.displacement), 0))]
+        + [_readings_of(effect, measurement) for effect in effects]
+    )
+    sizes = np.max(np.abs(columns), axis=0, initial=0.0)
+    # An effect is counted by its largest change, so that all unknowns are of one size.
+    scaled = columns / np.where(sizes > 0.0, sizes, 1.0)
+    design = Design(observations, measurement.chain, scaled if effects else None)
+    verdicts = Verdicts(design, [(effect.name, effect.unit) for effect in effects], sizes.tolist())
+    known = observations.noise_known
+    scale = float(np.sqrt(np.mean(observations.uncertainty**2))) if known else float("nan")
+    return Visibility(
+        rows=verdicts.rows(),
+        chain=design.chain,
+        stop_uncertainty=scale,
+        readings=len(observations.displacement),
+        unknowns=design.count,
+        rank=design.count - design.unseen.shape[1],
+        condition_number=verdicts.condition_number,
+    )
+
+
+def _readings_of(effect: Effect, measurement: Measurement) -> Vector:
+    parts = []
+    for line in measurement.lines:
+        change = np.asarray(effect.change(line), dtype=np.float64)
+        if change.shape != line.displacement.shape:
+            raise ValueError(f"the effect '{effect.name}' must give one value for each stop")
+        parts.append(change[np.isfinite(line.displacement)])
+    return np.concatenate(parts)

@@ -1,0 +1,173 @@
+"""The evaluation of Ibaraki & Hata 2010, section 4: content, JSON, tables and pictures."""
+
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.metrology.direct import read_direct
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.report import experiment_figures, figures
+from stepdiag_ros.report.build import build_report, truth_of
+from stepdiag_ros.report.experiment import experiment_document, experiment_json, experiment_of
+from stepdiag_ros.report.experiment_figures import draw_experiment
+from stepdiag_ros.report.experiment_tables import print_experiment
+from stepdiag_ros.report.publish import publish
+from stepdiag_ros.report.tables import make_console
+
+FIGURES = {
+    "figure_7_motion_of_x",
+    "figure_8_motion_of_y",
+    "figure_9_motion_of_z",
+    "figure_10_angles",
+    "line_errors",
+}
+
+
+def artefact_table(cell, volume):
+    rows = ["# optical flat", "name,position_m,repeat,value,standard_uncertainty,definition"]
+    truth = cell.truth(volume)
+    for name in TRANSLATIONS:
+        curve = truth[name]
+        way = volume.nodes(moving_axis(name))
+        for repeat in range(2):
+            rows += [
+                f"{name},{p},{repeat},{v + 1e-8 * repeat},5e-8,"
+                for p, v in zip(way, curve, strict=True)
+            ]
+    rows += ["C0Y,,0,1.0e-5,1.7e-6,rotation", "B0Z,,0,-1.0e-5,1.7e-6,angle"]
+    return "\n".join(rows)
+
+
+@pytest.fixture(scope="module")
+def report():
+    plan, cell = load_plan("ibaraki_hata_2010")[0], load_cell("ibaraki_hata_2010")[0]
+    measurement = simulate(plan, cell, seed=1, readings_per_stop=50)
+    lines = [line.line.name for line in measurement.lines]
+    truth = truth_of(cell, measurement.volume, lines)
+    return build_report(measurement, plan=plan.name, chain=measurement.chain, truth=truth)
+
+
+@pytest.fixture(scope="module")
+def experiment(report):
+    cell = load_cell("ibaraki_hata_2010")[0]
+    direct = read_direct(artefact_table(cell, report.measurement.volume), "artefact.csv")
+    return experiment_of(report, direct)
+
+
+def test_the_simulated_cell_shows_table_1_of_the_paper(experiment):
+    """Conventional 1.7, -18.3, 20.9 µm; measured and proposed as printed, within µm (angles)."""
+    rows = {row.label: row for row in experiment.table}
+    printed = {
+        "Positioning error in X": (0.8, 1.7, 0.8),
+        "Positioning error in Y": (0.2, -18.3, 0.2),
+        "Positioning error in Z": (-1.1, 20.9, -1.1),
+    }
+    for label, (measured, conventional, proposed) in printed.items():
+        row = rows[label]
+        assert row.measured.value * 1e6 == pytest.approx(measured, abs=0.05)
+        assert row.estimated["conventional"].value * 1e6 == pytest.approx(conventional, abs=0.4)
+        assert row.estimated["setup_robust"].value * 1e6 == pytest.approx(proposed, abs=0.2)
+    for label, sign in (("X-Y", 1), ("X-Z", -1), ("Y-Z", -1)):
+        row = rows[f"Squareness of {label}"].estimated
+        wrong = row["conventional"].value - row["setup_robust"].value
+        assert sign * wrong * 1e6 == pytest.approx(4.4, abs=0.5)
+
+
+def test_there_is_nothing_to_evaluate_without_the_right_lines(report):
+    assert experiment_of(replace(report, measurement=None)) is None
+    linear = tuple(line for line in report.measurement.lines if line.line.name in "xyz")
+    assert experiment_of(build_report(replace(report.measurement, lines=linear))) is None
+
+
+def test_one_run_has_a_table_and_setup_errors_but_no_pictures(report):
+    lines = tuple(line for line in report.measurement.lines if line.line.repeat == 0)
+    once = experiment_of(build_report(replace(report.measurement, lines=lines)))
+    assert len(once.table) == 12 and len(once.setups) == 3 and once.repeats == {}
+    assert draw_experiment(once) == {}
+    text = io.StringIO()
+    print_experiment(once, make_console(text))
+    assert "Setup errors" in text.getvalue() and "repeats, each solved" not in text.getvalue()
+
+
+def test_the_json_says_what_the_tables_say(experiment):
+    document = json.loads(experiment_json(experiment))
+    assert document == experiment_document(experiment)
+    row = next(row for row in document["table_1"] if row["name"] == "B0Z")
+    rotation, angle = (row["by_definition_rad"][name]["measured"] for name in ("rotation", "angle"))
+    assert rotation == pytest.approx(1.0e-5) and angle == pytest.approx(-1.0e-5)
+    assert row["measured"]["value"] == pytest.approx(1.2e-6)
+    assert set(document["setup_errors"]) == {"ppp", "npp", "pnp"}
+    assert document["angle_uncertainty"]["E_AX"]["worst_over_travel"] == pytest.approx(
+        4.2e-4, rel=0.02
+    )
+    spread = document["repeats"]["soons"]["E_AX"]
+    assert len(spread["mean"]) == 13 and spread["high"][-1] > spread["low"][-1]
+    compared = {entry["method"]: entry for entry in document["comparisons"]}
+    assert "soons" not in compared
+    errors = compared["conventional"]["curves"]["E_YY"]["normalised_error"]
+    assert errors[0] is None and abs(errors[-1]) > 10
+    assert set(compared["setup_robust"]["curves"]) == set(TRANSLATIONS)
+
+
+def test_the_text_holds_both_signs_and_no_number_is_cut(experiment):
+    text = io.StringIO()
+    print_experiment(experiment, make_console(text))
+    said = text.getvalue()
+    assert "…" not in said
+    for part in ("rotation", "angle", "‖a‖/(2a)", "eq. 29", "8.49", "416", "optical flat"):
+        assert part in said, part
+    assert "A0Z" in said and "least-squares line" in said
+
+
+def test_the_pictures_show_mean_and_extremes_of_the_repeats(experiment):
+    pictures = draw_experiment(experiment)
+    assert set(pictures) == FIGURES | {"direct_comparison"}
+    panel = next(
+        axes
+        for axes in pictures["figure_9_motion_of_z"].axes
+        if axes.get_title().startswith("(a) E_XZ")
+    )
+    labels = panel.get_legend_handles_labels()[1]
+    for label in (
+        "Conventional (Wang)",
+        "Setup-robust (Ibaraki & Hata)",
+        "Measured by using artefact",
+    ):
+        assert label in labels
+    bars = panel.containers[labels[1:].index("Setup-robust (Ibaraki & Hata)")]
+    spread = experiment.repeats["setup_robust"].spread("E_XZ")
+    mean, caps, _ = bars
+    np.testing.assert_allclose(mean.get_ydata(), spread.mean * 1e6, atol=1e-9)
+    np.testing.assert_allclose(caps[0].get_ydata(), spread.low * 1e6, atol=1e-9)
+    np.testing.assert_allclose(caps[1].get_ydata(), spread.high * 1e6, atol=1e-9)
+    titles = " ".join(axes.get_title() for axes in pictures["figure_10_angles"].axes)
+    assert "worst ±416" in titles and "standard ±60" in titles
+
+
+def test_orders_aligned_one_by_one_have_no_figure_10():
+    plan = replace(load_plan("ibaraki_hata_2010")[0], one_alignment_per_diagonal=False)
+    cell = load_cell("ibaraki_hata_2010")[0]
+    measurement = simulate(plan, cell, seed=1, readings_per_stop=50)
+    found = experiment_of(build_report(measurement))
+    assert set(draw_experiment(found)) == FIGURES - {"figure_10_angles"}
+    assert found.setups[0].setups == 3
+    text = io.StringIO()
+    print_experiment(found, make_console(text))
+    assert "ppp (mean of 3)" in text.getvalue()
+
+
+def test_a_run_with_repeats_is_published_with_its_evaluation(report, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "draw_all", lambda *_: {})
+    monkeypatch.setattr(
+        experiment_figures, "draw_experiment", lambda found: drawn.append(found) or {}
+    )
+    written = {path.name for path in publish(report, tmp_path)}
+    assert {"table_1.txt", "table_1.json", "results.json"} <= written
+    assert len(drawn) == 1 and drawn[0].table
+    assert json.loads((tmp_path / "table_1.json").read_text())["comparisons"] == []
