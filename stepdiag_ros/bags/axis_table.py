@@ -1,0 +1,72 @@
+"""Reads a test of one axis from a plain CSV, as other programs write it.
+
+The columns are ``cycle,direction,target_mm,position_mm``: the number of the run, ``forward``
+(targets approached ascending) or ``backward``, the commanded target and the measured position.
+Every run has each target once, in any order of rows; targets may be negative.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.plain_table import read_rows
+from stepdiag_ros.bags.table_rows import refusal
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
+from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns
+
+COLUMNS = ("cycle", "direction", "target_mm", "position_mm")
+_MILLI = 1e-3
+
+
+def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
+    """Read the runs in a table.
+
+    Args:
+        path: the CSV.
+        name: of the axis; the table's name if not given.
+
+    Raises:
+        TableError: not there, not readable, incomplete or contradictory; names row and reason.
+    """
+    rows = read_rows(path, COLUMNS)
+    targets = sorted({row.number("target_mm") for row in rows})
+    if len(targets) < 2:
+        raise TableError(f"{path} has a single target; a test needs two or more")
+    runs: dict[str, dict[int, dict[float, float]]] = {FORWARD: {}, BACKWARD: {}}
+    for row in rows:
+        direction = row.one_of("direction", (FORWARD, BACKWARD))
+        run = runs[direction].setdefault(row.whole("cycle"), {})
+        target = row.number("target_mm")
+        if target in run:
+            raise refusal(
+                row.source,
+                row.row,
+                f"target {target:g} mm is there twice in the {direction} run of cycle"
+                f" {row.text('cycle')}",
+            )
+        # Subtracted in mm, in which both are written exactly.
+        run[target] = (row.number("position_mm") - target) * _MILLI
+    for direction, cycles in runs.items():
+        for cycle, run in cycles.items():
+            for target in targets:
+                if target not in run:
+                    raise TableError(
+                        f"{path}: the {direction} run of cycle {cycle} has no target"
+                        f" {target:g} mm; complete it or leave the run out"
+                    )
+
+    def table(direction: str) -> Vector:
+        cycles = runs[direction]
+        values = [[cycles[cycle][target] for target in targets] for cycle in sorted(cycles)]
+        return np.array(values, dtype=np.float64).reshape(len(values), len(targets))
+
+    return BidirectionalRuns(
+        name=name or Path(path).stem,
+        kind=LINEAR,
+        target=np.array(targets) * _MILLI,
+        forward=table(FORWARD),
+        backward=table(BACKWARD),
+        remarks=(NO_OVERRUN,) if runs[FORWARD] and runs[BACKWARD] else (),
+    )

@@ -1,0 +1,154 @@
+"""``stepdiag iso230``: positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+    from stepdiag_ros.report.positioning import PositioningReport, Published
+
+_FORM = """\
+a table is CSV, one row a reading:
+  cycle        number of the run
+  direction    forward (targets ascending) or backward
+  target_mm    commanded position
+  position_mm  measured position
+
+--uncertainty names a YAML file; what is missing in it is unknown:
+  device_U_m_per_m             of the calibrated laser, k = 2
+  misalignment_m               parallel deviation of beam and axis over the length
+  temperature_range_K          range of the error of the measured machine temperature
+  expansion_coefficient_per_K  of the machine's scale or the workpiece
+  expansion_range_per_K        range of the error of that coefficient
+  temperature_difference_K     of the machine from 20 degrees C
+  environmental_variation_m    range of readings while the machine stands still (EVE)
+
+--published names a YAML file: 'unit: mm' and 'parameters: {A: 8.881e-05, ...}'.
+
+examples:
+  stepdiag iso230 run.mcap                              every test in the bag
+  stepdiag iso230 run.mcap --pictures pdf               pages for print
+  stepdiag iso230 axis.csv --axis X --json              from a table
+  stepdiag iso230 axis.csv --published their_report.yaml"""
+_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "iso230",
+        help="positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)",
+        description="Evaluate bidirectional tests: accuracy A, repeatability R, systematic error"
+        " E, mean error M and reversal error B of every axis by ISO 230-2 with their measurement"
+        " uncertainty, and E and B of every diagonal with E_d and B_d of the machine and of each"
+        " face by ISO 230-6.",
+        epilog=_FORM,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    parser.add_argument("--axis", default="", help="name of the axis in a table")
+    parser.add_argument(
+        "--uncertainty",
+        type=Path,
+        metavar="FILE",
+        help="what is known of the conditions, see below",
+    )
+    parser.add_argument(
+        "--published", type=Path, metavar="FILE", help="figures to compare with, see below"
+    )
+    add_output_options(parser, "NAME_iso230 beside the source")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Evaluate; see the module."""
+    from stepdiag_ros.report.positioning import positioning_json, print_positioning
+    from stepdiag_ros.report.positioning_figures import draw_positioning
+
+    report = report_of(arguments.source, arguments.axis, arguments.uncertainty, arguments.published)
+    return show(
+        "iso230",
+        positioning_json(report),
+        lambda console: print_positioning(report, console),
+        lambda: draw_positioning(report),
+        arguments,
+        arguments.source.parent / f"{arguments.source.stem}_iso230",
+    )
+
+
+def report_of(
+    source: Path, axis: str = "", uncertainty: Path | None = None, published: Path | None = None
+) -> "PositioningReport":
+    """Evaluate all tests in a bag or the one in a table.
+
+    Args:
+        source: the file.
+        axis: name of the axis in a table.
+        uncertainty: file that describes the measuring conditions.
+        published: file of figures to compare with.
+
+    Raises:
+        ValueError: a file cannot be read, or there is no test in it; one sentence.
+    """
+    from stepdiag_ros.metrology.standards.iso230_2 import evaluate
+    from stepdiag_ros.report.positioning import PositioningReport
+
+    description = _description(uncertainty)
+    run_id, equal = "", {}
+    if is_bag(source):
+        from stepdiag_ros.bags.run import load_run
+        from stepdiag_ros.metrology.standards.axis_test import all_runs
+        from stepdiag_ros.report.positioning import same_test
+
+        with progress_bar(f"reading {source.name}"):
+            recorded = load_run(source)
+        runs = all_runs(recorded.measurement, recorded.plan.overrun)
+        if not runs:
+            raise ValueError(
+                f"{source}: no line of it is complete, so there is nothing to evaluate"
+            )
+        run_id = recorded.run_id
+        last = {(test.setup, test.kind, test.name): test for test in recorded.tests}
+        equal = {
+            one.setup: same_test(evaluate(one), last[key])
+            for one in runs
+            if (key := (one.setup, one.kind, one.name)) in last
+        }
+    else:
+        from stepdiag_ros.bags.axis_table import read_axis_table
+
+        runs = (read_axis_table(source, axis),)
+    return PositioningReport(
+        tests=tuple(evaluate(one, description) for one in runs),
+        source=str(source),
+        run_id=run_id,
+        unknown=description.unknown(),
+        published=None if published is None else _published(published),
+        equals_recorded=equal,
+    )
+
+
+def _description(path: Path | None) -> "UncertaintyDescription":
+    from stepdiag_ros.configuration import read_yaml
+    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+
+    if path is None:
+        return UncertaintyDescription()
+    return UncertaintyDescription.from_mapping(read_yaml(path), str(path))
+
+
+def _published(path: Path) -> "Published":
+    from stepdiag_ros.configuration import read_yaml
+    from stepdiag_ros.metrology.checking import Section
+    from stepdiag_ros.report.positioning import Published
+
+    section = Section(read_yaml(path), str(path))
+    unit = _UNITS[section.names("unit", tuple(_UNITS))[0]]
+    parameters = section.section("parameters")
+    numbers = {name: parameters.number(name) for name in parameters.keys()}  # noqa: SIM118
+    section.finish()
+    return Published.from_numbers(str(path), numbers, unit)

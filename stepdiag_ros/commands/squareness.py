@@ -1,0 +1,93 @@
+"""``stepdiag squareness``: squareness of the axes from face and body diagonals."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+
+if TYPE_CHECKING:
+    from stepdiag_ros.report.diagonal_squareness import SquarenessReport
+
+_FORM = """\
+a table is CSV, one row a diagonal; a single reading at each end is enough:
+  diagonal                                 ppp npp pnp ppn, or pp0 np0 p0p n0p 0pp 0np
+  start_x_mm start_y_mm start_z_mm         coordinates of its start
+  finish_x_mm finish_y_mm finish_z_mm      and of its end
+  length_mm                                measured length
+  uncertainty_um                           its standard uncertainty, if known
+  same_approach                            yes if both ends were read after a move in the same
+                                           direction, no if not; empty if not known
+
+the diagonals must start and finish at identical coordinates; others are refused.
+
+examples:
+  stepdiag squareness run.mcap         every pair of diagonals in the bag
+  stepdiag squareness diagonals.csv    lengths measured by hand"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "squareness",
+        help="squareness of the axes from face and body diagonals",
+        description="Compute the squareness of the axes from the lengths of diagonals (ISO"
+        " 230-1:2012, 10.3.2.6), in both sign definitions and with its uncertainty: two diagonals"
+        " of a face tell one angle, four body diagonals all three, and with linear tests there is"
+        " one check. Shows how far a shift of the laser's reading would falsify the result.",
+        epilog=_FORM,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    add_output_options(parser, "NAME_squareness beside the source")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Evaluate; see the module."""
+    from stepdiag_ros.report.diagonal_squareness import (
+        draw_squareness,
+        print_squareness,
+        squareness_json,
+    )
+
+    report = report_of(arguments.source)
+    return show(
+        "squareness",
+        squareness_json(report),
+        lambda console: print_squareness(report, console),
+        draw_squareness,
+        arguments,
+        arguments.source.parent / f"{arguments.source.stem}_squareness",
+    )
+
+
+def report_of(source: Path) -> "SquarenessReport":
+    """Evaluate the diagonals in a bag or a table.
+
+    Raises:
+        ValueError: the file cannot be read, or its diagonals tell no squareness; one sentence.
+    """
+    from stepdiag_ros.metrology.standards.axis_test import all_runs
+    from stepdiag_ros.metrology.standards.diagonal_squareness import (
+        squareness_from,
+        squareness_of,
+    )
+    from stepdiag_ros.metrology.standards.iso230_2 import evaluate
+    from stepdiag_ros.metrology.standards.iso230_6 import volumetric_warning
+    from stepdiag_ros.report.diagonal_squareness import SquarenessReport
+
+    if not is_bag(source):
+        from stepdiag_ros.bags.diagonal_table import read_diagonal_table
+
+        result = squareness_from(read_diagonal_table(source))
+        return SquarenessReport(result, str(source), volumetric_warning(()))
+    from stepdiag_ros.bags.run import load_run
+
+    with progress_bar(f"reading {source.name}"):
+        recorded = load_run(source)
+    measurement, overrun = recorded.measurement, recorded.plan.overrun
+    tests = [evaluate(runs) for runs in all_runs(measurement, overrun)]
+    result = squareness_of(measurement, overrun)
+    return SquarenessReport(result, str(source), volumetric_warning(tests))

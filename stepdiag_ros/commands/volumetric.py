@@ -1,0 +1,74 @@
+"""``stepdiag volumetric``: the longest error vector in the machine's volume."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter
+from stepdiag_ros.commands.standard_tests import add_output_options, show
+
+if TYPE_CHECKING:
+    from stepdiag_ros.report.volumetric import VolumetricReport
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "volumetric",
+        help="volumetric accuracy: the longest error vector in the volume",
+        description="Solve a bag and find the longest error vector between target and actual"
+        " position anywhere in the measured volume, by every method that its lines are enough for."
+        " Without a bag: the examples that show why diagonal tests alone do not tell it.",
+        epilog="examples:\n"
+        "  stepdiag volumetric run.mcap   of the machine in the bag\n"
+        "  stepdiag volumetric            three machines: E_d 0, 29, 14 µm; 122, 50, 115 µm",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, nargs="?", help="the measurement (.mcap)")
+    add_output_options(parser, "NAME_volumetric beside the bag; without one: ./volumetric_examples")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Evaluate; see the module."""
+    from stepdiag_ros.report.volumetric import (
+        examples_picture,
+        print_volumetric,
+        volumetric_json,
+    )
+
+    report = report_of(arguments.bag)
+    folder = Path("volumetric_examples")
+    if arguments.bag is not None:
+        folder = arguments.bag.parent / f"{arguments.bag.stem}_volumetric"
+    return show(
+        "volumetric",
+        volumetric_json(report),
+        lambda console: print_volumetric(report, console),
+        lambda: {} if report.accuracies else {"diagonals_and_volume": examples_picture()},
+        arguments,
+        folder,
+    )
+
+
+def report_of(bag: Path | None) -> "VolumetricReport":
+    """Find the volumetric accuracy of a bag's error maps; without a bag there are the examples.
+
+    Raises:
+        ValueError: the bag cannot be read or solved; one sentence.
+    """
+    from stepdiag_ros.report.volumetric import VolumetricReport
+
+    if bag is None:
+        return VolumetricReport({})
+    from stepdiag_ros.commands.solve import report_of as solved
+    from stepdiag_ros.metrology.standards.volumetric import of_result
+
+    report = solved(bag)
+    if not report.results:
+        raise ValueError(f"{bag}: its lines are not enough for any method; see 'stepdiag solve'")
+    return VolumetricReport(
+        {one.method: of_result(one, report.chain) for one in report.ordered_results()},
+        str(bag),
+        report.run_id,
+    )

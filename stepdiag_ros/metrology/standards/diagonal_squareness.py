@@ -1,0 +1,442 @@
+"""Squareness of the axes from the lengths of face and body diagonals.
+
+Let Δ_ij be the error along j that axis i gains over its travel L_i (E_ji at the end less at the
+start). A diagonal with the signs s runs by s_i L_i, and its error of length is, to first order,
+with D_0 = √ΣL²,
+
+    D_s - D_0 = Σ_ij s_i s_j L_j Δ_ij / D_0
+              = Σ_i L_i Δ_ii / D_0  +  Σ_i<j s_i s_j (L_i L_j / D_0) θ_ij,
+    θ_ij = Δ_ij/L_i + Δ_ji/L_j
+
+so that linear positioning errors lengthen all diagonals of a box alike, and θ_ij, the sum of the
+two end-to-end slopes, is the cosine of the angle between axes i and j: positive where the angle
+between the positive axes is *smaller* than 90°. Hence
+
+* of a face, D_1 (pp) and D_2 (np): θ = D_0 (D_1 - D_2) / (2 X Y), as RL (ISO 230-1:2012,
+  10.3.2.6) prints it; exact is (D_1² - D_2²)/(4XY), which differs by ppm of θ;
+* of the four body diagonals: the signs (1; s_x s_y; s_x s_z; s_y s_z) of ppp, npp, pnp, ppn are the
+  rows of an orthogonal matrix, so θ_ij = D_0/(4 L_i L_j) · Σ_s s_i s_j D_s, and their mean gives
+  Σ L_i Δ_ii / D_0. Four lengths, four unknowns: nothing is left over to check. One check there is
+  when the axes' positioning was measured too: that mean must be Σ L_i Δ_ii / D_0 of the linear
+  tests. Then even three diagonals are enough. Both are one weighted least-squares problem here.
+
+All of this holds only if the diagonals are those of one box: they start and finish at identical
+coordinates, and each end is read after a move in the same direction (RL, "Squareness analysis").
+
+The slopes are end to end, not those of least-squares lines: with curved axes the two differ. Turned
+by right-handed rotation (``forward.SQUARENESS_SLOPES``): C0Y = -θ_XY, B0Z = +θ_XZ, A0Z = -θ_YZ.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan, sqrt
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    FACE_DIAGONALS,
+    LINEAR_LINES,
+    Vector,
+    beam_direction,
+    line_signs,
+)
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.standards.axis_test import approached, is_diagonal
+
+SAME_PLACE = 1e-6
+"""Ends of diagonals that are further apart than this, m, are not the same corner."""
+
+PAIRS = {"C0Y": (0, 1), "B0Z": (0, 2), "A0Z": (1, 2)}
+"""Squareness → the two axes (0, 1, 2)."""
+_NOT_THE_SAME = (
+    "diagonals must start and finish at identical coordinates, or other errors of the machine"
+    " count as squareness"
+)
+
+
+@dataclass(frozen=True)
+class DiagonalLength:
+    """A measured diagonal.
+
+    Attributes:
+        line: its name, such as pp0 or npp.
+        start: machine coordinates of its start, m.
+        finish: of its end, m.
+        error: D - D_0, measured less nominal length, m.
+        standard_uncertainty: of the error, m; NaN if not known.
+        same_approach: both ends were read after a move in the same direction; None if not known.
+    """
+
+    line: str
+    start: tuple[float, float, float]
+    finish: tuple[float, float, float]
+    error: float
+    standard_uncertainty: float = nan
+    same_approach: bool | None = None
+
+    @property
+    def travel(self) -> Vector:
+        """Return the signed travel of the axes, m, shape (3,)."""
+        return np.subtract(self.finish, self.start)
+
+    @property
+    def nominal(self) -> float:
+        """Return D_0, m."""
+        return float(np.linalg.norm(self.travel))
+
+
+@dataclass(frozen=True)
+class DiagonalSquareness:
+    """One squareness from diagonals.
+
+    Attributes:
+        name: C0Y, B0Z or A0Z.
+        theta: as RL has it: positive where the angle is smaller than 90°, rad.
+        standard_uncertainty: of theta and value, rad; NaN if not known.
+        diagonals: that it was made from.
+    """
+
+    name: str
+    theta: float
+    standard_uncertainty: float
+    diagonals: tuple[str, ...]
+
+    @property
+    def value(self) -> float:
+        """Return the squareness by right-handed rotation (ISO 230-1), rad."""
+        return SQUARENESS_SLOPES[self.name][0] * self.theta
+
+
+@dataclass(frozen=True)
+class SquarenessResult:
+    """What the diagonals say of squareness.
+
+    Attributes:
+        values: one for each pair of axes and source.
+        mean_length_error: of the body diagonals, Σ L_i Δ_ii / D_0, m; NaN without them.
+        mean_length_uncertainty: its standard uncertainty, m.
+        closure: body diagonals' mean length error less that of the linear tests, m: the one
+            redundancy check; NaN if nothing is left over.
+        closure_uncertainty: its standard uncertainty, m; NaN if not known.
+        remarks: what the reader must know, in words.
+    """
+
+    values: tuple[DiagonalSquareness, ...]
+    mean_length_error: float = nan
+    mean_length_uncertainty: float = nan
+    closure: float = nan
+    closure_uncertainty: float = nan
+    remarks: tuple[str, ...] = ()
+
+
+def lengths_of(measurement: Measurement, overrun: float = 0.0) -> tuple[DiagonalLength, ...]:
+    """Return the lengths of the diagonals in a measurement, one for each setup.
+
+    The error is the mean over the passes; its standard uncertainty that of the readings at the two
+    ends, or, if larger, that of the mean of the passes.
+
+    Args:
+        measurement: the finished lines.
+        overrun: how far the passes began beyond their first stop (``Plan.overrun``), m; 0 if they
+            did not or if that is not known.
+    """
+    groups: dict[tuple[str, str, str], list[MeasuredLine]] = {}
+    for line in measurement.lines:
+        if is_diagonal(line.line.kind):
+            groups.setdefault((line.setup, line.line.name, line.line.order), []).append(line)
+    made = []
+    for lines in groups.values():
+        direction = beam_direction(lines[0].line.name, np.asarray(measurement.volume.step))
+        errors, variances = [], []
+        for line in lines:
+            order = (0, -1) if line.line.direction == FORWARD else (-1, 0)
+            start, finish = (line.displacement[place] for place in order)
+            nominal = float((line.target[order[1]] - line.target[order[0]]) @ direction)
+            ends = line.standard_uncertainty[list(order)]
+            if isfinite(start) and isfinite(finish):
+                errors.append(float(finish - start - nominal))
+                variances.append(float(np.sum(ends**2)))
+        if not errors:
+            continue
+        forward = lines[0].line.direction == FORWARD
+        first, last = (lines[0].target[place] for place in ((0, -1) if forward else (-1, 0)))
+        made.append(
+            DiagonalLength(
+                line=lines[0].line.name,
+                start=(float(first[0]), float(first[1]), float(first[2])),
+                finish=(float(last[0]), float(last[1]), float(last[2])),
+                error=float(np.mean(errors)),
+                standard_uncertainty=_uncertainty_of_mean(errors, variances),
+                same_approach=True if approached(lines[0].line.kind, overrun) else None,
+            )
+        )
+    return tuple(made)
+
+
+def _uncertainty_of_mean(errors: Sequence[float], variances: Sequence[float]) -> float:
+    readings = sqrt(sum(variances)) / len(errors)
+    if len(errors) < 2:
+        return readings
+    passes = float(np.std(errors, ddof=1)) / sqrt(len(errors))
+    return passes if not isfinite(readings) else max(readings, passes)
+
+
+def linear_errors_of(measurement: Measurement) -> dict[str, tuple[float, float]]:
+    """Return E_XX, E_YY, E_ZZ over the travel from the linear lines: axis → (error, u), m."""
+    found = {}
+    for axis, name in zip(AXES, LINEAR_LINES, strict=True):
+        errors, variances = [], []
+        for line in measurement.lines:
+            if line.line.name == name and line.complete:
+                way = line.target[-1] - line.target[0]
+                nominal = float(way[AXES.index(axis)])
+                sense = np.sign(nominal)
+                errors.append(float(sense * (line.displacement[-1] - line.displacement[0])))
+                errors[-1] -= abs(nominal)
+                variances.append(float(np.sum(line.standard_uncertainty[[0, -1]] ** 2)))
+        if errors:
+            found[axis] = (float(np.mean(errors)), _uncertainty_of_mean(errors, variances))
+    return found
+
+
+def check_ends(diagonals: Sequence[DiagonalLength]) -> tuple[str, ...]:
+    """Check that diagonals are those of one box, each read after the same approach at both ends.
+
+    Args:
+        diagonals: of one face, or body diagonals.
+
+    Returns:
+        Warnings in words: an approach that is not known.
+
+    Raises:
+        ValueError: names and signs disagree, the ends are not at identical coordinates, or the ends
+            of a diagonal were approached in different directions.
+    """
+    warnings = []
+    low = np.minimum(diagonals[0].start, diagonals[0].finish)
+    high = np.maximum(diagonals[0].start, diagonals[0].finish)
+    for one in diagonals:
+        signs = line_signs(one.line)
+        if not np.array_equal(np.sign(np.round(one.travel, 9)), signs):
+            raise ValueError(
+                f"diagonal {one.line}: its axes do not run as its name says from"
+                f" {_place(one.start)} to {_place(one.finish)}"
+            )
+        corner = np.where(signs < 0, high, low), np.where(signs < 0, low, high)
+        for name, end, wanted in zip(
+            ("starts", "finishes"), (one.start, one.finish), corner, strict=True
+        ):
+            if np.max(np.abs(np.subtract(end, wanted))) > SAME_PLACE:
+                raise ValueError(
+                    f"diagonal {one.line} {name} at {_place(end)}, but {diagonals[0].line} needs"
+                    f" it at {_place(wanted)}: {_NOT_THE_SAME}"
+                )
+        if one.same_approach is False:
+            raise ValueError(
+                f"diagonal {one.line}: its ends were approached in different directions, so the"
+                " reversal error is in its length; move in the same direction before each reading"
+            )
+        if one.same_approach is None:
+            warnings.append(
+                f"diagonal {one.line}: it is not known that both ends were approached in the same"
+                " direction (no run beyond the ends), so the reversal error may be in its length"
+            )
+    return tuple(warnings)
+
+
+def _place(point: Sequence[float] | Vector) -> str:
+    return "(" + ", ".join(f"{1e3 * value:.3f}" for value in point) + ") mm"
+
+
+def from_face(first: DiagonalLength, second: DiagonalLength) -> DiagonalSquareness:
+    """Return the squareness of a face's axes, θ = D_0 (D_1 - D_2)/(2 X Y) (RL); see the module.
+
+    Args:
+        first: the diagonal whose axes both run forward (pp0, p0p, 0pp).
+        second: the other one (np0, n0p, 0np).
+
+    Raises:
+        ValueError: they are not the two diagonals of one face, or ``check_ends`` refuses.
+    """
+    moved = [axis for axis, sign in enumerate(line_signs(first.line)) if sign]
+    if len(moved) != 2 or second.line != first.line.replace("p", "n", 1) or "n" in first.line:
+        raise ValueError(f"{first.line} and {second.line} are not the two diagonals of a face")
+    check_ends((first, second))
+    name = next(name for name, pair in PAIRS.items() if pair == tuple(moved))
+    one, other = np.abs(first.travel)[moved]
+    factor = first.nominal / (2.0 * one * other)
+    spread = sqrt(first.standard_uncertainty**2 + second.standard_uncertainty**2)
+    return DiagonalSquareness(
+        name=name,
+        theta=float(factor * (first.error - second.error)),
+        standard_uncertainty=float(factor * spread),
+        diagonals=(first.line, second.line),
+    )
+
+
+def from_body(
+    diagonals: Sequence[DiagonalLength],
+    linear: Mapping[str, tuple[float, float]] | None = None,
+) -> SquarenessResult:
+    """Return the three squareness errors from body diagonals; see the module.
+
+    Args:
+        diagonals: the four body diagonals, or three with the linear tests of all axes.
+        linear: axis X, Y, Z → (positioning error over the travel, its standard uncertainty), m.
+
+    Raises:
+        ValueError: too few diagonals, one of them twice, or ``check_ends`` refuses.
+    """
+    names = [one.line for one in diagonals]
+    if len(set(names)) < len(names) or not set(names) <= set(BODY_DIAGONALS):
+        raise ValueError(f"expected different body diagonals, found {', '.join(names)}")
+    linear = linear or {}
+    with_linear = all(axis in linear for axis in AXES)
+    if len(names) < (3 if with_linear else 4):
+        raise ValueError(
+            f"{len(names)} body diagonals: squareness needs all four, or three and the linear tests"
+            " of X, Y and Z"
+        )
+    warnings = check_ends(diagonals)
+    travel, nominal = np.abs(diagonals[0].travel), diagonals[0].nominal
+    rows = []
+    for one in diagonals:
+        signs = line_signs(one.line)
+        rows.append(
+            [1.0]
+            + [signs[i] * signs[j] * travel[i] * travel[j] / nominal for i, j in PAIRS.values()]
+        )
+    values = [one.error for one in diagonals]
+    spreads = [one.standard_uncertainty for one in diagonals]
+    if with_linear:
+        shares = travel / nominal
+        rows.append([1.0, 0.0, 0.0, 0.0])
+        values.append(float(sum(shares[k] * linear[a][0] for k, a in enumerate(AXES))))
+        squares = sum((shares[k] * linear[a][1]) ** 2 for k, a in enumerate(AXES))
+        spreads.append(sqrt(float(squares)))
+    estimate, covariance = _weighted(np.array(rows), np.array(values), np.array(spreads))
+    closure = closure_uncertainty = nan
+    if with_linear and len(names) == 4:
+        closure = float(np.mean(values[:4]) - values[4])
+        closure_uncertainty = sqrt(sum(s * s for s in spreads[:4]) / 16.0 + spreads[4] ** 2)
+    deviations = np.sqrt(np.diag(covariance))
+    return SquarenessResult(
+        values=tuple(
+            DiagonalSquareness(name, float(estimate[k + 1]), float(deviations[k + 1]), tuple(names))
+            for k, name in enumerate(PAIRS)
+        ),
+        mean_length_error=float(estimate[0]),
+        mean_length_uncertainty=float(deviations[0]),
+        closure=closure,
+        closure_uncertainty=closure_uncertainty,
+        remarks=warnings,
+    )
+
+
+def _weighted(design: Vector, values: Vector, spreads: Vector) -> tuple[Vector, Vector]:
+    """Solve by weighted least squares; the covariance is NaN where a spread is not known."""
+    known = bool(np.all(np.isfinite(spreads)) and np.all(spreads > 0))
+    weights = 1.0 / spreads if known else np.ones(len(values))
+    # Lengths and angles differ in size: columns are scaled before they are solved.
+    scale = np.linalg.norm(design, axis=0)
+    pseudo_inverse = np.linalg.pinv(weights[:, None] * design / scale) / scale[:, None]
+    estimate: Vector = pseudo_inverse @ (weights * values)
+    spread_map = pseudo_inverse * weights
+    covariance: Vector = (spread_map * spreads**2) @ spread_map.T
+    return estimate, covariance
+
+
+def squareness_of(measurement: Measurement, overrun: float = 0.0) -> SquarenessResult:
+    """Return the squareness of the axes from all diagonals of a measurement.
+
+    Faces need both diagonals; body diagonals all four, or three with linear tests. Pairs that are
+    not of one box are left out, and the reason is among the remarks.
+
+    Args:
+        measurement: the finished lines.
+        overrun: see ``lengths_of``.
+
+    Raises:
+        ValueError: nothing can be said; names what is missing.
+    """
+    return squareness_from(lengths_of(measurement, overrun), linear_errors_of(measurement))
+
+
+def squareness_from(
+    lengths: Sequence[DiagonalLength], linear: Mapping[str, tuple[float, float]] | None = None
+) -> SquarenessResult:
+    """Return squareness from the lengths of diagonals; see ``squareness_of``.
+
+    Args:
+        lengths: of face and body diagonals in any order; of several of one name the first counts.
+        linear: see ``from_body``.
+
+    Raises:
+        ValueError: nothing can be said; names what is missing.
+    """
+    by_name: dict[str, DiagonalLength] = {}
+    remarks: list[str] = []
+    for one in lengths:
+        if one.line in by_name:
+            remarks.append(f"diagonal {one.line} is there more than once; its first setup is used")
+        by_name.setdefault(one.line, one)
+    values: list[DiagonalSquareness] = []
+    body = SquarenessResult(())
+    for first, second in zip(FACE_DIAGONALS[::2], FACE_DIAGONALS[1::2], strict=True):
+        if first in by_name and second in by_name:
+            pair = (by_name[first], by_name[second])
+            try:
+                values.append(from_face(*pair))
+            except ValueError as error:
+                remarks.append(f"left out: {error}")
+            else:
+                remarks.extend(check_ends(pair))
+        elif first in by_name or second in by_name:
+            there, other = (first, second) if first in by_name else (second, first)
+            remarks.append(f"diagonal {there} alone says nothing of squareness; {other} is missing")
+    bodies = [by_name[name] for name in BODY_DIAGONALS if name in by_name]
+    if bodies:
+        try:
+            body = from_body(bodies, linear)
+        except ValueError as error:
+            remarks.append(f"left out: {error}")
+    values.extend(body.values)
+    if not values:
+        reasons = "; ".join(remarks) or "there is no face or body diagonal"
+        raise ValueError(f"no squareness can be found from these diagonals: {reasons}")
+    return SquarenessResult(
+        values=tuple(values),
+        mean_length_error=body.mean_length_error,
+        mean_length_uncertainty=body.mean_length_uncertainty,
+        closure=body.closure,
+        closure_uncertainty=body.closure_uncertainty,
+        remarks=(*remarks, *body.remarks),
+    )
+
+
+def squareness_error_of_shift(shift: float, aspect_ratio: Vector | float) -> Vector:
+    """Return how far a shift of the laser's scale between the two diagonals falsifies squareness.
+
+    One diagonal longer by the relative shift δ changes θ by D_0 · δ D_0 / (2XY) = δ (r + 1/r) / 2
+    with r = X/Y: least for a square, where 1 ppm is 1 µrad (0.2"), and the same for r and 1/r (RL,
+    graph "Squareness uncertainty versus measurement uncertainty and machine aspect ratio").
+
+    Args:
+        shift: relative change of the reading between the two diagonals, for example 1e-6.
+        aspect_ratio: r = X/Y, > 0, any shape.
+
+    Returns:
+        in rad, the shape of ``aspect_ratio``.
+
+    Raises:
+        ValueError: a ratio that is not positive.
+    """
+    ratio = np.asarray(aspect_ratio, dtype=np.float64)
+    if not np.all(ratio > 0):
+        raise ValueError("an aspect ratio must be more than 0")
+    made: Vector = shift * 0.5 * (ratio + 1.0 / ratio)
+    return made

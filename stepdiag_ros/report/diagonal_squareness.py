@@ -1,0 +1,200 @@
+"""Squareness from diagonals as a person and a program read it: tables, JSON, the graph of RL."""
+
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.forward import SQUARENESS_DEFINITIONS
+from stepdiag_ros.metrology.standards.diagonal_squareness import (
+    SquarenessResult,
+    squareness_error_of_shift,
+)
+from stepdiag_ros.report.figures import legend_below, new_picture, tidy
+from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plain, plus_minus
+from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, sign
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+DOCUMENT_VERSION = 1
+SHIFTS_OF_RL = (1e-6, 5e-6)
+"""Relative shifts of the laser's reading in the graph of RL."""
+_RATIOS = (1.0, 1.5, 2.0, 3.0, 5.0)
+_THETA = "positive where the angle is smaller than 90° (RL: D0 (D1 - D2) / (2XY))"
+_SLOPES = (
+    "Straight lines through the end points of the axes' motions; least-squares lines of curved axes"
+    " give other values."
+)
+
+
+@dataclass(frozen=True)
+class SquarenessReport:
+    """What is shown of the squareness from diagonals of one source.
+
+    Attributes:
+        result: of ``metrology.standards.diagonal_squareness``.
+        source: file that the data came from.
+        warning: that diagonals alone are not volumetric accuracy, with what is missing.
+    """
+
+    result: SquarenessResult
+    source: str
+    warning: str
+
+
+def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
+    """Print the values in both sign definitions, the check that is left over, and the graph."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    result = report.result
+    sentence(f"Source: {report.source}")
+    console.print()
+    table = new_table("Squareness from diagonals", "", "from", "unit", *SIGN_DEFINITIONS, "θ of RL")
+    table.columns[1].justify = "left"
+    for one in result.values:
+        reference, other = AXES_OF[one.name]
+        for unit, scale in (("µm/m", MICRO), ("arcsec", ARC_SECONDS)):
+            first = unit == "µm/m"
+            table.add_row(
+                f"{one.name}  {other} to {reference}" if first else "",
+                ", ".join(one.diagonals) if first else "",
+                unit,
+                *(
+                    plus_minus(
+                        sign(one.name, definition) * one.value, one.standard_uncertainty, scale
+                    )
+                    for definition in SIGN_DEFINITIONS
+                ),
+                plus_minus(one.theta, one.standard_uncertainty, scale),
+            )
+    console.print(table)
+    console.print()
+    if math.isfinite(result.mean_length_error):
+        check = new_table("Body diagonals: the check that is left over", "", "unit", "value ± U")
+        check.add_row(
+            "mean length error",
+            "µm",
+            plus_minus(result.mean_length_error, result.mean_length_uncertainty, MICRO),
+        )
+        check.add_row(
+            "the same less that of the linear tests",
+            "µm",
+            plus_minus(result.closure, result.closure_uncertainty, MICRO),
+        )
+        console.print(check)
+        console.print()
+    console.print(sensitivity_table())
+    console.print()
+    for definition, words in SIGN_DEFINITIONS.items():
+        sentence(f"{definition}: {words}.")
+    sentence(f"θ of RL: {_THETA}.")
+    sentence(f"{_SLOPES} ±: {COVERAGE_FACTOR:g} standard uncertainties (95 %).")
+    if math.isfinite(result.closure):
+        sentence(closure_sentence(result))
+    elif math.isfinite(result.mean_length_error):
+        sentence(
+            "Four body diagonals tell three angles and the mean length: nothing checks them as long"
+            " as the linear tests of X, Y and Z are missing."
+        )
+    for remark in result.remarks:
+        sentence(f"{remark}.")
+    sentence(report.warning)
+
+
+def closure_sentence(result: SquarenessResult) -> str:
+    """Say whether the body diagonals agree with the linear tests."""
+    if not math.isfinite(result.closure_uncertainty) or result.closure_uncertainty == 0:
+        return "How far body diagonals and linear tests should agree is unknown."
+    ratio = abs(result.closure) / (COVERAGE_FACTOR * result.closure_uncertainty)
+    words = "agree" if ratio <= 1 else "do NOT agree"
+    return (
+        f"Body diagonals and linear tests {words} in the mean length (difference {plain(ratio)} of"
+        " its expanded uncertainty; drift, angular errors or the laser's scale make it larger)."
+    )
+
+
+def sensitivity_table() -> Any:
+    """Return how far a shift of the laser's reading between two diagonals falsifies squareness."""
+    table = new_table(
+        "Squareness error of a shift of the reading between two diagonals, arcsec",
+        "shift",
+        *(f"X : Y = {ratio:g} : 1" for ratio in _RATIOS),
+    )
+    for shift in SHIFTS_OF_RL:
+        errors = squareness_error_of_shift(shift, np.array(_RATIOS)) * ARC_SECONDS
+        table.add_row(f"±{shift * 1e6:g} ppm", *(f"±{plain(float(error))}" for error in errors))
+    return table
+
+
+def sensitivity_picture() -> "Picture":
+    """Draw the graph of RL: squareness uncertainty over aspect ratio for ±1 and ±5 ppm."""
+    picture = new_picture(8.0, 5.2)
+    axes = picture.subplots()
+    ratio = np.linspace(1.0, 10.0, 181)
+    for shift, colour, line in zip(SHIFTS_OF_RL, ("#0072B2", "#D55E00"), ("-", "--"), strict=True):
+        error = squareness_error_of_shift(shift, ratio) * ARC_SECONDS
+        for sense in (1.0, -1.0):
+            axes.plot(
+                ratio,
+                sense * error,
+                color=colour,
+                linestyle=line,
+                linewidth=1.4,
+                label=f"±{shift * 1e6:g} ppm between the two diagonals",
+            )
+    axes.axhline(0.0, color="0.55", linewidth=0.7, zorder=1)
+    axes.set_xlabel("aspect ratio of the axes (longer : shorter)", fontsize=9)
+    axes.set_ylabel("error of squareness / arcsec", fontsize=9)
+    tidy(axes)
+    picture.suptitle("Squareness from face diagonals: effect of a shift in laser reading")
+    legend_below(picture, [axes])
+    return picture
+
+
+def draw_squareness() -> "dict[str, Picture]":
+    """Return all pictures by the name of their file without ending."""
+    return {"squareness_sensitivity": sensitivity_picture()}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def squareness_json(report: SquarenessReport) -> str:
+    """Return the report as JSON text; SI, ``null`` where not known."""
+    result = report.result
+    document = {
+        "document_version": DOCUMENT_VERSION,
+        "software_version": __version__,
+        "source": report.source,
+        "sign_definitions": {
+            name: dict(SQUARENESS_DEFINITIONS[words]) for name, words in SIGN_DEFINITIONS.items()
+        },
+        "squareness": [
+            {
+                "name": one.name,
+                "diagonals": list(one.diagonals),
+                **{
+                    definition: _number(sign(one.name, definition) * one.value)
+                    for definition in SIGN_DEFINITIONS
+                },
+                "theta": _number(one.theta),
+                "standard_uncertainty": _number(one.standard_uncertainty),
+            }
+            for one in result.values
+        ],
+        "mean_length_error": _number(result.mean_length_error),
+        "mean_length_standard_uncertainty": _number(result.mean_length_uncertainty),
+        "closure": _number(result.closure),
+        "closure_standard_uncertainty": _number(result.closure_uncertainty),
+        "remarks": list(result.remarks),
+        "warnings": [report.warning],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,194 @@
+"""Volumetric accuracy as a person and a program read it, with the examples of RL beside it."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.standards.iso230_6 import DIAGONALS_ALONE
+from stepdiag_ros.metrology.standards.volumetric import (
+    MACHINES_OF_RL,
+    PLANAR_MACHINE_OF_RL,
+    VolumetricAccuracy,
+    volumetric_accuracy,
+)
+from stepdiag_ros.report.content import method_title
+from stepdiag_ros.report.figures import legend_below, new_picture, tidy
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+DOCUMENT_VERSION = 1
+DEFINITION = (
+    "Volumetric accuracy: length of the worst error vector between the target and the actual"
+    " position anywhere in the measured volume (RL), in the frame of the error curves; zero at the"
+    " first corner. Reversal and repeatability are not in it."
+)
+
+
+@dataclass(frozen=True)
+class VolumetricReport:
+    """What is shown of one source.
+
+    Attributes:
+        accuracies: method → volumetric accuracy of its error map; empty for the examples alone.
+        source: file that the data came from; empty for the examples alone.
+        run_id: identity of the run.
+    """
+
+    accuracies: dict[str, VolumetricAccuracy]
+    source: str = ""
+    run_id: str = ""
+
+
+def _vector(values: Sequence[float], scale: float, decimals: int) -> str:
+    if not all(map(math.isfinite, values)):
+        return UNKNOWN
+    return ", ".join(plain(value * scale, decimals) for value in values)
+
+
+def accuracy_table(report: VolumetricReport) -> Table:
+    """Return the volumetric accuracy by every method."""
+    table = new_table(
+        "Volumetric accuracy",
+        "",
+        "value ± U / µm",
+        "at X, Y, Z / mm",
+        "error vector X, Y, Z / µm",
+    )
+    for method, found in report.accuracies.items():
+        table.add_row(
+            method_title(method),
+            plus_minus(found.value, found.standard_uncertainty, MICRO),
+            _vector(found.position, 1e3, 1),
+            _vector(found.vector, MICRO, 2),
+        )
+    return table
+
+
+def example_tables() -> list[Table]:
+    """Return the 2D and the 3D example of RL, computed."""
+    machines = new_table(
+        "Why diagonals alone are not enough: three machines of 1 m³ (RL, 3D example)",
+        "",
+        *(machine.name for machine in MACHINES_OF_RL),
+    )
+    for axis, letter in enumerate(AXES):
+        machines.add_row(
+            f"{letter} axis linear error, µm/m",
+            *(plain(one.linear_error[axis] * MICRO, 0) for one in MACHINES_OF_RL),
+        )
+    machines.add_row(
+        "diagonal test result E_d, µm",
+        *(plain(one.diagonal_result * MICRO, 1) for one in MACHINES_OF_RL),
+    )
+    machines.add_row(
+        "volumetric accuracy, µm",
+        *(plain(volumetric_accuracy(one.errors).value * MICRO, 1) for one in MACHINES_OF_RL),
+    )
+    planar = new_table(
+        "A planar machine of 1 m × 1 m (RL, 2D example): X +25 µm/m, Y -25 µm/m", "", "value"
+    )
+    machine = PLANAR_MACHINE_OF_RL
+    for name, error in machine.length_errors(("pp0", "np0")).items():
+        planar.add_row(f"diagonal {name} longer than nominal, µm", plain(error * MICRO, 5))
+    found = volumetric_accuracy(machine.errors)
+    planar.add_row("worst position error, µm", plain(found.value * MICRO, 2))
+    return [machines, planar]
+
+
+def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
+    """Print the volumetric accuracy and the examples."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    tables = []
+    if report.accuracies:
+        sentence(f"Source: {report.source} (run {report.run_id})")
+        console.print()
+        tables.append(accuracy_table(report))
+    else:
+        tables.extend(example_tables())
+    for table in tables:
+        console.print(table)
+        console.print()
+    sentence(DEFINITION)
+    for method, found in report.accuracies.items():
+        for remark in found.remarks:
+            sentence(f"{method_title(method)}: {remark}.")
+    for frame in dict.fromkeys(found.frame for found in report.accuracies.values()):
+        sentence(f"Frame: {frame}.")
+    if report.accuracies:
+        sentence(
+            f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place."
+        )
+    else:
+        sentence(f"Warning: {DIAGONALS_ALONE}.")
+
+
+def examples_picture() -> "Picture":
+    """Draw E_d beside the volumetric accuracy of RL's three machines."""
+    picture = new_picture(7.0, 4.6)
+    axes = picture.subplots()
+    places = np.arange(len(MACHINES_OF_RL))
+    diagonal = [one.diagonal_result * MICRO for one in MACHINES_OF_RL]
+    volume = [volumetric_accuracy(one.errors).value * MICRO for one in MACHINES_OF_RL]
+    for shift, values, colour, hatch, label in (
+        (-0.2, diagonal, "#0072B2", "", "diagonal test result E_d"),
+        (+0.2, volume, "#D55E00", "//", "volumetric accuracy"),
+    ):
+        bars = axes.bar(
+            places + shift, values, width=0.38, color=colour, hatch=hatch, alpha=0.85, label=label
+        )
+        axes.bar_label(bars, [plain(value, 0) for value in values], fontsize=9, padding=2)
+    axes.set_xticks(places, [one.name for one in MACHINES_OF_RL])
+    axes.set_ylabel("µm", fontsize=9)
+    tidy(axes)
+    picture.suptitle("Diagonal tests alone do not tell volumetric accuracy (RL, 3D example)")
+    legend_below(picture, [axes])
+    return picture
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _accuracy(found: VolumetricAccuracy) -> dict[str, Any]:
+    return {
+        "value": _number(found.value),
+        "standard_uncertainty": _number(found.standard_uncertainty),
+        "position": [_number(value) for value in found.position],
+        "vector": [_number(value) for value in found.vector],
+        "frame": found.frame,
+        "remarks": list(found.remarks),
+    }
+
+
+def volumetric_json(report: VolumetricReport) -> str:
+    """Return the report as JSON text; SI, ``null`` where not known."""
+    document = {
+        "document_version": DOCUMENT_VERSION,
+        "software_version": __version__,
+        "source": report.source or None,
+        "run_id": report.run_id or None,
+        "definition": DEFINITION,
+        "methods": {method: _accuracy(found) for method, found in report.accuracies.items()},
+        "examples": {
+            one.name: {
+                "linear_error": list(one.linear_error),
+                "E_d": one.diagonal_result,
+                "volumetric_accuracy": volumetric_accuracy(one.errors).value,
+            }
+            for one in (*MACHINES_OF_RL, PLANAR_MACHINE_OF_RL)
+        },
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
