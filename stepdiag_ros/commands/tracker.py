@@ -1,0 +1,425 @@
+"""``stepdiag tracker``: measurements with an autotracking laser interferometer."""
+
+import json
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    add_result_options,
+    number,
+    progress_bar,
+    say,
+    show_report,
+)
+from stepdiag_ros.commands.standard_tests import add_output_options, show
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.tracker.readings import TrackerReading
+    from stepdiag_ros.metrology.tracker.seven_lines import Box
+
+# Not taken from metrology, whose numerics every start of the command line would wait for.
+CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+
+_TABLE = """\
+places and readings are one CSV table, SI units, in order of time; the columns:
+  station                 name of the tracker's place; its readings share one zero of the counter
+  line                    locate (places that locate the tracker), x y z xy xz yz xyz, or grid
+  run, direction, stop    run from 1, forward or backward, stop from 0 at the forward start
+  x_m, y_m, z_m           commanded position of the machine
+  length_change_m         since the counter was zeroed; empty in a plan
+  standard_uncertainty_m  of the length; empty if not known
+A station is given in machine coordinates: where the machine would have to go for the reflector to
+meet the tracker's centre.
+"""
+_EXAMPLES = """\
+examples:
+  stepdiag tracker plan --machine demo --station -0.2 0.1 0.05 --nc
+  stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -0.2 0.1 0.05
+  stepdiag tracker evaluate readings.csv        the seven lines by ISO 230-2 and -6
+  stepdiag tracker locate readings.csv          only where the tracker stands
+  stepdiag tracker multilaterate grid.csv --chain YXZ
+  stepdiag tracker figures                      Figs. 4 and 5 of Chen et al. 2018, computed"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "tracker",
+        help="measure with an autotracking laser interferometer (seven lines, multilateration)",
+        description="Seven-line test and multilateration with a tracking interferometer: plan the"
+        " places and the NC program, find where the tracker stands, tell positioning from"
+        " squareness, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and error"
+        " curves from four or more stations.",
+        epilog=_TABLE + "\n" + _EXAMPLES,
+        formatter_class=HelpFormatter,
+    )
+    what = parser.add_subparsers(title="what to do", metavar="WHAT", dest="what", required=True)
+    _add_plan(what)
+    _add_simulate(what)
+    for name, run, text in (
+        ("locate", run_locate, "find where the tracker stands, from six or more places"),
+        ("evaluate", run_evaluate, "evaluate a seven-line test"),
+    ):
+        one = _command(what, name, text, run)
+        _add_readings(one)
+        add_output_options(one, f"NAME_{name} beside the table")
+        one.add_argument("--station", default="", help="name of the station, if there are several")
+        if name == "evaluate":
+            one.add_argument(
+                "--uncertainty",
+                type=Path,
+                metavar="FILE",
+                help="measuring conditions for U of ISO 230-2 and -6, as for 'stepdiag iso230'",
+            )
+    points = _command(
+        what, "multilaterate", "points and error curves from four stations or more", run_points
+    )
+    _add_readings(points)
+    points.add_argument(
+        "--chain", choices=CHAINS, required=True, help="axes from workpiece to tool"
+    )
+    points.add_argument(
+        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
+    )
+    add_result_options(points, "NAME_multilaterate beside the table")
+    figures = _command(what, "figures", "compute Figs. 4 and 5 of Chen et al. 2018", run_figures)
+    add_output_options(figures, "tracker_figures")
+
+
+def _command(
+    what: "_SubParsersAction[ArgumentParser]", name: str, text: str, run: Any
+) -> ArgumentParser:
+    parser: ArgumentParser = what.add_parser(
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=_TABLE + "\n" + _EXAMPLES,
+        formatter_class=HelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_readings(parser: ArgumentParser) -> None:
+    parser.add_argument("table", type=Path, help="readings (.csv), see below")
+    _add_tracker(parser)
+
+
+def _add_tracker(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--tracker", default="demo", help="YAML file, or a name (default: demo): limits and noise"
+    )
+
+
+def _add_station(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--station",
+        nargs=3,
+        type=partial(number, low=-100.0, high=100.0),
+        action="append",
+        required=True,
+        metavar=("X", "Y", "Z"),
+        help="place of the tracker in machine coordinates, m; again for each further station",
+    )
+
+
+def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
+    parser = _command(what, "plan", "make the places, a picture and the NC program", run_plan)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--machine", help="YAML file, or a name: its travel is the volume")
+    where.add_argument(
+        "--box",
+        nargs=6,
+        type=partial(number, low=-100.0, high=100.0),
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="the volume in machine coordinates, m",
+    )
+    _add_station(parser)
+    _add_tracker(parser)
+    parser.add_argument(
+        "--grid",
+        type=int,
+        metavar="N",
+        help="plan N x N x N places for multilateration instead of seven lines",
+    )
+    parser.add_argument("--targets", type=int, default=11, help="on each line (default: 11)")
+    parser.add_argument("--runs", type=int, default=5, help="each way (default: 5)")
+    parser.add_argument("--places", type=int, default=10, help="that locate it (default: 10)")
+    parser.add_argument(
+        "--overrun",
+        type=partial(number, low=0.0, high=1.0),
+        default=2e-3,
+        metavar="M",
+        help="beyond the first and last target, m (default: 0.002)",
+    )
+    parser.add_argument("--nc", action="store_true", help="write the NC programs (ISO 6983)")
+    parser.add_argument(
+        "--feed",
+        type=partial(number, low=1e-6, high=10.0),
+        default=0.05,
+        metavar="M/S",
+        help="of the NC programs, m/s (default: 0.05)",
+    )
+    parser.add_argument(
+        "--dwell",
+        type=partial(number, low=0.0, high=600.0),
+        default=3.0,
+        metavar="S",
+        help="at each place in the NC programs, s (default: 3)",
+    )
+    parser.add_argument("--output", type=Path, default=Path("tracker_plan"), metavar="FOLDER")
+    parser.add_argument("--pictures", choices=("png", "svg", "pdf", "none"), default="png")
+    parser.add_argument("--force", action="store_true", help="replace files that are there")
+    parser.add_argument("--json", action="store_true", help="print the names of the files as JSON")
+
+
+def _add_simulate(what: "_SubParsersAction[ArgumentParser]") -> None:
+    parser = _command(
+        what, "simulate", "measure planned places on a simulated machine", run_simulate
+    )
+    parser.add_argument("table", type=Path, help="places (.csv), see below")
+    _add_station(parser)
+    _add_tracker(parser)
+    parser.add_argument("--cell", required=True, help="YAML file, or a name: the machine's errors")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="default: readings.csv beside the table"
+    )
+    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument("--json", action="store_true", help="print what was written as JSON")
+
+
+def run_plan(arguments: Namespace) -> int:
+    """Plan a measurement; see the module."""
+    import sys
+
+    import numpy as np
+
+    from stepdiag_ros.bags.tracker_table import table_text
+    from stepdiag_ros.configuration import load_tracker
+    from stepdiag_ros.metrology.tracker.campaign import grid_readings
+    from stepdiag_ros.metrology.tracker.expectation import expect
+    from stepdiag_ros.metrology.tracker.readings import points_of, stations_of
+    from stepdiag_ros.metrology.tracker.seven_lines import make_test
+    from stepdiag_ros.planning.tracker_program import tracker_program
+    from stepdiag_ros.report.publish import write_results
+    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tracker import print_test
+    from stepdiag_ros.report.tracker_figures import space_picture
+
+    tracker, _ = load_tracker(arguments.tracker)
+    box = _box(arguments)
+    stations = [np.array(station) for station in arguments.station]
+    console = make_console(sys.stderr if arguments.json else sys.stdout)
+    drawn: dict[str, Any] = {}
+    if arguments.grid is not None:
+        readings = grid_readings(box, stations, tracker, arguments.grid)
+        locating = np.unique(points_of(readings), axis=0)
+        console.print(f"{len(readings)} places of a grid from {len(stations)} stations")
+    else:
+        found: list[TrackerReading] = []
+        for count, station in enumerate(stations, start=1):
+            test = make_test(
+                box,
+                station,
+                tracker,
+                targets=arguments.targets,
+                runs=arguments.runs,
+                overrun=arguments.overrun,
+                locating=arguments.places,
+            )
+            found += test.readings(str(count))
+            print_test(test, expect(test, tracker), str(count), console)
+            drawn, locating = {line.name: line.targets for line in test.lines}, test.locating
+        readings = tuple(found)
+    contents = {"places.csv": table_text(readings)}
+    if arguments.nc:
+        for (name, group), station in zip(stations_of(readings).items(), stations, strict=True):
+            contents[f"station_{name}.nc"] = tracker_program(
+                group,
+                station,
+                tracker,
+                box,
+                feed_m_per_s=arguments.feed,
+                name=f"Tracker measurement, station {name}",
+                dwell_s=arguments.dwell,
+                overrun=0.0 if arguments.grid is not None else arguments.overrun,
+            )
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    _refuse_overwriting((arguments.output / name for name in contents), arguments.force)
+    with progress_bar("writing"):
+        files = write_results(
+            arguments.output,
+            contents,
+            lambda: {"places": space_picture(box, stations, locating, drawn)},
+            formats,
+        )
+    if arguments.json:
+        print(json.dumps({"files": [str(path) for path in files], "places": len(readings)}))
+    else:
+        say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
+    return 0
+
+
+def run_simulate(arguments: Namespace) -> int:
+    """Simulate readings; see the module."""
+    import numpy as np
+
+    from stepdiag_ros.bags.tracker_table import read_table, table_text
+    from stepdiag_ros.configuration import load_cell, load_tracker
+    from stepdiag_ros.metrology.tracker.campaign import simulate_readings
+    from stepdiag_ros.report.publish import write_results
+
+    tracker, _ = load_tracker(arguments.tracker)
+    cell, _ = load_cell(arguments.cell)
+    readings = simulate_readings(
+        read_table(arguments.table, planned=True),
+        [np.array(station) for station in arguments.station],
+        tracker,
+        cell,
+        arguments.seed,
+    )
+    target = arguments.output or arguments.table.parent / "readings.csv"
+    _refuse_overwriting([target], arguments.force)
+    write_results(target.parent, {target.name: table_text(readings)}, dict, ())
+    if arguments.json:
+        print(json.dumps({"table": str(target), "readings": len(readings)}))
+    else:
+        print(f"{target}: {len(readings)} readings")
+    return 0
+
+
+def run_locate(arguments: Namespace) -> int:
+    """Locate the tracker; see the module."""
+    return _show_station(arguments, "locate")
+
+
+def run_evaluate(arguments: Namespace) -> int:
+    """Evaluate a seven-line test; see the module."""
+    return _show_station(arguments, "evaluate")
+
+
+def _show_station(arguments: Namespace, what: str) -> int:
+    from stepdiag_ros.configuration import load_tracker
+    from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
+    from stepdiag_ros.report.tracker import TrackerReport, print_tracker, tracker_json
+    from stepdiag_ros.report.tracker_figures import draw_tracker
+
+    station, readings = _one_station(arguments)
+    tracker, _ = load_tracker(arguments.tracker)
+    if what == "evaluate":
+        result = evaluate_test(readings, _conditions(arguments.uncertainty), tracker.minimum_range)
+        report = TrackerReport(str(arguments.table), station, result.location, result)
+    else:
+        location = locate_from(readings, tracker.minimum_range)
+        report = TrackerReport(str(arguments.table), station, location)
+    return show(
+        f"tracker_{what}",
+        tracker_json(report),
+        lambda console: print_tracker(report, console),
+        lambda: draw_tracker(report),
+        arguments,
+        arguments.table.parent / f"{arguments.table.stem}_{what}",
+    )
+
+
+def run_points(arguments: Namespace) -> int:
+    """Multilaterate; see the module."""
+    from stepdiag_ros.bags.tracker_table import read_table
+    from stepdiag_ros.configuration import load_cell
+    from stepdiag_ros.metrology.plan import Volume
+    from stepdiag_ros.metrology.tracker.campaign import points_from
+    from stepdiag_ros.metrology.tracker.curves import error_curves, grid_of
+    from stepdiag_ros.report.build import truth_of
+    from stepdiag_ros.report.content import Report
+
+    readings = read_table(arguments.table)
+    with progress_bar("multilaterating"):
+        points = points_from(readings)
+        result = error_curves(points, arguments.chain)
+    truth = None
+    if arguments.cell:
+        volume: Volume = grid_of(points.commanded)
+        truth = truth_of(load_cell(arguments.cell)[0], volume, ())
+    report = Report(
+        results=(result,),
+        chain=arguments.chain,
+        plan=arguments.table.stem,
+        truth=truth,
+        remarks=(f"{len(points.commanded)} points from {len(points.stations)} stations",),
+    )
+    folder = arguments.table.parent / f"{arguments.table.stem}_multilaterate"
+    return show_report(report, arguments, folder)
+
+
+def run_figures(arguments: Namespace) -> int:
+    """Compute the document's figures; see the module."""
+    from stepdiag_ros.metrology.tracker.document_figures import figure_five, figure_four
+    from stepdiag_ros.report.tracker import figure_sentences, figures_json, location_table
+    from stepdiag_ros.report.tracker_figures import document_pictures
+
+    four, five = figure_four(), figure_five()
+
+    def tell(console: Any) -> None:
+        console.print(location_table(five.location))
+        for text in figure_sentences(four, five):
+            console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    return show(
+        "tracker_figures",
+        figures_json(four, five),
+        tell,
+        lambda: document_pictures(four, five),
+        arguments,
+        Path("tracker_figures"),
+    )
+
+
+def _refuse_overwriting(paths: Iterable[Path], force: bool) -> None:
+    for path in paths:
+        if path.exists() and not force:
+            raise ValueError(f"{path} is there already; --force replaces it")
+
+
+def _one_station(arguments: Namespace) -> "tuple[str, tuple[TrackerReading, ...]]":
+    from stepdiag_ros.bags.tracker_table import read_table
+    from stepdiag_ros.metrology.tracker.readings import stations_of
+
+    groups = stations_of(read_table(arguments.table))
+    if arguments.station:
+        if arguments.station not in groups:
+            raise ValueError(
+                f"{arguments.table}: there is no station '{arguments.station}'; there are"
+                f" {', '.join(groups)}"
+            )
+        return arguments.station, groups[arguments.station]
+    if len(groups) > 1:
+        raise ValueError(
+            f"{arguments.table} has the stations {', '.join(groups)}: choose one with --station"
+        )
+    return next(iter(groups.items()))
+
+
+def _conditions(path: Path | None) -> Any:
+    from stepdiag_ros.configuration import read_yaml
+    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+
+    if path is None:
+        return UncertaintyDescription()
+    return UncertaintyDescription.from_mapping(read_yaml(path), str(path))
+
+
+def _box(arguments: Namespace) -> "Box":
+    import numpy as np
+
+    from stepdiag_ros.configuration import load_machine
+    from stepdiag_ros.metrology.tracker.seven_lines import Box
+
+    if arguments.box:
+        return Box(np.array(arguments.box[:3]), np.array(arguments.box[3:]))
+    machine, _ = load_machine(arguments.machine)
+    return Box(np.array(machine.travel_low_m), np.array(machine.travel_high_m))

@@ -1,0 +1,165 @@
+"""Measurements from several stations: their places, their simulation, and the points from them."""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.evaluation import locate_from
+from stepdiag_ros.metrology.tracker.instrument import Tracker
+from stepdiag_ros.metrology.tracker.lengths import machine_lengths
+from stepdiag_ros.metrology.tracker.location import LEAST_POINTS, locate
+from stepdiag_ros.metrology.tracker.multilateration import Points, multilaterate
+from stepdiag_ros.metrology.tracker.readings import (
+    GRID,
+    LOCATE,
+    TrackerReading,
+    changes_of,
+    measured,
+    points_of,
+    stations_of,
+    uncertainties_of,
+)
+from stepdiag_ros.metrology.tracker.seven_lines import Box
+
+_LEAST_NODES = 2
+_MOST_NODES = 12
+
+
+def grid_readings(
+    box: Box, stations: Sequence[Vector], tracker: Tracker, nodes: int
+) -> tuple[TrackerReading, ...]:
+    """Return the places of a grid that each station can see, not yet measured.
+
+    Neighbours follow each other: X runs to and fro within Y, and Y within Z.
+
+    Args:
+        box: that the grid fills.
+        stations: rough places of the tracker, m.
+        tracker: its limits.
+        nodes: places along each axis, 2 to 12.
+
+    Raises:
+        PoorGeometry: a station sees too few places to be located from them.
+        ValueError: another number of nodes.
+    """
+    if not _LEAST_NODES <= nodes <= _MOST_NODES:
+        raise ValueError(f"{nodes} places along an axis; expected {_LEAST_NODES} to {_MOST_NODES}")
+    sides = [np.linspace(box.low[axis], box.high[axis], nodes) for axis in range(3)]
+    order = []
+    for level, row in product(range(nodes), range(nodes)):
+        rows = row if level % 2 == 0 else nodes - 1 - row
+        columns = range(nodes) if (level * nodes + row) % 2 == 0 else range(nodes - 1, -1, -1)
+        order += [(column, rows, level) for column in columns]
+    made = []
+    for number, station in enumerate(stations, start=1):
+        seen = 0
+        for stop, (x, y, z) in enumerate(order):
+            place = np.array([sides[0][x], sides[1][y], sides[2][z]])
+            if tracker.unseen(place, np.asarray(station)):
+                continue
+            seen += 1
+            triple = (float(place[0]), float(place[1]), float(place[2]))
+            made.append(TrackerReading(str(number), GRID, 1, FORWARD, stop, triple))
+        if seen < LEAST_POINTS:
+            raise PoorGeometry(
+                f"station {number} sees {seen} places of the grid; {LEAST_POINTS} or more are"
+                " needed; place it elsewhere"
+            )
+    return tuple(made)
+
+
+def simulate_readings(
+    readings: Sequence[TrackerReading],
+    stations: Sequence[Vector],
+    tracker: Tracker,
+    cell: SimulatedCell,
+    seed: int = 0,
+) -> tuple[TrackerReading, ...]:
+    """Measure places on a simulated machine.
+
+    Each station's counter is zeroed at its first place; that length has noise like any other.
+
+    Args:
+        readings: places, as planned.
+        stations: true places of the tracker in the order in which the stations come, m.
+        tracker: its noise.
+        cell: the machine and the reflector's offset.
+        seed: of the noise.
+
+    Returns:
+        the same readings with length changes and their standard uncertainties.
+
+    Raises:
+        ValueError: another number of stations than the readings have.
+    """
+    groups = stations_of(readings)
+    if len(groups) != len(stations):
+        raise ValueError(
+            f"the table has {len(groups)} stations ({', '.join(groups)}), but {len(stations)}"
+            " places of the tracker were given"
+        )
+    rng = np.random.default_rng(seed)
+    offset = np.asarray(cell.mirror_offset)
+    made: list[TrackerReading] = []
+    for group, station in zip(groups.values(), stations, strict=True):
+        length = machine_lengths(
+            points_of(group), station, cell.errors, cell.chain, offset if offset.any() else None
+        )
+        spread = tracker.uncertainty(length)
+        read = length + spread * rng.standard_normal(len(length))
+        # The noise of the zero is a constant of the station, which every estimate leaves free.
+        known = spread if np.all(spread > 0) else np.full(len(spread), np.nan)
+        made += measured(group, read - read[0], known)
+    return tuple(made)
+
+
+def points_from(readings: Sequence[TrackerReading]) -> Points:
+    """Return multilaterated points from the readings ``grid`` of several stations.
+
+    Rough places of the stations come from their readings ``locate``, or else from the grid itself;
+    several readings of a place from one station count as their weighted mean.
+
+    Raises:
+        PoorGeometry: too few stations or points, or a station that cannot be located.
+    """
+    groups = stations_of(readings)
+    grids = {
+        name: [reading for reading in group if reading.line == GRID]
+        for name, group in groups.items()
+    }
+    grids = {name: group for name, group in grids.items() if group}
+    if not grids:
+        raise PoorGeometry("there is no reading 'grid' to multilaterate")
+    places = np.array(
+        sorted({tuple(np.round(r.position, 9)) for group in grids.values() for r in group})
+    )
+    index = {tuple(place): row for row, place in enumerate(places)}
+    changes = np.full((len(places), len(grids)), np.nan)
+    spread = np.full(changes.shape, np.nan)
+    rough, starts = [], []
+    for column, (name, group) in enumerate(grids.items()):
+        rows = np.array([index[tuple(np.round(r.position, 9))] for r in group])
+        for row in np.unique(rows):
+            chosen = rows == row
+            values, uncertainty = changes_of(group)[chosen], uncertainties_of(group)[chosen]
+            weight = 1.0 / uncertainty**2 if np.all(np.isfinite(uncertainty)) else None
+            changes[row, column] = np.average(values, weights=weight)
+            if weight is not None:
+                spread[row, column] = 1.0 / np.sqrt(np.sum(weight))
+        try:
+            if sum(reading.line == LOCATE for reading in groups[name]) >= LEAST_POINTS:
+                found = locate_from(groups[name])
+            else:
+                found = locate(points_of(group), changes_of(group))
+        except PoorGeometry as error:
+            raise PoorGeometry(f"station {name}: {error}") from None
+        rough.append(found.position)
+        starts.append(found.start_length)
+    return multilaterate(
+        places, changes, spread, np.array(rough), np.array(starts), names=list(grids)
+    )

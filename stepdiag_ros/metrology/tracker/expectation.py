@@ -1,0 +1,85 @@
+"""What a seven-line test will tell, and how well, before anything moves.
+
+The estimators of the evaluation on the lengths of a perfect machine: their covariance does not
+depend on the readings, to first order, so it is that of the measurement to come as far as the
+lengths alone decide. The machine's repeatability and its other errors come on top.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.instrument import Tracker
+from stepdiag_ros.metrology.tracker.joint import NAMES, estimate
+from stepdiag_ros.metrology.tracker.lengths import lengths
+from stepdiag_ros.metrology.tracker.location import locate
+from stepdiag_ros.metrology.tracker.readings import points_of
+from stepdiag_ros.metrology.tracker.separation import separate
+from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """Standard uncertainties to come.
+
+    Attributes:
+        position: of the tracker's x, y, z from its places alone, m, shape (3,).
+        joint: name in ``joint.NAMES`` → standard uncertainty, m/m or rad, or NaN if not told.
+        separations: line along an axis → (u of scale, u of lean towards the tracker, correlation)
+            from its readings alone, or in words why not.
+        warnings: about the geometry of the places, in words.
+    """
+
+    position: Vector
+    joint: dict[str, float]
+    separations: dict[str, "tuple[float, float, float] | str"]
+    warnings: tuple[str, ...]
+
+
+def expect(test: SevenLineTest, tracker: Tracker) -> Expectation:
+    """Return how well a test will tell the tracker's place, positioning and squareness.
+
+    Raises:
+        PoorGeometry: the places do not locate the tracker.
+        ValueError: the tracker is said to have no noise, so nothing can be expected of it.
+    """
+    if tracker.length_noise == 0 and tracker.length_proportional == 0:
+        raise ValueError("a tracker without noise has no uncertainty to expect")
+    places = lengths(test.locating, test.station)
+    location = locate(test.locating, places - places[0], tracker.uncertainty(places))
+    points = points_of(test.readings())
+    every = lengths(points, test.station)
+    try:
+        made = estimate(
+            points, every - every[0], tracker.uncertainty(every), test.station, float(every[0])
+        )
+        joint = dict(zip(NAMES, map(float, made.standard_uncertainty), strict=True))
+    except PoorGeometry:
+        joint = dict.fromkeys(NAMES, float("nan"))
+    separations: dict[str, tuple[float, float, float] | str] = {}
+    for line in test.lines:
+        if len(line.name) > 1:
+            continue
+        targets = np.tile(line.targets, (2 * test.runs, 1))
+        seen = lengths(targets, test.station)
+        try:
+            one = separate(
+                targets,
+                seen - places[0],
+                tracker.uncertainty(seen),
+                test.station,
+                location.covariance,
+                float(places[0]),
+            )
+        except PoorGeometry as error:
+            separations[line.name] = str(error)
+            continue
+        separations[line.name] = (*one.standard_uncertainty, one.correlation)
+    return Expectation(
+        location.standard_uncertainty[:3],
+        joint,
+        separations,
+        tuple(location.warnings),
+    )

@@ -1,0 +1,451 @@
+"""A seven-line test with a tracker as tables, sentences and JSON."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
+from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
+from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineResult
+from stepdiag_ros.metrology.tracker.expectation import Expectation
+from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
+from stepdiag_ros.metrology.tracker.location import Location
+from stepdiag_ros.metrology.tracker.separation import Separation
+from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
+from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.report.positioning import decimals_of, target_table, written
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+DOCUMENT_VERSION = 1
+_MILLI = 1e3
+_PARAMETERS = ("E", "B", "M", "R", "A")
+
+
+@dataclass(frozen=True)
+class TrackerReport:
+    """What is shown of one station.
+
+    Attributes:
+        source: file of the readings.
+        station: name of the tracker's place.
+        location: of the tracker.
+        result: of the seven lines; None if only the place was asked for.
+    """
+
+    source: str
+    station: str
+    location: Location
+    result: SevenLineResult | None = None
+
+
+def location_table(location: Location) -> Table:
+    """Return where the tracker is: eq. 1 and refined, with U (95 %)."""
+    factor = location.adjustment.coverage_factor
+    table = new_table(
+        "Tracker (machine coordinates of the reflector that would meet it)",
+        "",
+        "unit",
+        "linear, ATLI eq. 1",
+        "refined ± U",
+    )
+    values = np.append(location.position, location.start_length)
+    spreads = location.standard_uncertainty
+    names = ("X", "Y", "Z", "L0, length at the zero")
+    for name, value, spread, linear in zip(names, values, spreads, location.linear, strict=True):
+        table.add_row(
+            name, "mm", plain(linear * _MILLI, 4), _value(value, factor * spread, _MILLI, 4)
+        )
+    fit = location.adjustment
+    table.add_row("largest residual", "µm", "", plain(np.max(np.abs(fit.residuals)) * MICRO))
+    table.add_row("degrees of freedom", "", "", str(fit.degrees_of_freedom))
+    table.add_row("condition number", "", "", f"{fit.condition:.3g}")
+    table.add_row("u(position) / u(length)", "", "", f"{location.dilution:.3g}")
+    return table
+
+
+def joint_table(joint: JointEstimate) -> Table:
+    """Return scales and squareness from all readings together."""
+    factor = joint.adjustment.coverage_factor
+    table = new_table(
+        "Positioning and squareness from all readings, with the tracker's place",
+        "",
+        "unit",
+        "value ± U",
+    )
+    table.min_width = len(str(table.title))
+    for name, value, spread in zip(NAMES, joint.values, joint.standard_uncertainty, strict=True):
+        expanded = factor * spread
+        table.add_row(name, "µm/m", _value(value, expanded, MICRO, 2))
+        if not name.startswith("scale"):
+            table.add_row("", "arcsec", _value(value, expanded, ARC_SECONDS, 3))
+    return table
+
+
+def lines_table(result: SevenLineResult) -> Table:
+    """Return the parameters of the standards for each line, by both places of the tracker."""
+    table = new_table(
+        "Lines by ISO 230-2 (X, Y, Z) and ISO 230-6, µm",
+        "line",
+        "tracker from",
+        *_PARAMETERS,
+        "slope / µm/m ± U",
+    )
+    table.columns[1].justify = "left"
+    both = [("places alone", result.located), ("all readings", result.corrected)]
+    for index in range(len(result.located.tests)):
+        for title, lines in both:
+            if lines is None:
+                continue
+            test, slope = lines.tests[index], lines.slopes[index]
+            decimals = decimals_of([test])
+            table.add_row(
+                test.name if lines is result.located else "",
+                title,
+                *(_written_short(test, name, decimals) for name in _PARAMETERS),
+                _value(slope.slope, 1.96 * slope.standard_uncertainty, MICRO, 2),
+            )
+    return table
+
+
+def _written_short(test: Any, name: str, decimals: int) -> str:
+    value, spread = test.parameters[name], test.expanded_uncertainty[name]
+    if math.isfinite(spread) or not math.isfinite(value):
+        return written(value, spread, decimals)
+    return plain(value * MICRO, decimals)
+
+
+def squareness_rows(result: SevenLineResult) -> Table | None:
+    """Return squareness from the face lines' slopes beside the joint estimate; None without."""
+    sources: list[tuple[str, LineEvaluation]] = [("slopes, tracker from places", result.located)]
+    if result.corrected is not None:
+        sources.append(("slopes, tracker from all", result.corrected))
+    rows = [(title, one) for title, lines in sources for one in lines.squareness]
+    closures = [(title, lines) for title, lines in sources if math.isfinite(lines.closure)]
+    if not rows and not closures:
+        return None
+    table = new_table("Squareness from the face lines", "", "from", "µm/m ± U")
+    table.min_width = len(str(table.title))
+    table.columns[1].justify = "left"
+    for title, one in rows:
+        table.add_row(one.name, title, _value(one.value, 1.96 * one.standard_uncertainty, MICRO, 2))
+    for title, lines in closures:
+        written_closure = _value(lines.closure, 1.96 * lines.closure_uncertainty, MICRO, 2)
+        table.add_row("closure of xyz", title, written_closure)
+    return table
+
+
+def separation_table(separations: "dict[str, Separation | str]") -> Table | None:
+    """Return positioning and squareness from single lines; None where no line tells them."""
+    found = {name: one for name, one in separations.items() if isinstance(one, Separation)}
+    if not found:
+        return None
+    table = new_table(
+        "Separated from the readings of one line, tracker from places alone",
+        "line",
+        "scale / µm/m ± U",
+        "lean to the tracker / µm/m ± U",
+        "direction of the lean",
+        "offset / mm",
+        "correlation",
+    )
+    for name, one in found.items():
+        factor = one.adjustment.coverage_factor
+        spread = one.standard_uncertainty
+        table.add_row(
+            name,
+            _value(one.scale, factor * spread[0], MICRO, 2),
+            _value(one.lean, factor * spread[1], MICRO, 2),
+            "({:.2f}, {:.2f}, {:.2f})".format(*(one.towards + 0.0)),
+            plain(one.offset * _MILLI, 2),
+            plain(one.correlation, 3),
+        )
+    return table
+
+
+def sentences_of(report: TrackerReport) -> list[str]:
+    """Return what the reader must know, in words, each once."""
+    location = report.location
+    said = [f"Warning: {text}" for text in location.warnings]
+    said += location.remarks
+    said.append(
+        "U: 95 %, of the lengths alone; Student's factor where their uncertainty was taken from"
+        " the residuals."
+    )
+    result = report.result
+    if result is not None:
+        if result.joint is not None:
+            said.append(f"Frame of the joint estimate: {result.joint.frame}.")
+            said += [f"Warning, joint estimate: {text}" for text in result.joint.warnings]
+            if result.joint.warnings:
+                said.append(
+                    "The joint estimate knows of scales and squareness only; its U is widened by"
+                    " the size of the residuals."
+                )
+        said.append(
+            f"Squareness sign: {RIGHT_HANDED}. By the other definition ({OVER_90_DEGREES}) B0Z has"
+            " the other sign, C0Y and A0Z the same."
+        )
+        said += result.remarks
+        for name, one in result.separations.items():
+            if isinstance(one, str):
+                said.append(f"Line {name} alone: {one}.")
+            else:
+                said += one.remarks
+        for test in result.located.tests:
+            said += [f"Line {test.name}: {text}." for text in test.remarks]
+    return list(dict.fromkeys(said))
+
+
+def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
+    """Print a report: tables, then sentences."""
+    console.print(f"Source: {report.source}, station {report.station}")
+    console.print()
+    tables = [location_table(report.location)]
+    result = report.result
+    if result is not None:
+        if result.joint is not None:
+            tables.append(joint_table(result.joint))
+        tables.append(lines_table(result))
+        for made in (squareness_rows(result), separation_table(result.separations)):
+            if made is not None:
+                tables.append(made)
+        best = result.corrected or result.located
+        tables += [target_table(test, decimals_of([test])) for test in best.tests]
+    for table in tables:
+        console.print(table)
+    for text in sentences_of(report):
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+
+def print_test(
+    test: SevenLineTest, expectation: Expectation, station: str, console: PlainConsole
+) -> None:
+    """Print a planned test: its lines, what it will tell, what is left out, remarks."""
+    table = new_table(
+        f"Seven-line test, station {station}",
+        "line",
+        "from / mm",
+        "to / mm",
+        "length / mm",
+        "targets",
+        "tracker beside / mm",
+        "beam off the line",
+    )
+    for line in test.lines:
+        table.add_row(
+            line.name,
+            _place(line.targets[0]),
+            _place(line.targets[-1]),
+            plain(line.length * _MILLI, 1),
+            str(len(line.targets)),
+            plain(line.offset * _MILLI, 1),
+            f"{np.degrees(line.obliqueness):.0f}°",
+        )
+    console.print(table)
+    console.print(f"{len(test.locating)} places locate the tracker; {test.runs} runs each way.")
+    told = new_table("Expected U (95 %) of the lengths alone", "", "unit", "U")
+    told.min_width = len(str(told.title))
+    for letter, spread in zip("XYZ", expectation.position, strict=True):
+        told.add_row(f"tracker {letter}, from its places", "µm", plain(1.96 * spread * MICRO))
+    for name, spread in expectation.joint.items():
+        told.add_row(f"{name}, from all readings", "µm/m", plain(1.96 * spread * MICRO))
+    for name, one in expectation.separations.items():
+        if not isinstance(one, str):
+            for what, spread in zip(("scale", "lean to the tracker"), one, strict=False):
+                told.add_row(f"line {name} alone, {what}", "µm/m", plain(1.96 * spread * MICRO))
+    console.print(told)
+    for name, one in expectation.separations.items():
+        if isinstance(one, str):
+            console.print(f"Line {name} alone: {one}.")
+    for text in expectation.warnings:
+        console.print(text)
+    for name, reason in test.left_out.items():
+        console.print(f"Left out: line {name}, {reason}.")
+    for text in test.remarks:
+        console.print(text)
+
+
+def tracker_json(report: TrackerReport) -> str:
+    """Return the report as JSON text; SI, ``null`` where not known."""
+    document: dict[str, Any] = {
+        "document_version": DOCUMENT_VERSION,
+        "software_version": __version__,
+        "source": report.source,
+        "station": report.station,
+        "location": _location_document(report.location),
+    }
+    result = report.result
+    if result is not None:
+        document |= {
+            "squareness_sign": RIGHT_HANDED,
+            "joint": None if result.joint is None else _joint_document(result.joint),
+            "lines_with_tracker_from_places": _lines_document(result.located),
+            "lines_with_tracker_from_all_readings": (
+                None if result.corrected is None else _lines_document(result.corrected)
+            ),
+            "separations": {
+                name: {"refused": one} if isinstance(one, str) else _separation_document(one)
+                for name, one in result.separations.items()
+            },
+        }
+    document["sentences"] = sentences_of(report)
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def figures_json(four: FigureFour, five: FigureFive) -> str:
+    """Return the curves of ATLI Figs. 4 and 5 as JSON text; SI."""
+    curves = {
+        "figure_4": (four.towards, four.away),
+        "figure_5": (five.located, five.true_place),
+    }
+    document: dict[str, Any] = {
+        "document_version": DOCUMENT_VERSION,
+        "software_version": __version__,
+        "location_of_figure_5": _location_document(five.location),
+        "shift_of_figure_5": _numbers(five.shift),
+    }
+    for name, pair in curves.items():
+        document[name] = [
+            {
+                "label": one.label,
+                "distance": _numbers(one.distance),
+                "deviation": _numbers(one.deviation),
+            }
+            for one in pair
+        ]
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
+    """Say what the curves of ATLI Figs. 4 and 5 show, and which geometry gives them."""
+    towards, away = four.towards.deviation * MICRO, four.away.deviation * MICRO
+    half = towards[len(towards) // 2]
+    located = five.located.deviation * MICRO
+    lowest = int(np.argmin(located))
+    scatter = five.location.adjustment.uncertainty[0] * MICRO
+    shift = five.shift * _MILLI
+    return [
+        f"Fig. 4: squareness {np.degrees(four.gamma):.2g}° alone, tracker on the nominal line"
+        f" {four.distance:.3g} m ahead of its start: the deviation is {half:.2f} µm at half the"
+        f" length and {towards[-1]:.2f} µm at its end, so it grows faster than the length. With the"
+        f" tracker as far behind the start it is {away[-1]:.2f} µm at the end and grows more slowly"
+        " than the length.",
+        f"Fig. 5: squareness {np.degrees(five.errors.gamma):.2g}°, positioning"
+        f" {five.errors.scale * MICRO:.3g} µm/m, tracker located from six places that the same"
+        f" machine reached: it is ({shift[0]:+.2f}, {shift[1]:+.2f}, {shift[2]:+.2f}) mm away from"
+        f" its estimated place. The deviation begins at {located[0]:.1f} µm, falls to"
+        f" {located[lowest]:.1f} µm at {five.located.distance[lowest]:.2f} m from the tracker and"
+        f" rises to {located[-1]:.1f} µm.",
+        f"The residuals of these six places are {scatter:.0f} µm in size, of the order of the 13 µm"
+        " that the document expected. They say nothing of the millimetres by which the place is"
+        " wrong: the fit has taken these up.",
+        "Reckoned from the tracker's true place the same line shows its positioning error and no"
+        " offset: squareness changes next to nothing along a line that runs away from the tracker.",
+    ]
+
+
+def _location_document(location: Location) -> dict[str, Any]:
+    fit = location.adjustment
+    return {
+        "position": _numbers(location.position),
+        "start_length": _number(location.start_length),
+        "covariance": [_numbers(row) for row in location.covariance],
+        "linear": _numbers(location.linear),
+        "residuals": _numbers(fit.residuals),
+        "standardised_residuals": _numbers(fit.standardised),
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "chi_squared": _number(fit.chi_squared),
+        "coverage_factor": _number(fit.coverage_factor),
+        "condition": _number(fit.condition),
+        "dilution": _number(location.dilution),
+        "warnings": list(location.warnings),
+    }
+
+
+def _joint_document(joint: JointEstimate) -> dict[str, Any]:
+    return {
+        "names": list(NAMES),
+        "values": _numbers(joint.values),
+        "covariance": [_numbers(row) for row in joint.covariance],
+        "position": _numbers(joint.position),
+        "start_length": _number(joint.start_length),
+        "degrees_of_freedom": joint.adjustment.degrees_of_freedom,
+        "chi_squared": _number(joint.adjustment.chi_squared),
+        "frame": joint.frame,
+        "warnings": list(joint.warnings),
+    }
+
+
+def _separation_document(one: Separation) -> dict[str, Any]:
+    return {
+        "scale": one.scale,
+        "lean": one.lean,
+        "covariance": [_numbers(row) for row in one.covariance],
+        "correlation": _number(one.correlation),
+        "towards": _numbers(one.towards),
+        "offset": one.offset,
+        "along": one.along,
+        "residuals": _numbers(one.residuals),
+    }
+
+
+def _lines_document(lines: LineEvaluation) -> dict[str, Any]:
+    return {
+        "tests": [
+            {
+                "name": test.name,
+                "standard": test.standard,
+                "target": _numbers(test.target),
+                "mean_forward": _numbers(test.mean_forward),
+                "mean_backward": _numbers(test.mean_backward),
+                "parameters": {name: _number(v) for name, v in test.parameters.items()},
+                "expanded_uncertainty": {
+                    name: _number(v) for name, v in test.expanded_uncertainty.items()
+                },
+            }
+            for test in lines.tests
+        ],
+        "slopes": {
+            slope.name: {
+                "value": _number(slope.slope),
+                "standard_uncertainty": _number(slope.standard_uncertainty),
+            }
+            for slope in lines.slopes
+        },
+        "squareness": {
+            one.name: {
+                "value": _number(one.value),
+                "standard_uncertainty": _number(one.standard_uncertainty),
+            }
+            for one in lines.squareness
+        },
+        "closure": _number(lines.closure),
+        "closure_standard_uncertainty": _number(lines.closure_uncertainty),
+    }
+
+
+def _value(value: float, expanded: float, scale: float, decimals: int) -> str:
+    if not math.isfinite(value):
+        return UNKNOWN
+    if not math.isfinite(expanded):
+        return f"{plain(value * scale, decimals)} ± {UNKNOWN}"
+    text, spread = with_uncertainty(value * scale, expanded * scale)
+    return f"{text} ± {spread}"
+
+
+def _place(place: Sequence[float]) -> str:
+    return ", ".join(f"{value * _MILLI:.1f}" for value in place)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(value) for value in np.asarray(values, dtype=np.float64)]
