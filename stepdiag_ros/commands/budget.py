@@ -1,0 +1,153 @@
+"""``stepdiag budget``: how well the result of a bag is known, and what that is made of."""
+
+import io
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.corrections import add_correction_options, corrected
+from stepdiag_ros.commands.output import HelpFormatter, number, progress_bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+_PICTURE_CHOICES = ("png", "svg", "pdf", "none")
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "budget",
+        help="uncertainty budget of a result by its sources, checked by Monte Carlo",
+        description="Show for every result of a bag (squareness, positioning, straightness, the"
+        " curves at every node) what each source adds to its uncertainty: laser, air, dead path,"
+        " material, setup, repeatability, drift. Combined by the GUM with all correlations, and on"
+        " request checked by Monte Carlo over all sources through the solver itself (JCGM 101)."
+        " What the instrument file does not tell stays unknown, and the total is then a lower"
+        " bound.",
+        epilog="examples:\n"
+        "  stepdiag budget run.mcap                        what the readings alone tell\n"
+        "  stepdiag budget run.mcap --instrument demo      with config/instruments/demo.yaml\n"
+        "  stepdiag budget run.mcap --instrument my.yaml --monte-carlo\n"
+        "  stepdiag budget run.mcap --instrument demo --expansion-per-K 11.5e-6 --json",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    parser.add_argument(
+        "--instrument",
+        metavar="NAME|FILE",
+        help="what is known of laser, sensors, material and setup: a YAML file, or a name in"
+        " config/instruments such as demo (default: nothing is known but the readings)",
+    )
+    parser.add_argument(
+        "--method",
+        default="least_squares",
+        help="conventional, setup_robust, alternative, least_squares (default) or rigid_body",
+    )
+    parser.add_argument(
+        "--coverage",
+        type=partial(number, low=0.5, high=0.9999),
+        default=0.95,
+        metavar="P",
+        help="probability of the expanded uncertainty (default: 0.95)",
+    )
+    parser.add_argument(
+        "--monte-carlo",
+        action="store_true",
+        help="check the budget by the adaptive Monte Carlo method, and say where it is valid",
+    )
+    parser.add_argument(
+        "--digits",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="significant digits of u that Monte Carlo settles (default: 1)",
+    )
+    parser.add_argument(
+        "--trials",
+        type=partial(number, low=5e4, high=1e7),
+        default=400_000.0,
+        metavar="N",
+        help="most trials of the Monte Carlo method (default: 400000)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the random numbers of Monte Carlo (default: 0)"
+    )
+    parser.add_argument(
+        "--recorded-lines",
+        action="store_true",
+        help="take the lines as recorded, do not assemble them again from the readings",
+    )
+    add_correction_options(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON (SI units), not tables")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder for budget.json, budget.txt and pictures (default: NAME_results)",
+    )
+    parser.add_argument(
+        "--pictures",
+        choices=_PICTURE_CHOICES,
+        default="png",
+        help="format of the pictures, or none (default: png)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Make and show the budget; see the module."""
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.solve import measurement_of
+    from stepdiag_ros.configuration import load_instrument
+    from stepdiag_ros.metrology.uncertainty.budget import make_budget
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+    from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
+    from stepdiag_ros.report.budget import BudgetReport, budget_json, print_budget
+    from stepdiag_ros.report.publish import results_folder, write_results
+    from stepdiag_ros.report.tables import make_console
+
+    instrument = Instrument()
+    if arguments.instrument is not None:
+        instrument = load_instrument(arguments.instrument)[0]
+    with progress_bar(f"reading {arguments.bag.name}") as progress:
+        recorded = load_run(arguments.bag)
+        measured, remark = measurement_of(recorded, arguments.recorded_lines, progress)
+    measurement, corrections = corrected(measured, arguments)
+    if not measurement.lines:
+        raise ValueError(f"{arguments.bag}: no line was finished, so there is nothing to solve")
+    budget = make_budget(
+        measurement,
+        instrument,
+        arguments.method,
+        arguments.coverage,
+        float("nan") if arguments.expansion is None else arguments.expansion,
+        arguments.material_temperature,
+    )
+    check = None
+    if arguments.monte_carlo:
+        with progress_bar("Monte Carlo") as progress:
+            check = check_budget(
+                budget, arguments.digits, int(arguments.trials), arguments.seed, progress
+            )
+    report = BudgetReport(budget, check, recorded.run_id, recorded.path, (remark, *corrections))
+    text = io.StringIO()
+    print_budget(report, make_console(text))
+    contents = {"budget.json": budget_json(report), "budget.txt": text.getvalue()}
+
+    def draw() -> "dict[str, Picture]":
+        from stepdiag_ros.report.budget_figures import draw_budget
+
+        return draw_budget(report)
+
+    folder = arguments.output or results_folder(arguments.bag)
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    files = write_results(folder, contents, draw, formats)
+    if arguments.json:
+        print(contents["budget.json"])
+    else:
+        print_budget(report, make_console(sys.stdout))
+    say(f"budget in {folder}: {', '.join(path.name for path in files)}")
+    return 0

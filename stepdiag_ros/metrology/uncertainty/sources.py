@@ -1,0 +1,253 @@
+"""The sources of uncertainty of a measurement, each with what it does to every reading.
+
+What acts on a displacement as a length (laser, air, dead path, material) is in ``length_sources``;
+here are setup, scatter, drift, misfit and the angular errors that a model leaves out.
+"""
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import levers, perpendiculars
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector
+from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
+from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
+from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
+from stepdiag_ros.metrology.uncertainty.length_sources import (
+    Readings,
+    air_sources,
+    instrument_sources,
+    material_sources,
+)
+from stepdiag_ros.metrology.uncertainty.repeats import repeats_of
+from stepdiag_ros.metrology.uncertainty.source import (
+    ANGULAR,
+    COMMON,
+    DRIFT,
+    MODEL,
+    PER_PASS,
+    PER_PLACE,
+    PER_READING,
+    REPEATABILITY,
+    SETUP,
+    SQUARED_ANGLE,
+    Source,
+    each_setup,
+)
+
+_UNKNOWN = float("nan")
+_INFINITE = float("inf")
+
+
+def sources_of(readings: Readings, instrument: Instrument, method: Estimator) -> list[Source]:
+    """Return all sources of uncertainty of a result.
+
+    Args:
+        readings: with their air and material.
+        instrument: what is known of how well everything is known.
+        method: that the result comes from; what its model holds is no source.
+    """
+    scatter = _scatter(readings)
+    angular = [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument)
+    return [
+        *instrument_sources(readings, instrument),
+        *air_sources(readings, instrument),
+        *material_sources(readings, instrument),
+        *_setup(readings, instrument, method.models_cosine),
+        *scatter,
+        *_misfit(method, scatter[0].standard_uncertainty),
+        *angular,
+    ]
+
+
+def _setup(readings: Readings, instrument: Instrument, models_cosine: bool) -> list[Source]:
+    """Return what beam and mirror do: turned together, and each against the other.
+
+    With the mirror's normal turned by t and the beam by r against it, a reading is along
+    m/(l·m) = m·(1 + r²/2): to the first order t·q, which diagonals show and linear lines do not; to
+    the second the cosine errors -t²/2 and +r²/2 of the whole displacement (METROLOGY, "Forward
+    model", with δl = t - r, δm = t).
+    """
+    seen = readings.observations
+    nominal = seen.displacement
+    diagonal = np.array([setup.diagonal for setup in seen.setups])[seen.setup]
+    pairs = np.array([perpendiculars(setup.direction) for setup in seen.setups])[seen.setup]
+    sideways = np.einsum("ncx,nx->cn", pairs, seen.way)
+    fitted = "the fit takes its first order" if models_cosine else ""
+    cosine = np.where(diagonal, 0.0, -nominal) if models_cosine else -nominal
+    made = [
+        each_setup(
+            "cosine of beam and mirror on the line",
+            SETUP,
+            _squared(instrument.alignment),
+            "relative",
+            [cosine],
+            seen.setup,
+            fitted,
+        ),
+        each_setup(
+            "cosine of beam against mirror",
+            SETUP,
+            _squared(instrument.return_angle),
+            "relative",
+            [nominal],
+            seen.setup,
+        ),
+    ]
+    if not models_cosine:
+        made.insert(
+            0,
+            each_setup(
+                "beam and mirror off the line",
+                SETUP,
+                instrument.alignment,
+                "rad",
+                list(np.where(diagonal, sideways, 0.0)),
+                seen.setup,
+            ),
+        )
+    return made
+
+
+def _scatter(readings: Readings) -> list[Source]:
+    """Return repeatability and drift, from repeats or from the readings' own uncertainties."""
+    seen = readings.observations
+    found = repeats_of(readings.measurement, seen)
+    each = np.ones_like(seen.displacement)
+    if found.reading_freedom:
+        repeatability = Source(
+            "repeatability of a reading",
+            REPEATABILITY,
+            found.reading,
+            "m",
+            "A",
+            NORMAL,
+            found.reading_freedom,
+            PER_READING,
+            each[None, :],
+            np.arange(len(each)),
+            "from repeated passes",
+        )
+    else:
+        own = seen.uncertainty if seen.noise_known else np.full(len(each), _UNKNOWN)
+        typical = float(np.sqrt(np.mean(own**2)))
+        repeatability = Source(
+            "repeatability of a reading",
+            REPEATABILITY,
+            typical,
+            "m",
+            "A",
+            NORMAL,
+            _INFINITE,
+            PER_READING,
+            (own / typical)[None, :] if typical > 0.0 else each[None, :],
+            np.arange(len(each)),
+            "from the readings at each stop alone: no pass was repeated"
+            if seen.noise_known
+            else "no pass was repeated, and the readings have no uncertainty",
+        )
+    _, passes = np.unique(seen.passes, return_inverse=True)
+    note = "" if found.pass_freedom else "no pass was repeated"
+    freedom = float(found.pass_freedom) if found.pass_freedom else _INFINITE
+
+    def drift(name: str, size: float, unit: str, slope: Vector) -> Source:
+        return Source(
+            name,
+            DRIFT,
+            size,
+            unit,
+            "A",
+            NORMAL,
+            freedom,
+            PER_PASS,
+            slope[None, :],
+            passes.reshape(-1).astype(np.int64),
+            note,
+        )
+
+    return [
+        repeatability,
+        drift("drift of the zero", found.offset, "m", each),
+        drift("drift along the line", found.slope, "m/m", seen.displacement - found.centre),
+    ]
+
+
+def _misfit(method: Estimator, noise: float) -> list[Source]:
+    """Return what the residuals of a fit hold beyond the readings' scatter; none if chance does it.
+
+    Repeats share it, so that it is one unknown value for each place of each setup. With σ the
+    scatter and n_k readings at the place k, the variance of what a fit leaves is that of the misfit
+    plus the mean of σ²/n_k. The threshold is that of ``solve_least_squares``: p < 0.01.
+    """
+    if not isinstance(method, LeastSquaresEstimator):
+        return []
+    left, group, freedom = method.misfit()
+    if freedom == 0 or not noise > 0.0:
+        return []
+    expected = noise**2 / np.bincount(group)
+    if not exceeds_chance(float(np.sum(left**2 / expected)), freedom):
+        return []
+    variance = float(np.sum(left**2)) / freedom - float(np.mean(expected))
+    return [
+        Source(
+            "misfit of the model",
+            MODEL,
+            float(np.sqrt(max(variance, 0.0))),
+            "m",
+            "A",
+            NORMAL,
+            float(freedom),
+            PER_PLACE,
+            np.ones((1, len(group))),
+            group,
+            "the residuals are larger than repeats explain; something is not in the model",
+        )
+    ]
+
+
+def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
+    """Return the angular errors that the model of the method leaves out.
+
+    Each of the nine is taken to grow in a straight line from the first corner of the box to the
+    stated size at its last node: a tilt that grows does not average out over a line.
+    """
+    seen = readings.observations
+    chain = readings.measurement.chain
+    note = "" if chain else "the order of the machine's axes is not known"
+    slopes = np.full((len(ROTATIONS), len(seen.displacement)), _UNKNOWN)
+    if chain:
+        direction = np.array([setup.direction for setup in seen.setups])[seen.setup]
+        place = seen.position
+        start = place - seen.way
+        travel = np.asarray(seen.volume.step) * seen.volume.blocks
+        for axis, lever in enumerate(levers(place, chain)):
+            arm = place - lever - start
+            for turn in range(3):
+                effect = np.sum(np.cross(np.eye(3)[turn], direction) * arm, axis=1)
+                slopes[3 * axis + turn] = effect * place[:, axis] / travel[axis]
+    spread = instrument.angular_errors
+    return [
+        Source(
+            f"angular errors of {letter}",
+            ANGULAR,
+            spread.standard_uncertainty,
+            "rad",
+            "B",
+            spread.distribution,
+            spread.degrees_of_freedom,
+            COMMON,
+            slopes[3 * axis : 3 * axis + 3],
+            np.zeros(len(seen.displacement), dtype=np.int64),
+            note,
+        )
+        for axis, letter in enumerate(AXES)
+    ]
+
+
+def _squared(spread: Spread) -> Spread:
+    """Return the spread of half the square of an angle with two such components.
+
+    Its mean is σ² and its standard deviation σ²; what the linear budget takes is the root of its
+    mean square about zero, √2·σ², because nothing is corrected for it (GUM F.2.4.5).
+    """
+    size = np.sqrt(2.0) * spread.standard_uncertainty**2
+    # u(x²)/x² is twice u(x)/x, so a quarter of the degrees of freedom (GUM G.4.2, note).
+    return Spread(float(size), SQUARED_ANGLE, max(spread.degrees_of_freedom / 4.0, 1.0))
