@@ -1,0 +1,127 @@
+"""``stepdiag selftest``: solve reference problems with known answers, and print a record of it."""
+
+import argparse
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import Any
+
+from stepdiag_ros.commands.output import HelpFormatter, number, progress_bar, say
+
+_DEFAULT_PROBLEMS = 14
+_MOST_PROBLEMS = 10_000
+_LARGEST_SEED = 2**63 - 1
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "selftest",
+        help="solve random reference problems with known answers, and record how well",
+        description="Draw random machines, setups and noise, simulate their readings by rigid"
+        " bodies, and solve them the way a user does: a run table on the disk, imported, solved."
+        " Every result is compared with the known answer; the limit and the reason for it stand"
+        " beside each deviation. The record names version and platform; the same seed draws the"
+        " same problems. The exit code is 1 if any comparison fails.",
+        epilog="examples:\n"
+        "  stepdiag selftest                          a new seed each time\n"
+        "  stepdiag selftest --seed 7 --problems 70   more problems, the same each time\n"
+        "  stepdiag selftest --output record.txt      keep the record\n"
+        "  stepdiag selftest --json --output record.json",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument(
+        "--seed",
+        type=_whole(0, _LARGEST_SEED),
+        help="whole number that the problems are drawn from (default: a new one each time)",
+    )
+    parser.add_argument(
+        "--problems",
+        type=_whole(1, _MOST_PROBLEMS),
+        default=_DEFAULT_PROBLEMS,
+        metavar="N",
+        help="number of step-diagonal problems; their kinds take turns"
+        f" (default: {_DEFAULT_PROBLEMS})",
+    )
+    parser.add_argument(
+        "--every-check",
+        action="store_true",
+        help="print every comparison, not only the one nearest to its limit (JSON has all)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the record as JSON")
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="write the record into this file as well"
+    )
+    parser.set_defaults(run=run)
+
+
+def _whole(low: int, high: int) -> Any:
+    def read(text: str) -> int:
+        value = number(text, low, high)
+        if not text.strip().isdigit():
+            raise argparse.ArgumentTypeError(f"{text} is no whole number")
+        del value
+        return int(text)
+
+    return read
+
+
+def run(arguments: Namespace) -> int:
+    """Run the self-test; see the module."""
+    import secrets
+    import sys
+
+    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.selftest.session import run_selftest
+    from stepdiag_ros.selftest.text import print_record
+
+    if arguments.output is not None and not arguments.output.parent.is_dir():
+        raise ValueError(f"{arguments.output}: the folder {arguments.output.parent} does not exist")
+    seed = secrets.randbelow(2**32) if arguments.seed is None else arguments.seed
+    with progress_bar("selftest") as progress:
+        record = run_selftest(seed, arguments.problems, solve_as_a_user, progress)
+    if arguments.output is not None:
+        with arguments.output.open("w", encoding="utf-8") as stream:
+            if arguments.json:
+                stream.write(record.json() + "\n")
+            else:
+                print_record(record, make_console(stream), arguments.every_check)
+        say(f"record in {arguments.output}")
+    if arguments.json:
+        print(record.json())
+    else:
+        print_record(record, make_console(sys.stdout), arguments.every_check)
+    return 0 if record.passed else 1
+
+
+def solve_as_a_user(table: Path) -> dict[str, Any]:
+    """Import a run table and solve the bag by the command line; return what it prints as JSON.
+
+    Args:
+        table: with ``case.yaml`` beside it; the bag and the results folder are made beside it, too.
+
+    Raises:
+        ValueError: a command fails; with its own words.
+    """
+    import json
+
+    bag = table.with_suffix(".mcap")
+    _command("import", str(table), str(bag))
+    results = table.with_name("results")
+    printed = _command("solve", str(bag), "--json", "--pictures", "none", "--output", str(results))
+    document: dict[str, Any] = json.loads(printed)
+    return document
+
+
+def _command(*words: str) -> str:
+    """Run a command of this command line in this process; return its standard output."""
+    import io
+    from contextlib import redirect_stderr, redirect_stdout
+
+    from stepdiag_ros.cli import main
+
+    output, errors = io.StringIO(), io.StringIO()
+    with redirect_stdout(output), redirect_stderr(errors):
+        code = main(words)
+    if code != 0:
+        raise ValueError(f"stepdiag {words[0]} ended with {code}: {errors.getvalue().strip()}")
+    return output.getvalue()
