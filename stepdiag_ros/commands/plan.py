@@ -1,0 +1,353 @@
+"""``stepdiag plan``: proposes a test plan, or says what an existing one will tell."""
+
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros.commands.output import HelpFormatter, number, say
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.machine import Machine
+    from stepdiag_ros.planning.assessment import Assessment
+    from stepdiag_ros.planning.duration import Assumptions
+    from stepdiag_ros.planning.proposal import Proposal
+
+# Not taken from planning, whose numerics every start of the command line would wait for.
+PURPOSES = ("squareness", "straightness", "volumetric", "angular", "iso230-2", "iso230-6", "quick")
+DWELL_FORMS = ("P_ms", "P_s", "X_s", "F_s")
+CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "plan",
+        help="propose a test plan for a machine, or check one, before anything moves",
+        description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
+        " move orders, repeats. Shows duration, alignments, what every error's visibility and"
+        " uncertainty will be, and what the plan will not tell; writes the plan (YAML, as"
+        " 'stepdiag run --plan' takes it), a picture, and with --nc the program for a machine that"
+        " is not connected (ISO 6983 G-code). With --check it shows the same for a plan that is"
+        " there. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
+        epilog="examples:\n"
+        "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
+        "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --hours 2\n"
+        "  stepdiag plan --for straightness --machine demo --uncertainty 0.1 --nc\n"
+        "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",
+        formatter_class=HelpFormatter,
+    )
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--for", dest="purpose", choices=PURPOSES, help="what the plan is for")
+    what.add_argument("--check", metavar="PLAN", help="look at this plan: YAML file, or a name")
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--machine", help="YAML file, or a name, for example demo")
+    where.add_argument(
+        "--travel",
+        nargs=3,
+        type=_length,
+        metavar=("X", "Y", "Z"),
+        help="travel from 0 in m, in place of a machine file",
+    )
+    parser.add_argument(
+        "--chain",
+        choices=CHAINS,
+        help="with --travel: order of the axes from workpiece to tool; needed for angular errors",
+    )
+    parser.add_argument(
+        "--acceleration",
+        type=_positive,
+        metavar="M/S2",
+        help="with --travel: of an axis (default: 1)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=_positive,
+        default=0.1,
+        metavar="UM",
+        help="standard uncertainty of one stop in µm, readings and return of the machine to the"
+        " place together (default: 0.1)",
+    )
+    _add_wishes(parser)
+    _add_assumptions(parser)
+    _add_files(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_wishes(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("wishes, with --for")
+    group.add_argument(
+        "--uncertainty",
+        type=_positive,
+        metavar="U",
+        help="wanted expanded uncertainty (95 %%): µm; for squareness, angular and iso230-6 µm/m",
+    )
+    group.add_argument("--hours", type=_positive, help="longest duration, alignments included")
+    group.add_argument(
+        "--from",
+        dest="low",
+        nargs=3,
+        type=_coordinate,
+        metavar=("X", "Y", "Z"),
+        help="first corner of the box in machine coordinates (default: that of the travel)",
+    )
+    group.add_argument(
+        "--to",
+        dest="high",
+        nargs=3,
+        type=_coordinate,
+        metavar=("X", "Y", "Z"),
+        help="last corner of the box",
+    )
+    group.add_argument(
+        "--margin",
+        type=_not_negative,
+        metavar="M",
+        help="kept free at every end of the travel (default: 0.005)",
+    )
+    group.add_argument("--blocks", type=_count, help="number of blocks (default: sought)")
+    group.add_argument(
+        "--spacing", type=_positive, metavar="M", help="largest distance between targets"
+    )
+    group.add_argument("--repeats", type=_count, help="of every line (default: sought)")
+    group.add_argument("--one-way", action="store_true", help="run every line forward only")
+    group.add_argument("--feed", type=_positive, metavar="M/S", help="of moves (default: 0.033)")
+    group.add_argument(
+        "--dwell", type=_positive, metavar="S", help="shortest stay at a stop (default: 1)"
+    )
+    group.add_argument(
+        "--overrun",
+        type=_not_negative,
+        metavar="M",
+        help="of iso230-2 and iso230-6: how far beyond its first target a pass begins"
+        " (default: 0.002)",
+    )
+
+
+def _add_assumptions(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("assumptions for the duration")
+    group.add_argument(
+        "--align-linear",
+        type=_not_negative,
+        metavar="MIN",
+        help="minutes to align laser and mirror for a linear line (default: 10)",
+    )
+    group.add_argument(
+        "--align-diagonal",
+        type=_not_negative,
+        metavar="MIN",
+        help="minutes to align them for a diagonal (default: 20)",
+    )
+
+
+def _add_files(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("files; none is overwritten without --force")
+    group.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="the plan (default with --for: PURPOSE_plan.yaml; none with --check)",
+    )
+    group.add_argument(
+        "--nc",
+        type=Path,
+        nargs="?",
+        const=Path(),
+        metavar="FILE",
+        help="write the NC program, too (default: beside the plan, .nc)",
+    )
+    group.add_argument(
+        "--picture",
+        type=Path,
+        metavar="FILE",
+        help="png, svg or pdf (default with --for: beside the plan, .png; none with --check)",
+    )
+    group.add_argument("--no-picture", action="store_true", help="write no picture")
+    group.add_argument("--force", action="store_true", help="overwrite files that are there")
+    group.add_argument(
+        "--nc-dwell",
+        choices=DWELL_FORMS,
+        default="P_ms",
+        help="how the controller reads a dwell: P_ms G4 P500, P_s G4 P0.5, X_s G4 X0.5,"
+        " F_s G4 F0.5 for half a second (default: P_ms)",
+    )
+    group.add_argument("--nc-number", type=_count, metavar="N", help="O-number, 1 to 9999")
+    group.add_argument("--nc-line-numbers", action="store_true", help="N10 N20 ...")
+    group.add_argument("--nc-no-percent", action="store_true", help="without the lines '%%'")
+    group.add_argument(
+        "--nc-decimals", type=_count, default=4, metavar="N", help="of mm, 3 to 6 (default: 4)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON (SI units) instead of tables"
+    )
+
+
+def _positive(text: str) -> float:
+    return number(text, 1e-9, 1e9)
+
+
+def _length(text: str) -> float:
+    return number(text, 1e-3, 100.0)
+
+
+def _not_negative(text: str) -> float:
+    return number(text, 0.0, 1e6)
+
+
+def _coordinate(text: str) -> float:
+    return number(text, -100.0, 100.0)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 100_000:
+        raise ArgumentTypeError(f"'{text}' is no whole number from 1 on")
+    return int(text)
+
+
+def run(arguments: Namespace) -> int:
+    """Propose or check a plan, show it, write the files."""
+    import sys
+
+    from stepdiag_ros import configuration
+    from stepdiag_ros.planning.assessment import assess
+    from stepdiag_ros.planning.proposal import propose
+    from stepdiag_ros.report.plan_document import assessment_json
+    from stepdiag_ros.report.plan_files import write_new
+    from stepdiag_ros.report.plan_tables import print_assessment
+    from stepdiag_ros.report.tables import make_console
+
+    _refuse_what_does_not_go_together(arguments)
+    machine = _machine(arguments)
+    stop_uncertainty = arguments.noise * 1e-6
+    assumptions = _assumptions(arguments)
+    proposal: Proposal | None = None
+    if arguments.check is not None:
+        plan = configuration.load_plan(arguments.check)[0]
+        stem = None
+    else:
+        proposal = propose(_request(arguments, machine, stop_uncertainty, assumptions))
+        plan = proposal.chosen.plan
+        stem = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
+    assessment = assess(plan, machine, stop_uncertainty, assumptions)
+    files = _files(arguments, assessment, proposal, stem)
+    # Refused before anything is printed: the user must not take the plan for written.
+    write_new(files, arguments.force)
+    if arguments.json:
+        print(assessment_json(assessment, proposal))
+    else:
+        print_assessment(assessment, make_console(sys.stdout), proposal)
+    if files:
+        say(f"wrote {', '.join(str(path) for path in files)}")
+    return 0
+
+
+def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
+    if arguments.machine is not None:
+        for option in ("chain", "acceleration"):
+            if getattr(arguments, option) is not None:
+                raise ValueError(
+                    f"--{option} goes with --travel; --machine says it in its file already"
+                )
+    if arguments.check is None:
+        return
+    wishes = {
+        "uncertainty": "uncertainty",
+        "hours": "hours",
+        "low": "from",
+        "high": "to",
+        "margin": "margin",
+        "blocks": "blocks",
+        "spacing": "spacing",
+        "repeats": "repeats",
+        "one_way": "one-way",
+        "feed": "feed",
+        "dwell": "dwell",
+        "overrun": "overrun",
+        "output": "output",
+    }
+    for name, option in wishes.items():
+        if getattr(arguments, name) not in (None, False):
+            raise ValueError(f"--{option} goes with --for: a plan that is there is not changed")
+    if arguments.nc == Path():
+        raise ValueError("with --check, --nc needs the name of the file to write")
+
+
+def _machine(arguments: Namespace) -> "Machine":
+    from stepdiag_ros import configuration
+    from stepdiag_ros.planning.candidates import travel_machine
+
+    if arguments.machine is not None:
+        return configuration.load_machine(arguments.machine)[0]
+    return travel_machine(arguments.travel, arguments.chain or "", arguments.acceleration)
+
+
+def _assumptions(arguments: Namespace) -> "Assumptions":
+    from stepdiag_ros.planning.duration import Assumptions
+
+    given: dict[str, Any] = {
+        "linear_alignment_s": arguments.align_linear,
+        "diagonal_alignment_s": arguments.align_diagonal,
+    }
+    return Assumptions(**{name: 60.0 * value for name, value in given.items() if value is not None})
+
+
+def _request(
+    arguments: Namespace, machine: "Machine", stop_uncertainty: float, assumptions: "Assumptions"
+) -> Any:
+    from stepdiag_ros.planning.proposal import Request, sampling_with
+
+    given: dict[str, Any] = {
+        "uncertainty": None if arguments.uncertainty is None else arguments.uncertainty * 1e-6,
+        "time_limit": None if arguments.hours is None else arguments.hours * 3600.0,
+        "feed": arguments.feed,
+        "margin": arguments.margin,
+        "low": None if arguments.low is None else tuple(arguments.low),
+        "high": None if arguments.high is None else tuple(arguments.high),
+        "blocks": arguments.blocks,
+        "spacing": arguments.spacing,
+        "repeats": arguments.repeats,
+        "directions": ("forward",) if arguments.one_way else None,
+        "overrun": arguments.overrun,
+        "sampling": None if arguments.dwell is None else sampling_with(arguments.dwell),
+    }
+    return Request(
+        purpose=arguments.purpose,
+        machine=machine,
+        stop_uncertainty=stop_uncertainty,
+        assumptions=assumptions,
+        **{name: value for name, value in given.items() if value is not None},
+    )
+
+
+def _files(
+    arguments: Namespace,
+    assessment: "Assessment",
+    proposal: "Proposal | None",
+    stem: Path | None,
+) -> "dict[Path, bytes]":
+    """Return the content of every file that is to be written."""
+    from stepdiag_ros.planning.moves import program_of
+    from stepdiag_ros.planning.nc_program import Dialect
+    from stepdiag_ros.planning.plan_text import plan_text
+    from stepdiag_ros.report.plan_files import picture_bytes
+    from stepdiag_ros.report.plan_tables import head_of_plan
+
+    files: dict[Path, bytes] = {}
+    if stem is not None and proposal is not None:
+        text = plan_text(assessment.plan, head_of_plan(assessment, proposal))
+        files[stem] = text.encode("utf-8")
+    if arguments.nc is not None:
+        dialect = Dialect(
+            dwell=arguments.nc_dwell,
+            decimals=arguments.nc_decimals,
+            percent=not arguments.nc_no_percent,
+            program_number=arguments.nc_number,
+            line_numbers=arguments.nc_line_numbers,
+        )
+        path = stem.with_suffix(".nc") if arguments.nc == Path() and stem else arguments.nc
+        files[path] = program_of(assessment.plan, assessment.machine, dialect).encode("ascii")
+    picture = arguments.picture
+    if picture is None and stem is not None and not arguments.no_picture:
+        picture = stem.with_suffix(".png")
+    if picture is not None:
+        files[picture] = picture_bytes(assessment.plan, assessment.machine, picture)
+    return files

@@ -1,0 +1,77 @@
+"""All that is known of a plan before it is run: duration, visibility, uncertainty, limits."""
+
+from dataclasses import dataclass
+
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.visibility import Visibility, visibility
+from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
+from stepdiag_ros.planning.expectation import Expectation, expect
+from stepdiag_ros.planning.limits import limits, warnings
+from stepdiag_ros.run.sequence import beyond_machine
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What is known of a plan before it is run.
+
+    Attributes:
+        plan: the plan.
+        machine: that shall execute it.
+        stop_uncertainty: standard uncertainty of a single stop that all rests on, m.
+        duration: by line.
+        expectation: standard uncertainties without rotations, as by ``least_squares``.
+        rotating: the same with all rotations free, as by ``rigid_body``; None without a chain.
+        seen: visibility without rotations.
+        seen_rotating: visibility with all rotations free; None without a chain.
+        limits: what the plan does not tell, in sentences.
+        warnings: what is unwise in it, in sentences.
+    """
+
+    plan: Plan
+    machine: Machine
+    stop_uncertainty: float
+    duration: PlanDuration
+    expectation: Expectation
+    rotating: Expectation | None
+    seen: Visibility
+    seen_rotating: Visibility | None
+    limits: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def assess(
+    plan: Plan,
+    machine: Machine,
+    stop_uncertainty: float,
+    assumptions: Assumptions | None = None,
+) -> Assessment:
+    """Assess a plan on a machine.
+
+    Args:
+        plan: what is measured.
+        machine: its chain may be empty: then nothing is said of rotations.
+        stop_uncertainty: standard uncertainty of a single stop, m.
+        assumptions: for the duration; the default ones if None.
+
+    Raises:
+        ValueError: the machine cannot execute the plan; one sentence.
+    """
+    beyond = beyond_machine(plan, machine)
+    if beyond:
+        raise ValueError(f"'{plan.name}' cannot be executed on {machine.name}: {beyond}")
+    chain = machine.chain
+    seen = visibility(plan, "", stop_uncertainty)
+    rotating = visibility(plan, chain, stop_uncertainty) if chain else None
+    return Assessment(
+        plan=plan,
+        machine=machine,
+        stop_uncertainty=stop_uncertainty,
+        duration=duration(plan, machine, assumptions),
+        expectation=expect(plan, stop_uncertainty),
+        rotating=expect(plan, stop_uncertainty, chain) if chain else None,
+        seen=seen,
+        seen_rotating=rotating,
+        limits=tuple(limits(plan, chain, stop_uncertainty, seen, rotating)),
+        warnings=tuple(warnings(plan)),
+    )

@@ -1,0 +1,189 @@
+"""What a plan will tell, and how well: from its design matrix alone, before anything moves.
+
+The covariance of a least-squares estimate does not depend on the readings but on where they are
+taken and how uncertain each of them is. So a measurement of a perfect machine, with the commanded
+stops as its readings, has the uncertainty that the real one will have, as far as the stops'
+uncertainties are right. It holds neither what is common to all stops (wavelength, expansion, dead
+path) nor errors that the model does not know.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    ROTATIONS,
+    SQUARENESS,
+    TRANSLATIONS,
+    Vector,
+    beam_direction,
+    moving_axis,
+    translation,
+)
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.summary import (
+    CurveEstimate,
+    deviations_from_line,
+    slope_weights,
+)
+
+STRAIGHTNESS = tuple(name for name in TRANSLATIONS if name[2] != name[3])
+POSITIONING = tuple(name for name in TRANSLATIONS if name[2] == name[3])
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """Expected standard uncertainties of a plan; NaN where the plan does not determine something.
+
+    Attributes:
+        squareness: C0Y, B0Z, A0Z → rad.
+        straightness: E_YX … → largest over the nodes, of the deviation from the least-squares line,
+            m.
+        positioning: E_XX, E_YY, E_ZZ → largest over the nodes, m.
+        angular: E_AX … → largest over the nodes, rad; empty where the model has no rotations.
+        volumetric: largest over all nodes of the volume and the three directions, of the error of
+            the mirror's point by the nine translations, m.
+        degrees_of_freedom: of the fit; 0: the plan fits any readings.
+    """
+
+    squareness: dict[str, float]
+    straightness: dict[str, float]
+    positioning: dict[str, float]
+    angular: dict[str, float]
+    volumetric: float
+    degrees_of_freedom: int
+
+    def scaled(self, factor: float) -> "Expectation":
+        """Return the same with all uncertainties multiplied; degrees of freedom are left."""
+        return replace(
+            self,
+            squareness={name: factor * u for name, u in self.squareness.items()},
+            straightness={name: factor * u for name, u in self.straightness.items()},
+            positioning={name: factor * u for name, u in self.positioning.items()},
+            angular={name: factor * u for name, u in self.angular.items()},
+            volumetric=factor * self.volumetric,
+        )
+
+
+def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> Expectation:
+    """Return the uncertainties to be expected of a plan by weighted least squares.
+
+    Args:
+        plan: what is measured.
+        stop_uncertainty: standard uncertainty of a single stop, m: the mean of its readings, and
+            how well the machine comes back to the place.
+        chain: order of the axes from workpiece to tool: the rotations are estimated too, as by
+            the method rigid_body; empty: the translations alone, as by least_squares.
+
+    Raises:
+        ValueError: the uncertainty is not positive, or there is no such chain.
+    """
+    if not 0.0 < stop_uncertainty < 1.0:
+        raise ValueError(
+            f"the uncertainty of a stop is {stop_uncertainty:g} m; it must be positive"
+        )
+    # In units of a stop's uncertainty the matrices are the same for every laser.
+    design = Design(observe(nominal_measurement(plan, 1.0)), chain)
+    estimate = CurveEstimate(
+        values=np.zeros(len(design.names) * (plan.volume.blocks + 1)),
+        covariance=design.curve_covariance(),
+        unseen=design.curves_unseen(),
+        names=design.names,
+        arm=design.arm,
+    )
+    volume = plan.volume
+    angular = {
+        name: _largest(estimate, name, np.eye(volume.blocks + 1))
+        for name in design.names
+        if name in ROTATIONS
+    }
+    expectation = Expectation(
+        squareness={name: _squareness(estimate, volume, name) for name in SQUARENESS},
+        straightness={
+            name: _largest(estimate, name, deviations_from_line(volume.nodes(moving_axis(name))))
+            for name in STRAIGHTNESS
+        },
+        positioning={
+            name: _largest(estimate, name, np.eye(volume.blocks + 1)) for name in POSITIONING
+        },
+        angular=angular,
+        volumetric=_volumetric(estimate, volume),
+        degrees_of_freedom=design.degrees_of_freedom,
+    )
+    return expectation.scaled(stop_uncertainty)
+
+
+def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
+    """Return what a perfect machine, laser and setup would give: the commanded displacements."""
+    made = []
+    step = np.asarray(plan.volume.step)
+    for index, line in enumerate(plan.lines):
+        targets = line.stops(plan.volume)
+        first = replace(line, direction="forward").stops(plan.volume)[0]
+        count = len(targets)
+        made.append(
+            MeasuredLine(
+                line=line,
+                line_index=index,
+                attempt=1,
+                setup=plan.setup_of(line),
+                time=np.arange(count, dtype=np.float64),
+                end_time=0,
+                target=targets,
+                displacement=(targets - first) @ beam_direction(line.name, step),
+                standard_uncertainty=np.full(count, stop_uncertainty),
+                environment=np.full((count, 4), np.nan),
+            )
+        )
+    return Measurement(plan.volume, tuple(made))
+
+
+def worst(uncertainties: Iterable[float]) -> float:
+    """Return the largest of some uncertainties; NaN if one is not determined or there is none."""
+    listed = list(uncertainties)
+    return float(np.max(listed)) if listed else float("nan")
+
+
+def _largest(estimate: CurveEstimate, name: str, matrix: Vector) -> float:
+    """Return the largest uncertainty of the rows of a matrix times a curve; NaN if one is open."""
+    rows = np.zeros((len(matrix), len(estimate.values)))
+    rows[:, estimate.place(name)] = matrix
+    # A row that is the first node alone is zero by definition and no measured value.
+    return float(np.max(estimate.evaluate(rows)[1]))
+
+
+def _squareness(estimate: CurveEstimate, volume: Volume, name: str) -> float:
+    row = np.zeros((1, len(estimate.values)))
+    factor, pair = SQUARENESS_SLOPES[name]
+    for curve in pair:
+        row[0, estimate.place(curve)] = factor * slope_weights(volume.nodes(moving_axis(curve)))
+    return float(estimate.evaluate(row)[1][0])
+
+
+def _volumetric(estimate: CurveEstimate, volume: Volume) -> float:
+    """Return the largest uncertainty of E_.X(i) + E_.Y(j) + E_.Z(k) over all i, j, k, m."""
+    size = volume.blocks + 1
+    largest = 0.0
+    for error in range(3):
+        place = [estimate.place(translation(error, axis)) for axis in range(len(AXES))]
+        every = np.zeros((3 * size, len(estimate.values)))
+        for axis in range(3):
+            every[axis * size : (axis + 1) * size, place[axis]] = np.eye(size)
+        if not np.all(estimate.determined(every)):
+            return float("nan")
+        c = [[estimate.covariance[one, other] for other in place] for one in place]
+        x, y, z = (np.diag(c[axis][axis]) for axis in range(3))
+        variance = (
+            x[:, None, None]
+            + y[None, :, None]
+            + z[None, None, :]
+            + 2.0 * (c[0][1][:, :, None] + c[0][2][:, None, :] + c[1][2][None, :, :])
+        )
+        largest = max(largest, float(np.max(variance)))
+    return float(np.sqrt(largest))

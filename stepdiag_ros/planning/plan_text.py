@@ -1,0 +1,138 @@
+"""Writes a plan as the YAML that every command reads; read back, it is the same plan."""
+
+import textwrap
+from collections.abc import Sequence
+from itertools import groupby
+
+from stepdiag_ros.metrology.plan import STEP_DIAGONAL, Line, Plan, Sampling
+
+_WIDTH = 110
+
+
+def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
+    """Return the YAML text of a plan.
+
+    Lines that follow one another and differ in name, order, repeat and direction alone are written
+    as one group.
+
+    Args:
+        plan: what is written.
+        comments: sentences at the head of the file.
+
+    Raises:
+        ValueError: the lines are in an order that the file's layout cannot hold.
+    """
+    volume = plan.volume
+    text = [f"# {line}" for sentence in comments for line in _wrapped(sentence)]
+    text += [
+        "",
+        f"name: {_quoted(plan.name)}",
+        "",
+        f"origin_m: {_numbers(volume.origin)}",
+        f"step_m: {_numbers(volume.step)}",
+        f"blocks: {volume.blocks}",
+        "",
+        f"feed_m_per_s: {_number(plan.feed)}",
+        f"pause_for_setup: {str(plan.pause_for_setup).lower()}",
+    ]
+    if plan.one_alignment_per_diagonal:
+        text.append("one_alignment_per_diagonal: true")
+    if plan.overrun:
+        text.append(f"overrun_m: {_number(plan.overrun)}")
+    text += ["", "lines:"]
+    for group in _groups(plan.lines):
+        text += _group_text(group)
+    text += ["", *_sampling_text(plan.sampling)]
+    return "\n".join(text).lstrip("\n") + "\n"
+
+
+def _groups(lines: tuple[Line, ...]) -> list[list[Line]]:
+    """Return runs of lines that one entry of the file makes in just this order."""
+    groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.kind, line.offset))]
+    made: list[list[Line]] = []
+    for group in groups:
+        made += _regular(group)
+    return made
+
+
+def _regular(lines: list[Line]) -> list[list[Line]]:
+    """Split lines of one kind and place into the fewest full combinations, in order."""
+    done: list[list[Line]] = []
+    rest = lines
+    while rest:
+        # A line that no group can begin with is a group of its own, which is refused later.
+        length = max((n for n in range(1, len(rest) + 1) if _is_combination(rest[:n])), default=1)
+        done.append(rest[:length])
+        rest = rest[length:]
+    return done
+
+
+def _is_combination(lines: list[Line]) -> bool:
+    names, orders, repeats, directions = _lists(lines)
+    if repeats != list(range(len(repeats))):
+        return False
+    wanted = [
+        (name, order, repeat, direction)
+        for name in names
+        for order in orders
+        for repeat in repeats
+        for direction in directions
+    ]
+    return wanted == [(line.name, line.order, line.repeat, line.direction) for line in lines]
+
+
+def _lists(lines: list[Line]) -> tuple[list[str], list[str], list[int], list[str]]:
+    return (
+        list(dict.fromkeys(line.name for line in lines)),
+        list(dict.fromkeys(line.order for line in lines)),
+        list(dict.fromkeys(line.repeat for line in lines)),
+        list(dict.fromkeys(line.direction for line in lines)),
+    )
+
+
+def _group_text(lines: list[Line]) -> list[str]:
+    names, orders, repeats, directions = _lists(lines)
+    if not _is_combination(lines):
+        raise ValueError(f"line {lines[0]} begins with repeat {lines[0].repeat}, not 0")
+    first = lines[0]
+    text = [f"  - kind: {first.kind}", f"    names: [{', '.join(names)}]"]
+    if first.kind == STEP_DIAGONAL:
+        text.append(f"    orders: [{', '.join(orders)}]")
+    if any(first.offset):
+        text.append(f"    offset_m: {_numbers(first.offset)}")
+    text.append(f"    repeats: {len(repeats)}")
+    text.append(f"    directions: [{', '.join(directions)}]")
+    return text
+
+
+def _sampling_text(sampling: Sampling) -> list[str]:
+    return [
+        "sampling:",
+        f"  dwell_s: {_number(sampling.dwell)}",
+        f"  settle_s: {_number(sampling.settle)}",
+        f"  window_s: {_number(sampling.window)}",
+        f"  longest_wait_s: {_number(sampling.longest_wait)}",
+        f"  standard_deviation_limit_m: {_number(sampling.standard_deviation_limit)}",
+        f"  drift_limit_m: {_number(sampling.drift_limit)}",
+        f"  line_attempts: {sampling.line_attempts}",
+    ]
+
+
+def _number(value: float) -> str:
+    """Write a number with all its digits, and the point without which YAML reads a text."""
+    text = repr(float(value))
+    mantissa, mark, exponent = text.partition("e")
+    return text if not mark or "." in mantissa else f"{mantissa}.0e{exponent}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "[" + ", ".join(_number(value) for value in values) + "]"
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{" ".join(escaped.split())}"'
+
+
+def _wrapped(sentence: str) -> list[str]:
+    return textwrap.wrap(sentence, _WIDTH) or [""]

@@ -1,0 +1,337 @@
+"""Seeks a plan: of all candidates that tell what is asked, the one that fits the wishes best."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.plan import Plan, Sampling, Volume
+from stepdiag_ros.planning.candidates import (
+    BLOCKS,
+    PURPOSES,
+    VOLUMETRIC,
+    Purpose,
+    Scheme,
+    lines_of,
+    target_spacing,
+    travel_box,
+    volume_in,
+)
+from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
+from stepdiag_ros.planning.expectation import Expectation, expect, worst
+from stepdiag_ros.planning.moves import Point
+from stepdiag_ros.run.sequence import beyond_machine
+
+COVERAGE_FACTOR = 1.96
+"""Of an expanded uncertainty: 95 % of a normal distribution."""
+_ENOUGH = 2.0
+"""Without a wish, a plan is good enough whose uncertainty is within this factor of the best."""
+_CLEARLY = 0.9
+_SAME = 1.001
+_VOLUMES_TRIED = 3
+"""Numbers of blocks tried for a set of lines, from the fewest that keep to the spacing."""
+_LEAST_BLOCKS_OF_STANDARDS = 4
+"""Five targets at least (ISO 230-2:2014, 4.3.2)."""
+
+
+_SETTLE = 0.5
+"""Part of a dwell in which the machine calms down; the rest is averaged, s."""
+
+
+def sampling_with(dwell: float) -> Sampling:
+    """Return how stops of a dwell are read: half a second, or half of it, to calm down.
+
+    Args:
+        dwell: s.
+    """
+    settle = min(_SETTLE, 0.5 * dwell)
+    standard = Sampling()
+    return Sampling(
+        dwell=dwell,
+        settle=settle,
+        window=dwell - settle,
+        longest_wait=max(standard.longest_wait, 3.0 * dwell),
+    )
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for.
+
+    Attributes:
+        purpose: a key of ``candidates.PURPOSES``.
+        machine: its travel, chain and drives; a chain is needed for angular errors only.
+        stop_uncertainty: standard uncertainty of a single stop, m.
+        uncertainty: wanted expanded uncertainty (95 %) of the purpose's target, m or rad; None for
+            no wish.
+        time_limit: longest duration, alignments included, s; None for no limit.
+        feed: of the moves, m/s.
+        margin: kept free at every end of the travel, m.
+        low: first corner of the box, m; that of the travel if None.
+        high: last corner of the box, m.
+        blocks: number of blocks; sought if None.
+        spacing: largest distance between targets, m; the purpose's own if None.
+        repeats: of every line; sought if None.
+        directions: of every line; the purpose's own if None.
+        overrun: of the purposes whose lines begin with one, m.
+        sampling: of the stops.
+        assumptions: for the duration.
+    """
+
+    purpose: str
+    machine: Machine
+    stop_uncertainty: float = 0.1e-6
+    uncertainty: float | None = None
+    time_limit: float | None = None
+    feed: float = 0.033
+    margin: float = 0.005
+    low: tuple[float, float, float] | None = None
+    high: tuple[float, float, float] | None = None
+    blocks: int | None = None
+    spacing: float | None = None
+    repeats: int | None = None
+    directions: tuple[str, ...] | None = None
+    overrun: float = 0.002
+    sampling: Sampling = field(default_factory=lambda: sampling_with(1.0))
+    assumptions: Assumptions = field(default_factory=Assumptions)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A plan that tells what is asked.
+
+    Attributes:
+        scheme: its set of lines.
+        plan: the plan.
+        duration: of it.
+        expectation: standard uncertainties.
+        uncertainty: expanded (95 %) of the purpose's target, the worst of what counts, m or rad.
+        determined: names of what counts and is determined.
+    """
+
+    scheme: Scheme
+    plan: Plan
+    duration: PlanDuration
+    expectation: Expectation
+    uncertainty: float
+    determined: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The result of the search.
+
+    Attributes:
+        request: what was asked.
+        chosen: the plan that is proposed.
+        reason: why this one, in a sentence.
+        front: candidates by duration, each better by a tenth than all that are quicker.
+        considered: number of candidates that tell what is asked.
+        discarded: sets of lines that do not, and why, in words.
+    """
+
+    request: Request
+    chosen: Candidate
+    reason: str
+    front: tuple[Candidate, ...]
+    considered: int
+    discarded: tuple[str, ...]
+
+
+def propose(request: Request) -> Proposal:
+    """Seek the plan for a request.
+
+    The expected uncertainty of every candidate is computed from its design matrix. Wished for an
+    uncertainty, the shortest plan that reaches it is taken; given a time, the best within it; with
+    neither, the shortest whose uncertainty is at most twice that of the best.
+
+    Raises:
+        ValueError: the request contradicts itself or the machine, or no candidate fulfils it; says
+            what the nearest one gives.
+    """
+    purpose = _purpose(request)
+    discarded: dict[str, str] = {}
+    found = list(_candidates(request, purpose, discarded))
+    if not found:
+        raise ValueError(
+            "no plan was found: " + "; ".join(f"{words}: {why}" for words, why in discarded.items())
+        )
+    most = max(len(candidate.determined) for candidate in found)
+    fit = [candidate for candidate in found if len(candidate.determined) == most]
+    for candidate in found:
+        if len(candidate.determined) < most:
+            seen = ", ".join(candidate.determined) or "nothing of it"
+            discarded.setdefault(candidate.scheme.words, f"tells only {seen}")
+    chosen, reason = _choose(fit, request, purpose)
+    return Proposal(
+        request=request,
+        chosen=chosen,
+        reason=reason,
+        front=_front(fit),
+        considered=len(fit),
+        discarded=tuple(f"{words}: {why}" for words, why in discarded.items()),
+    )
+
+
+def _purpose(request: Request) -> Purpose:
+    if request.purpose not in PURPOSES:
+        raise ValueError(f"'{request.purpose}' is no purpose; use one of {', '.join(PURPOSES)}")
+    purpose = PURPOSES[request.purpose]
+    if purpose.rotations and not request.machine.chain:
+        raise ValueError(
+            "angular errors need the kinematic chain: the order of the axes from workpiece to "
+            "tool, for example YXZ"
+        )
+    return purpose
+
+
+def _candidates(
+    request: Request, purpose: Purpose, discarded: dict[str, str]
+) -> Iterator[Candidate]:
+    """Make every plan; what a set of lines lacks goes into ``discarded``."""
+    if purpose.overrun and request.overrun > request.margin:
+        raise ValueError(
+            f"an overrun of {request.overrun:g} m does not fit into the margin of "
+            f"{request.margin:g} m at the ends of the travel"
+        )
+    low, high = travel_box(request.machine, request.margin, request.low, request.high)
+    directions = request.directions or purpose.directions
+    repeats = purpose.repeats if request.repeats is None else (request.repeats,)
+    chain = request.machine.chain if purpose.rotations else ""
+    for scheme in purpose.schemes:
+        volumes = list(_volumes(request, purpose, scheme, low, high))
+        if not volumes:
+            discarded[scheme.words] = f"needs more than {BLOCKS[-1]} blocks for this spacing"
+        for volume in volumes:
+            single = _plan(request, scheme, volume, 1, directions[:1])
+            base = expect(single, request.stop_uncertainty, chain)
+            uncertainties = purpose.uncertainties(base)
+            known = tuple(name for name, u in uncertainties.items() if math.isfinite(u))
+            missing = [name for name in uncertainties if name not in known]
+            if purpose.needed and missing:
+                discarded[scheme.words] = f"does not determine {', '.join(missing)}"
+                break
+            once = _plan(request, scheme, volume, 1, directions)
+            beyond = beyond_machine(once, request.machine)
+            if beyond:
+                raise ValueError(f"the plan is nothing for this machine: {beyond}")
+            for count in repeats:
+                plan = _plan(request, scheme, volume, count, directions)
+                # Passes of all lines alike add nothing but weight.
+                expectation = base.scaled(1.0 / math.sqrt(count * len(directions)))
+                yield Candidate(
+                    scheme=scheme,
+                    plan=plan,
+                    duration=duration(plan, request.machine, request.assumptions),
+                    expectation=expectation,
+                    uncertainty=_target(purpose, expectation, known),
+                    determined=known,
+                )
+
+
+def _volumes(
+    request: Request, purpose: Purpose, scheme: Scheme, low: Point, high: Point
+) -> Iterator[Volume]:
+    """Return the volumes with the fewest blocks that keep to the spacing between targets."""
+    if request.blocks is not None:
+        yield volume_in(low, high, request.blocks)
+        return
+    longest = max(b - a for a, b in zip(low, high, strict=True))
+    spacing = request.spacing
+    if spacing is None:
+        spacing = min(purpose.spacing * longest, purpose.spacing_m)
+    by_standard = math.isfinite(purpose.spacing_m)
+    found = 0
+    for blocks in BLOCKS:
+        if by_standard and blocks < _LEAST_BLOCKS_OF_STANDARDS:
+            continue
+        volume = volume_in(low, high, blocks)
+        if target_spacing(scheme, volume) <= spacing * _SAME and found < _VOLUMES_TRIED:
+            found += 1
+            yield volume
+
+
+def _plan(
+    request: Request, scheme: Scheme, volume: Volume, repeats: int, directions: tuple[str, ...]
+) -> Plan:
+    overrun = request.overrun if PURPOSES[request.purpose].overrun else 0.0
+    sides = " x ".join(f"{step * volume.blocks * 1e3:g}" for step in volume.step)
+    return Plan(
+        name=f"{request.purpose}: {scheme.words}, {sides} mm",
+        volume=volume,
+        lines=lines_of(scheme, volume, repeats, directions),
+        feed=min(request.feed, request.machine.feed_limit_m_per_s),
+        sampling=request.sampling,
+        pause_for_setup=True,
+        one_alignment_per_diagonal=scheme.one_alignment,
+        overrun=overrun,
+    )
+
+
+def _target(purpose: Purpose, expectation: Expectation, known: tuple[str, ...]) -> float:
+    """Return the expanded uncertainty that counts; that of the volume, where the box is asked."""
+    uncertainties = purpose.uncertainties(expectation)
+    if VOLUMETRIC in uncertainties:
+        return COVERAGE_FACTOR * uncertainties[VOLUMETRIC]
+    return COVERAGE_FACTOR * worst(uncertainties[name] for name in known)
+
+
+def _choose(fit: list[Candidate], request: Request, purpose: Purpose) -> tuple[Candidate, str]:
+    """Return the candidate that fits the wishes best, and why it does."""
+    best = min(fit, key=lambda one: (one.uncertainty, one.duration.total))
+    quickest = min(fit, key=lambda one: (one.duration.total, one.uncertainty))
+    in_time = fit
+    if request.time_limit is not None:
+        limit = request.time_limit * _SAME
+        in_time = [one for one in fit if one.duration.total <= limit]
+        if not in_time:
+            raise ValueError(
+                f"no plan for {request.purpose} takes less than {hours(request.time_limit)}; the "
+                f"quickest, {quickest.scheme.words}, takes {hours(quickest.duration.total)} with "
+                f"an expected uncertainty of {size_words(quickest.uncertainty, purpose.unit)}"
+            )
+    best_in_time = min(in_time, key=lambda one: (one.uncertainty, one.duration.total))
+    within = f" within {hours(request.time_limit)}" if request.time_limit is not None else ""
+    if request.uncertainty is not None:
+        good = [one for one in in_time if one.uncertainty <= request.uncertainty * _SAME]
+        if not good:
+            raise ValueError(
+                f"no plan for {request.purpose}{within} reaches "
+                f"{size_words(request.uncertainty, purpose.unit)}; the best, "
+                f"{best_in_time.scheme.words} in {hours(best_in_time.duration.total)}, is expected "
+                f"to reach {size_words(best_in_time.uncertainty, purpose.unit)}"
+            )
+        wished = size_words(request.uncertainty, purpose.unit)
+        return (
+            min(good, key=lambda one: (one.duration.total, one.uncertainty)),
+            f"the shortest of {len(fit)} candidates that is expected to reach {wished}{within}",
+        )
+    if request.time_limit is not None:
+        return best_in_time, f"the best of {len(in_time)} candidates{within}"
+    enough = [one for one in fit if one.uncertainty <= _ENOUGH * best.uncertainty]
+    return (
+        min(enough, key=lambda one: (one.duration.total, one.uncertainty)),
+        f"the shortest of {len(fit)} candidates whose expected uncertainty is at most "
+        f"{_ENOUGH:g} times that of the best ({size_words(best.uncertainty, purpose.unit)} in "
+        f"{hours(best.duration.total)})",
+    )
+
+
+def _front(fit: list[Candidate]) -> tuple[Candidate, ...]:
+    """Return the candidates by duration, each clearly better than all that are quicker."""
+    front: list[Candidate] = []
+    for one in sorted(fit, key=lambda one: (one.duration.total, one.uncertainty)):
+        if not front or one.uncertainty < _CLEARLY * front[-1].uncertainty:
+            front.append(one)
+    return tuple(front)
+
+
+def hours(seconds: float) -> str:
+    """Say how long something takes, for example ``1 h 05 min``."""
+    minutes = max(1, math.ceil(seconds / 60.0 - 1e-9))
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
+
+
+def size_words(value: float, unit: str) -> str:
+    """Write a length in µm or an angle in µm/m to two digits."""
+    return f"{value * 1e6:.2g} {'µm' if unit == 'm' else 'µm/m'}"

@@ -1,0 +1,48 @@
+"""Writes the files of a plan: all of them or none, and never over one that is there."""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.report.publish import PICTURE_FORMATS, whole_file
+
+
+def picture_bytes(plan: Plan, machine: Machine, path: Path) -> bytes:
+    """Return the picture of a plan in the format of a path's ending.
+
+    Raises:
+        ValueError: another ending than that of a picture.
+    """
+    ending = path.suffix.lstrip(".")
+    if ending not in PICTURE_FORMATS:
+        raise ValueError(f"{path}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")
+    from stepdiag_ros.report.plan_picture import plan_picture
+
+    stream = io.BytesIO()
+    plan_picture(plan, machine).savefig(stream, format=ending)
+    return stream.getvalue()
+
+
+def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
+    """Write files, each whole or not at all; nothing is written if one of them is refused.
+
+    Args:
+        files: path → content.
+        overwrite: files that are there may be written over.
+
+    Raises:
+        ValueError: a file is there already, or its folder is not.
+        OSError: a file cannot be written.
+    """
+    for path in files:
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder; name a file")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{path} is there already; name another file, or overwrite by --force")
+        if not path.parent.is_dir():
+            raise ValueError(f"there is no folder {path.parent}; make it first")
+    for path, content in files.items():
+        with whole_file(path) as partial:
+            partial.write_bytes(content)

@@ -1,0 +1,167 @@
+"""``stepdiag plan``: what it prints and writes, what it refuses, and that it overwrites nothing."""
+
+import json
+
+import numpy as np
+import pytest
+from gcode_reader import Machine as Controller
+
+from stepdiag_ros import cli
+from stepdiag_ros.commands import plan as command
+from stepdiag_ros.configuration import load_machine, load_plan
+from stepdiag_ros.metrology.geometry import CHAINS
+from stepdiag_ros.planning.assessment import assess
+from stepdiag_ros.planning.candidates import PURPOSES
+from stepdiag_ros.planning.moves import passes_of
+from stepdiag_ros.planning.nc_program import DWELL_FORMS
+from stepdiag_ros.report.plan_picture import plan_picture
+from stepdiag_ros.run.sequence import beyond_machine
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_choices_are_those_of_planning():
+    assert tuple(PURPOSES) == command.PURPOSES
+    assert tuple(DWELL_FORMS) == command.DWELL_FORMS
+    assert tuple(sorted(CHAINS)) == command.CHAINS
+
+
+def test_a_proposal_is_written_and_shown(folder, capsys):
+    assert cli.main(["plan", "--for", "quick", "--machine", "demo", "--nc"]) == 0
+    shown = capsys.readouterr()
+    for words in ("Duration", "Visibility", "Expected uncertainty", "What this plan will not tell"):
+        assert words in shown.out
+    assert "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png" in shown.err
+    plan = load_plan(folder / "quick_plan.yaml")[0]
+    assert beyond_machine(plan, load_machine("demo")[0]) == ""
+    read = Controller().run((folder / "quick_plan.nc").read_text("ascii"))
+    assert len(read.stays) == plan.stop_count
+    assert (folder / "quick_plan.png").read_bytes().startswith(PNG)
+    head = (folder / "quick_plan.yaml").read_text("utf-8")
+    assert "E_BY" in head and head.startswith("# Proposed by stepdiag ")
+
+
+def test_what_was_written_checks_as_what_was_proposed(folder, capsys):
+    assert cli.main(["plan", "--for", "quick", "--machine", "demo", "--json", "--no-picture"]) == 0
+    proposed = json.loads(capsys.readouterr().out)
+    assert [path.name for path in folder.iterdir()] == ["quick_plan.yaml"]
+    assert cli.main(["plan", "--check", "quick_plan.yaml", "--machine", "demo", "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)
+    assert proposed.pop("proposal")["purpose"] == "quick"
+    assert checked.pop("proposal") is None
+    assert checked == proposed
+    assert [path.name for path in folder.iterdir()] == ["quick_plan.yaml"]
+
+
+def test_json_says_the_same_as_the_functions(capsys):
+    plan, machine = load_plan("demo")[0], load_machine("demo")[0]
+    assert (
+        cli.main(["plan", "--check", "demo", "--machine", "demo", "--noise", "0.2", "--json"]) == 0
+    )
+    document = json.loads(capsys.readouterr().out)
+    assessment = assess(plan, machine, 0.2e-6)
+    assert document["duration"]["total"] == assessment.duration.total
+    said = document["expected_standard_uncertainty"]
+    assert said["least_squares"]["squareness"] == assessment.expectation.squareness
+    assert said["rigid_body"]["angular"]["E_BY"] is None
+    assert document["visibility"]["errors"]["E_XX"]["status"] == "determined"
+
+
+@pytest.mark.parametrize("there", ["quick_plan.yaml", "quick_plan.nc", "quick_plan.png"])
+def test_nothing_is_overwritten_and_nothing_half_written(folder, capsys, there):
+    (folder / there).write_text("mine")
+    arguments = ["plan", "--for", "quick", "--machine", "demo", "--nc"]
+    assert cli.main(arguments) == 1
+    shown = capsys.readouterr()
+    assert f"{there} is there already" in shown.err
+    assert shown.out == ""
+    assert [path.name for path in folder.iterdir()] == [there]
+    assert (folder / there).read_text() == "mine"
+    assert cli.main([*arguments, "--force"]) == 0
+    assert not (folder / there).read_bytes().startswith(b"mine")
+
+
+def test_the_dialect_is_as_asked(folder, capsys):
+    nc = ["--nc", "p.nc", "--nc-dwell", "F_s", "--nc-number", "7", "--nc-line-numbers"]
+    nc += ["--nc-no-percent", "--nc-decimals", "5"]
+    assert cli.main(["plan", "--check", "demo", "--machine", "demo", *nc]) == 0
+    capsys.readouterr()
+    text = (folder / "p.nc").read_text("ascii")
+    assert text.startswith("O0007 (DEMO") and "\nN10 (" in text and " X10.00000\n" in text
+    assert len(Controller("F_s").run(text).stays) == load_plan("demo")[0].stop_count
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--check", "nothing", "--machine", "demo"], "there is no plan 'nothing'"),
+        (["--check", "demo", "--machine", "nothing"], "there is no machine 'nothing'"),
+        (["--check", "demo", "--machine", "demo", "--hours", "2"], "--hours goes with --for"),
+        (["--check", "demo", "--machine", "demo", "--nc"], "--nc needs the name"),
+        (["--check", "demo", "--travel", "0.1", "1", "1"], "cannot be executed on travel 100 x"),
+        (["--for", "quick", "--machine", "demo", "--chain", "XYZ"], "--chain goes with --travel"),
+        (["--for", "angular", "--travel", "1", "1", "1"], "need the kinematic chain"),
+        (["--for", "quick", "--machine", "demo", "--hours", "0.1"], "takes less than 6 min"),
+        (["--for", "quick", "--machine", "demo", "--output", "no/p.yaml"], "there is no folder no"),
+        (["--for", "quick", "--machine", "demo", "--picture", "p.gif"], "p.gif: pictures are"),
+        (["--for", "quick", "--machine", "demo", "--nc", "--nc-decimals", "9"], "9 decimals"),
+    ],
+)
+def test_a_wrong_request_is_one_sentence_and_no_file(folder, capsys, arguments, said):
+    assert cli.main(["plan", *arguments]) == 1
+    shown = capsys.readouterr()
+    assert said in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--for", "quick"],
+        ["--machine", "demo"],
+        ["--for", "beauty", "--machine", "demo"],
+        ["--for", "quick", "--machine", "demo", "--noise", "0"],
+        ["--for", "quick", "--machine", "demo", "--blocks", "1.5"],
+        ["--for", "quick", "--travel", "1", "1"],
+        ["--for", "quick", "--travel", "1", "1", "nan"],
+    ],
+)
+def test_wrong_usage_ends_with_2(folder, capsys, arguments):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["plan", *arguments])
+    assert ended.value.code == 2
+    assert "usage: stepdiag plan" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
+
+
+def test_only_the_travel_is_enough(folder, capsys):
+    travel = ["--travel", "0.8", "0.5", "0.4", "--hours", "2", "--output", "mine.yaml"]
+    assert cli.main(["plan", "--for", "squareness", *travel, "--no-picture"]) == 0
+    assert "The kinematic chain is not known" in capsys.readouterr().out
+    plan = load_plan(folder / "mine.yaml")[0]
+    for axis, length in enumerate((0.8, 0.5, 0.4)):
+        nodes = plan.volume.nodes(axis)
+        assert nodes[0] >= 0.005 - 1e-12 and nodes[-1] <= length - 0.005 + 1e-12
+
+
+@pytest.mark.parametrize("name", ["demo", "iso230_6_face"])
+def test_the_picture_shows_every_line_at_its_stops(name):
+    plan, machine = load_plan(name)[0], load_machine("demo")[0]
+    panels = plan_picture(plan, machine).axes
+    assert len(panels) == len({line.kind for line in plan.lines})
+    drawn = [
+        np.stack(artist.get_data_3d(), axis=-1) for axes in panels for artist in axes.get_lines()
+    ]
+    for one in passes_of(plan):
+        if one.line.direction == "forward":
+            stops = one.line.stops(plan.volume) * 1e3
+            assert any(d.shape == stops.shape and np.allclose(d, stops) for d in drawn), one.line

@@ -1,0 +1,287 @@
+"""Proposed plans: what they promise is what simulation and solver give; wishes and refusals."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stepdiag_ros.configuration import available, load_machine, load_plan, plan_from_text
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, Line
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers import solve
+from stepdiag_ros.metrology.visibility import DETERMINED, visibility
+from stepdiag_ros.planning.assessment import assess
+from stepdiag_ros.planning.candidates import (
+    EDGE_LINES,
+    PURPOSES,
+    Scheme,
+    lines_of,
+    travel_box,
+    travel_machine,
+    volume_in,
+)
+from stepdiag_ros.planning.expectation import expect, nominal_measurement
+from stepdiag_ros.planning.limits import warnings
+from stepdiag_ros.planning.plan_text import plan_text
+from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, Request, propose
+from stepdiag_ros.report import numbers
+from stepdiag_ros.report.build import truth_of
+from stepdiag_ros.run.sequence import beyond_machine
+
+MACHINE = load_machine("demo")[0]
+NOISE = 0.1e-6
+FORWARD_ONLY = tuple(Line("step_diagonal", "ppp", "XYZ", i, FORWARD) for i in range(3))
+
+
+@cache
+def proposed(purpose, **wishes):
+    return propose(Request(purpose, MACHINE, **wishes))
+
+
+def cell_over(volume, **settings):
+    low = np.asarray(volume.origin)
+    high = low + volume.blocks * np.asarray(volume.step)
+    return SimulatedCell.from_mapping(
+        {
+            "seed": 5,
+            "chain": "YXZ",
+            "errors": {
+                "travel_low_m": low.tolist(),
+                "travel_high_m": high.tolist(),
+                "positioning_m": 1e-6,
+                "straightness_m": 0.7e-6,
+                "rotation_rad": settings.pop("rotation_rad", 0.0),
+                "squareness_rad": {"C0Y": 12e-6, "B0Z": -8e-6, "A0Z": 15e-6},
+            },
+            "misalignment": {"beam_sigma_rad": 50e-6, "mirror_sigma_rad": 5e-6},
+            "reading_noise_m": NOISE,
+            **settings,
+        },
+        "test cell",
+    )
+
+
+@pytest.mark.parametrize("purpose", PURPOSES)
+def test_every_purpose_gets_a_plan_that_the_machine_can_run(purpose):
+    plan = proposed(purpose).chosen.plan
+    assert beyond_machine(plan, MACHINE) == ""
+    assert plan_from_text(plan_text(plan), "written") == plan
+
+
+@pytest.mark.parametrize("purpose", ["squareness", "straightness", "volumetric", "quick"])
+def test_least_squares_gives_the_uncertainty_that_was_promised(purpose):
+    candidate = proposed(purpose).chosen
+    cell = cell_over(candidate.plan.volume)
+    result = solve(simulate(candidate.plan, cell, seed=3), "least_squares")
+    # Where χ² is a little unlucky the solver enlarges; here it must not.
+    expectation = candidate.expectation
+    for name in SQUARENESS:
+        promised = expectation.squareness[name]
+        assert result.figure(name).standard_uncertainty == pytest.approx(promised, rel=1e-6)
+    for name, promised in expectation.positioning.items():
+        if math.isfinite(promised):
+            given = np.max(result.standard_uncertainty[name])
+            assert given == pytest.approx(promised, rel=1e-6)
+    assert expect(candidate.plan, NOISE).degrees_of_freedom == result.degrees_of_freedom
+
+
+def test_the_scatter_of_simulated_results_is_the_promised_uncertainty():
+    """Not only does the solver say so: the results do scatter so."""
+    candidate = proposed("squareness", time_limit=2 * 3600.0).chosen
+    cell = cell_over(candidate.plan.volume)
+    runs = 60
+    found = np.array(
+        [
+            [solve(simulate(candidate.plan, cell, seed=seed)).figure(n).value for n in SQUARENESS]
+            for seed in range(runs)
+        ]
+    )
+    promised = np.array([candidate.expectation.squareness[name] for name in SQUARENESS])
+    ratio = np.std(found, axis=0, ddof=1) / promised
+    assert np.all(np.abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * runs)), ratio
+    figures = {f.name: f.value for f in truth_of(cell, candidate.plan.volume, ()).figures}
+    truth = np.array([figures[name] for name in SQUARENESS])
+    assert np.all(np.abs(found.mean(axis=0) - truth) < 4.0 * promised / np.sqrt(runs))
+
+
+def test_the_volumetric_promise_is_that_of_the_solvers_covariance():
+    candidate = proposed("volumetric").chosen
+    result = solve(nominal_measurement(candidate.plan, NOISE))
+    size = candidate.plan.volume.blocks + 1
+    largest = 0.0
+    rng = np.random.default_rng(1)
+    for i, j, k in [(size - 1,) * 3, (size - 1, 0, size - 1), *rng.integers(0, size, (300, 3))]:
+        for error in range(3):
+            row = np.zeros(9 * size)
+            for axis, node in enumerate((i, j, k)):
+                row[(3 * axis + error) * size + node] = 1.0
+            largest = max(largest, float(np.sqrt(row @ result.covariance @ row)))
+    assert largest <= candidate.expectation.volumetric * (1 + 1e-9)
+    assert largest == pytest.approx(candidate.expectation.volumetric, rel=0.1)
+    assert candidate.uncertainty == COVERAGE_FACTOR * candidate.expectation.volumetric
+
+
+def test_the_angular_promise_is_that_of_the_rigid_body_solver():
+    candidate = proposed("angular").chosen
+    assert set(candidate.determined) == set(ROTATIONS) - {"E_BY"}
+    cell = cell_over(candidate.plan.volume, rotation_rad=5e-6)
+    result = solve(simulate(candidate.plan, cell, seed=1), "rigid_body")
+    for name in ROTATIONS:
+        promised = candidate.expectation.angular[name]
+        given = result.standard_uncertainty[name]
+        if name in candidate.determined:
+            assert np.max(given) == pytest.approx(promised, rel=1e-6)
+        else:
+            assert not math.isfinite(promised)
+            assert np.any(np.isnan(given))
+
+
+def test_repeats_scale_as_the_whole_plan_says():
+    candidate = proposed("straightness").chosen
+    whole = expect(candidate.plan, NOISE)
+    for name, value in whole.straightness.items():
+        assert candidate.expectation.straightness[name] == pytest.approx(value, rel=1e-9)
+    assert candidate.expectation.volumetric == pytest.approx(
+        whole.volumetric, rel=1e-9, nan_ok=True
+    )
+
+
+def test_a_wished_uncertainty_is_reached_by_the_shortest_plan_that_reaches_it():
+    loose = proposed("volumetric", uncertainty=0.6e-6)
+    fine = proposed("volumetric", uncertainty=0.2e-6)
+    for proposal, wish in ((loose, 0.6e-6), (fine, 0.2e-6)):
+        assert proposal.chosen.uncertainty <= wish * 1.001
+        for other in proposal.front:
+            if other.duration.total < proposal.chosen.duration.total:
+                assert other.uncertainty > wish
+    assert loose.chosen.duration.total < fine.chosen.duration.total
+
+
+def test_a_time_limit_is_kept_by_the_best_plan_within_it():
+    proposal = proposed("volumetric", time_limit=2.5 * 3600.0)
+    assert proposal.chosen.duration.total <= 2.5 * 3600.0
+    for other in proposal.front:
+        if other.duration.total <= 2.5 * 3600.0:
+            assert other.uncertainty >= proposal.chosen.uncertainty
+
+
+@pytest.mark.parametrize(
+    ("purpose", "wishes", "said"),
+    [
+        ("volumetric", {"uncertainty": 1e-9}, "no plan for volumetric reaches 0.001 µm; the best"),
+        ("volumetric", {"time_limit": 600.0}, "takes less than 10 min; the quickest"),
+        ("volumetric", {"uncertainty": 1e-7, "time_limit": 9000.0}, "within 2 h 30 min reaches"),
+        ("volumetric", {"high": (0.95, 0.1, 0.1)}, "the box runs X from"),
+        ("volumetric", {"low": (0.5, 0.1, 0.1), "high": (0.4, 0.2, 0.2)}, "no box is left along X"),
+        ("volumetric", {"margin": 0.3}, "no box is left along Y"),
+        ("iso230-2", {"overrun": 0.01}, "overrun of 0.01 m does not fit"),
+        ("squareness", {"spacing": 0.001}, "needs more than 100 blocks"),
+        ("nothing", {}, "'nothing' is no purpose"),
+        ("squareness", {"stop_uncertainty": 0.0}, "must be positive"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(purpose, wishes, said):
+    with pytest.raises(ValueError, match=said):
+        propose(Request(purpose, MACHINE, **wishes))
+
+
+def test_angular_errors_need_the_chain():
+    with pytest.raises(ValueError, match="need the kinematic chain"):
+        propose(Request("angular", travel_machine((0.8, 0.5, 0.4))))
+    plain = propose(Request("volumetric", travel_machine((0.8, 0.5, 0.4))))
+    assert "chain is not known" in assess(plain.chosen.plan, plain.request.machine, NOISE).limits[0]
+
+
+@pytest.mark.parametrize("purpose", ["iso230-2", "iso230-6"])
+def test_tests_by_standard_keep_to_it(purpose):
+    plan = proposed(purpose).chosen.plan
+    assert plan.overrun > 0.0
+    for name in {line.name for line in plan.lines}:
+        passes = [line for line in plan.lines if line.name == name]
+        for direction in (FORWARD, BACKWARD):
+            assert sum(line.direction == direction for line in passes) == 5
+        stops = passes[0].stops(plan.volume)
+        length = float(np.linalg.norm(stops[-1] - stops[0]))
+        assert len(stops) >= max(5.0, 5.0 * length)
+
+
+@pytest.mark.parametrize("blocks", [3, 7, 12, 100])
+def test_the_grid_fills_the_box_with_round_steps(blocks):
+    low, high = travel_box(MACHINE, 0.005)
+    volume = volume_in(low, high, blocks)
+    for axis in range(3):
+        nodes = volume.nodes(axis)
+        side = high[axis] - low[axis]
+        assert low[axis] - 1e-9 <= nodes[0] and nodes[-1] <= high[axis] + 1e-9
+        assert nodes[-1] - nodes[0] >= 0.985 * side
+        step = volume.step[axis] * 1e6
+        assert abs(step - round(step)) < 1e-6
+
+
+def test_a_narrower_box_is_kept():
+    request = Request("quick", MACHINE, low=(0.1, 0.0, 0.0), high=(0.5, 0.3, 0.2))
+    volume = propose(request).chosen.plan.volume
+    assert volume.origin == (0.1, 0.0, 0.0)
+    assert [round(step * volume.blocks, 6) for step in volume.step] == [0.4, 0.3, 0.2]
+
+
+def test_what_would_show_an_angular_error_does_show_it():
+    """The remedies in the limits are tried here again, by hand."""
+    plan = proposed("volumetric").chosen.plan
+    said = " ".join(assess(plan, MACHINE, NOISE).limits)
+    assert "E_AX, E_CX, E_AZ, E_BZ, E_CZ would show with the move orders XYZ, YZX, ZXY" in said
+    assert "E_BX would show with a linear line x shifted by 0,0,0.39 m" in said
+    assert "E_BY: shown by no linear line" in said
+    before = visibility(plan, "YXZ", NOISE)
+    assert before.row("E_BX").status != DETERMINED
+    edge = next(group for group in EDGE_LINES if group.names == ("x",) and group.corner[2] == 1)
+    more = lines_of(Scheme("", (edge,)), plan.volume, 1, (FORWARD,))
+    after = visibility(replace(plan, lines=plan.lines + more), "YXZ", NOISE)
+    assert after.row("E_BX").status == DETERMINED
+
+
+def test_what_is_right_only_without_rotations_is_named():
+    plan = proposed("quick").chosen.plan
+    assessment = assess(plan, MACHINE, NOISE)
+    named = next(text for text in assessment.limits if "right only if" in text)
+    for name in (*TRANSLATIONS, *SQUARENESS):
+        leaning = (
+            assessment.seen.row(name).status == DETERMINED
+            and assessment.seen_rotating.row(name).status != DETERMINED
+        )
+        assert (name in named) == leaning, name
+
+
+def test_unwise_plans_are_warned_of():
+    plan = replace(load_plan("move_orders")[0], lines=FORWARD_ONLY)
+    assert "count of fringes is lost" in " ".join(warnings(plan))
+    demo = replace(load_plan("demo")[0], pause_for_setup=True)
+    assert warnings(demo) == []
+    split = replace(demo, lines=(*demo.lines[1:], demo.lines[0]))
+    assert "x: aligned more than once" in warnings(split)[0]
+    orders = load_plan("move_orders")[0]
+    assert "one_alignment_per_diagonal" in " ".join(warnings(orders))
+
+
+@pytest.mark.parametrize("name", available("plans"))
+def test_every_plan_written_is_read_back_the_same(name):
+    plan = load_plan(name)[0]
+    assert plan_from_text(plan_text(plan, ["a comment"]), name) == plan
+
+
+def test_a_plan_with_lines_in_an_odd_order_is_read_back_the_same():
+    plan = load_plan("demo")[0]
+    rng = np.random.default_rng(2)
+    lines = [line for line in plan.lines if line.repeat == 0]
+    mixed = replace(plan, name='a "name"\\', lines=tuple(lines[i] for i in rng.permutation(14)))
+    assert plan_from_text(plan_text(mixed), "mixed") == mixed
+    with pytest.raises(ValueError, match="begins with repeat 1"):
+        plan_text(replace(plan, lines=plan.lines[2:]))
+
+
+def test_one_coverage_factor():
+    assert COVERAGE_FACTOR == numbers.COVERAGE_FACTOR
