@@ -5,7 +5,15 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 # msg/ and config/ stay at the root, where ROS 2 wants them, and travel inside the wheel.
-SHARED = ["msg", "config", "config.plans", "config.machines", "config.cells"]
+SHARED = [
+    "msg",
+    "config",
+    "config.plans",
+    "config.machines",
+    "config.cells",
+    "config.instruments",
+    "config.trackers",
+]
 
 setup(
     name="stepdiag_ros",
@@ -45,6 +53,7 @@ setup(
             "hypothesis>=6,<7",
             "jsonschema>=4,<5",
             "mcap-ros2-support>=0.5.5,<1",
+            "mpmath>=1.3,<2",
             "mypy>=1.11,<3",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",

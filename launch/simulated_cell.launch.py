@@ -45,6 +45,7 @@ def generate_launch_description() -> LaunchDescription:
             node("recorder", folder=text("folder")),
             node("assembler"),
             node("solver"),
+            node("evaluator"),
             node("weather", **weather),
             node("bridge", device="simulated", machine=text("machine"), cell=text("cell")),
             node("interferometer", **weather),

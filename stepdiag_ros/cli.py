@@ -16,13 +16,21 @@ from stepdiag_ros.refusals import PREFIX, sentence
 
 COMMANDS = (
     "demo",
+    "plan",
     "run",
     "replay",
     "solve",
+    "compare",
+    "budget",
+    "iso230",
+    "squareness",
+    "volumetric",
+    "tracker",
     "import_table",
     "export",
     "recover",
     "info",
+    "selftest",
     "node",
 )
 """Modules of ``stepdiag_ros.commands`` in the order in which the help lists them."""

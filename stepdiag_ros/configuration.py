@@ -1,4 +1,4 @@
-"""Reads plan, machine and cell files: by path, or by the bare name of one of the package.
+"""Reads plan, machine, cell and instrument files: by path, or by the bare name of one of ours.
 
 Every refusal is one sentence that names the file, and the line or the key where it is wrong. The
 text of a file is returned beside what was made from it, because a run records the text.
@@ -17,12 +17,20 @@ from stepdiag_ros.metrology.plan import Plan
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
     from stepdiag_ros.metrology.machine import Machine
+    from stepdiag_ros.metrology.tracker.instrument import Tracker
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
-Folder = Literal["plans", "machines", "cells"]
+Folder = Literal["plans", "machines", "cells", "instruments", "trackers"]
 Made = TypeVar("Made")
 
 _BARE_NAME = re.compile(r"[A-Za-z0-9_-]+")
-_SINGULAR = {"plans": "plan", "machines": "machine", "cells": "cell"}
+_SINGULAR = {
+    "plans": "plan",
+    "machines": "machine",
+    "cells": "cell",
+    "instruments": "instrument",
+    "trackers": "tracker",
+}
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -165,6 +173,28 @@ def cell_from_text(text: str, source: str) -> "SimulatedCell":
     return SimulatedCell.from_mapping(parse_yaml(text, source), source)
 
 
+def instrument_from_text(text: str, source: str) -> "Instrument":
+    """Make the description of an instrument from the text of an instrument file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+
+    return Instrument.from_mapping(parse_yaml(text, source), source)
+
+
+def tracker_from_text(text: str, source: str) -> "Tracker":
+    """Make a tracker from the text of a tracker file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    from stepdiag_ros.metrology.tracker.instrument import Tracker
+
+    return Tracker.from_mapping(parse_yaml(text, source), source)
+
+
 def load_plan(name_or_path: str | Path) -> tuple[Plan, str]:
     """Return a test plan and its text.
 
@@ -193,3 +223,21 @@ def load_cell(name_or_path: str | Path) -> "tuple[SimulatedCell, str]":
         ValueError: not found, not readable or wrong; one sentence with file and line or key.
     """
     return _load(name_or_path, "cells", cell_from_text)
+
+
+def load_instrument(name_or_path: str | Path) -> "tuple[Instrument, str]":
+    """Return how well an instrument and what is around it are known; see ``load_plan``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "instruments", instrument_from_text)
+
+
+def load_tracker(name_or_path: str | Path) -> "tuple[Tracker, str]":
+    """Return an autotracking interferometer and the text; see ``load_plan``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "trackers", tracker_from_text)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
-from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL, Line
+from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 NANOSECONDS = 1_000_000_000
@@ -217,10 +217,10 @@ def _set_environment(message: Any, environment: Environment) -> None:
 
 
 def _line_of(message: Any) -> Line:
-    order = str(message.order)
+    name, order = str(message.line), str(message.order)
     return Line(
-        kind=STEP_DIAGONAL if order else LINEAR,
-        name=str(message.line),
+        kind=kind_of(name, order),
+        name=name,
         order=order,
         repeat=int(message.repeat),
         direction=str(message.direction),
@@ -395,10 +395,13 @@ def to_volumetric_errors(message: Any) -> VolumetricErrors:
     nodes = (_vector(message.x), _vector(message.y), _vector(message.z))
     curves: dict[str, Vector] = {}
     uncertainties: dict[str, Vector] = {}
-    for name in TRANSLATIONS:
-        count = len(nodes["XYZ".index(name[-1])])
-        curves[name] = _vector(getattr(message, name.lower()))
-        uncertainties[name] = _vector(getattr(message, f"u_{name.lower()}"))
+    for name in CURVES:
+        values = _vector(getattr(message, name.lower()))
+        spread = _vector(getattr(message, f"u_{name.lower()}"))
+        if len(values) == 0 and len(spread) == 0:
+            continue
+        count = len(nodes[moving_axis(name)])
+        curves[name], uncertainties[name] = values, spread
         if len(curves[name]) != count or len(uncertainties[name]) != count:
             raise ValueError(
                 f"VolumetricErrors: {name} does not have one value for each of {count} nodes"
@@ -437,7 +440,7 @@ def from_volumetric_errors(
     message.lines = int(result.lines)
     message.frame = result.frame
     message.x, message.y, message.z = (_doubles(nodes) for nodes in result.nodes)
-    for name in TRANSLATIONS:
+    for name in result.curves:
         setattr(message, name.lower(), _doubles(result.curves[name]))
         setattr(message, f"u_{name.lower()}", _doubles(result.standard_uncertainty[name]))
     message.parameter = [figure.name for figure in result.figures]

@@ -70,6 +70,9 @@ LINE = Topic("measurement/line", "stepdiag_ros/msg/MeasuredLine", Qos.HISTORY, d
 VOLUMETRIC_ERRORS = Topic(
     "result/volumetric_errors", "stepdiag_ros/msg/VolumetricErrors", Qos.LATCHED, derived=True
 )
+POSITIONING_TEST = Topic(
+    "result/positioning_test", "stepdiag_ros/msg/PositioningTest", Qos.HISTORY, derived=True
+)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Qos.COMMAND)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", Qos.STREAM, recorded=False)
 
@@ -89,6 +92,7 @@ TOPICS = (
     BLOCK,
     LINE,
     VOLUMETRIC_ERRORS,
+    POSITIONING_TEST,
     DIAGNOSTICS,
     CLOCK,
 )

@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.measurement import (
     Reading,
     StopCommand,
 )
-from stepdiag_ros.metrology.plan import moved_axis
+from stepdiag_ros.metrology.plan import moved_axes
 from stepdiag_ros.report.documents import schema
 from stepdiag_ros.solving import solve_reproducibly
 
@@ -46,7 +46,7 @@ def events_of_a_run(plan, cell):
         alignment = cell.alignment(line.setup, line.name, plan.volume.step, tuple(stops[0]))
         path = cell.displacement(stops, alignment)
         for stop, target in enumerate(stops):
-            axis = moved_axis(stops[stop - 1], target) if stop else ""
+            axis = moved_axes(stops[stop - 1], target) if stop else ""
             identity = len(commands) + 1
             place = tuple(float(value) for value in target)
             commands.append(StopCommand(identity, index, 1, line.setup, stop, axis, place, now))
@@ -69,7 +69,8 @@ def write_bag(path, damage=None):
     lines = tuple(event for event in events if isinstance(event, MeasuredLine))
     assert len(lines) == len(plan.lines)
     assert all(line.complete for line in lines)
-    results = solve_reproducibly(Measurement(plan.volume, lines))[0]
+    chain = load_machine("demo")[0].chain
+    results = solve_reproducibly(Measurement(plan.volume, lines, chain))[0]
     types = own_types()
     new = types.new
     description = new(topics.RUN_DESCRIPTION.type_name)
@@ -156,7 +157,9 @@ def test_solve_from_the_readings_equals_the_recorded_result_to_the_last_bit(bag,
     code, out, err = stepdiag(capsys, "solve", bag, "--output", tmp_path / "results")
     assert code == 0
     same = next(line for line in out.splitlines() if "same bits as recorded" in line)
-    assert same.split() == ["same", "bits", "as", "recorded", "yes", "yes", "yes"]
+    words = same.split()
+    assert words[:4] == ["same", "bits", "as", "recorded"]
+    assert len(words) > 6 and set(words[4:]) == {"yes"}
     assert "assembled again from 2100 readings: the same lines to the last bit" in out
     assert RUN_ID in out
     assert "error_curves.png" in err
@@ -189,6 +192,8 @@ def test_solve_writes_beside_the_bag_unless_told(bag, capsys):
     assert sorted(path.name for path in bag.with_name("run_results").iterdir()) == [
         "report.txt",
         "results.json",
+        "table_1.json",
+        "table_1.txt",
     ]
 
 

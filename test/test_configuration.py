@@ -27,7 +27,11 @@ lines:
     ("name", "lines", "stops"),
     [
         ("demo", 28, 12 * 13 + 16 * 37),
-        ("paper_like", 30, 15 * 13 + 15 * 37),
+        ("ibaraki_hata_2010", 60, 15 * 13 + 45 * 37),
+        ("iso230_2", 30, 30 * 9),
+        ("iso230_6_body", 40, 40 * 9),
+        ("iso230_6_face", 60, 60 * 9),
+        ("kimm", 21, 9 * 13 + 12 * 37),
         ("move_orders", 60, 12 * 13 + 48 * 37),
         ("quick", 6, 3 * 4 + 3 * 10),
     ],
@@ -40,7 +44,7 @@ def test_plans_of_the_package(name, lines, stops):
 
 
 def test_every_file_of_the_package_can_be_read():
-    assert {"demo", "paper_like", "move_orders", "quick"} <= set(available("plans"))
+    assert {"demo", "ibaraki_hata_2010", "kimm", "move_orders", "quick"} <= set(available("plans"))
     for folder, load in (("plans", load_plan), ("machines", load_machine), ("cells", load_cell)):
         for name in available(folder):
             assert load(name)[1]
@@ -48,8 +52,17 @@ def test_every_file_of_the_package_can_be_read():
 
 def test_every_key_of_a_plan_is_explained_in_the_demo():
     text = find("demo", "plans").read_text()
-    for key in ("origin_m", "directions", "repeats", "offset_m", "orders", "pause_for_setup"):
+    for key in (
+        "origin_m",
+        "directions",
+        "repeats",
+        "offset_m",
+        "orders",
+        "pause_for_setup",
+        "one_alignment_per_diagonal",
+    ):
         assert key in text
+    assert "\noverrun_m: 0.0\n" in text
     for key in ("dwell_s", "settle_s", "window_s", "longest_wait_s", "line_attempts"):
         line = next(line for line in text.splitlines() if line.strip().startswith(key))
         assert "#" in line
@@ -91,7 +104,7 @@ def test_a_wrong_plan_is_refused_in_one_sentence(text, message, tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(ValueError, match=r"no plan 'demoo'.*demo, move_orders, paper_like, quick"):
+    with pytest.raises(ValueError, match=r"no plan 'demoo'.*demo, ibaraki_hata_2010, .*, quick"):
         load_plan("demoo")
     with pytest.raises(ValueError, match=r"no machine '.*nothing\.yaml': give the path"):
         load_machine(tmp_path / "nothing.yaml")

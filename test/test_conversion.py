@@ -1,6 +1,6 @@
 """Every data class becomes a message and comes back the same, with every kind of message class."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from stepdiag_ros import conversion
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
-from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Environment,
@@ -62,8 +62,8 @@ MEASURED = MeasuredLine(
 RESULT = VolumetricErrors(
     method="least_squares",
     nodes=(np.linspace(0, 1, 3), np.linspace(0, 2, 3), np.linspace(0, 3, 3)),
-    curves={name: np.array([0.0, k / 3e6, np.nan]) for k, name in enumerate(TRANSLATIONS)},
-    standard_uncertainty={name: np.full(3, k / 7e8) for k, name in enumerate(TRANSLATIONS)},
+    curves={name: np.array([0.0, k / 3e6, np.nan]) for k, name in enumerate(CURVES)},
+    standard_uncertainty={name: np.full(3, k / 7e8) for k, name in enumerate(CURVES)},
     figures=(Figure("C0Y", 1.3e-6, 2e-8, "rad"), Figure("tilt ppp XYZ 1", np.nan, np.nan, "rad")),
     lines=12,
     chi_squared=101.5,
@@ -149,6 +149,29 @@ def test_every_field_of_a_message_is_filled(name):
         "MeasuredLine": {"order"},
     }
     assert set(left) == allowed.get(name, set())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        LINEAR,
+        DIAGONAL,
+        Line("diagonal", "npp", "", 0, "forward"),
+        Line("diagonal", "p0n", "", 3, "backward", (0.0, 0.25, 0.0)),
+    ],
+    ids=str,
+)
+def test_the_kind_of_a_line_survives(line):
+    """The kind is in no message but MeasuredLine: the name and the order tell it."""
+    block = replace(BLOCK, line=line, axis="XZ")
+    assert conversion.to_block(conversion.from_block(block, "run", own_types().new)) == block
+    stop = conversion.to_settled_stop(
+        conversion.from_settled_stop(replace(STOP, line=line), "run", own_types().new)
+    )
+    assert stop.line == line
+    message = conversion.from_measured_line(replace(MEASURED, line=line), "run", own_types().new)
+    assert message.kind == line.kind
+    assert conversion.to_measured_line(message).line == line
 
 
 def test_commands_and_statuses_that_are_no_stops_are_told_apart():

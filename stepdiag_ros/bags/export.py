@@ -16,7 +16,7 @@ from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table import case_of_run
 from stepdiag_ros.bags.table_rows import COLUMNS, ENVIRONMENT_COLUMNS
-from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, latest_attempts
 from stepdiag_ros.metrology.plan import Line
 
@@ -278,19 +278,20 @@ def _blocks_table(run: RecordedRun) -> Table:
 def _results_table(latest: dict[str, Any]) -> Table:
     return Table(
         "results",
-        ("method", "curve", "node", "position_m", "error_m", "standard_uncertainty_m"),
+        ("method", "curve", "node", "position_m", "unit", "error", "standard_uncertainty"),
         [
             (
                 method,
                 name,
                 node,
                 position,
+                curve_unit(name),
                 result.curves[name][node],
                 result.standard_uncertainty[name][node],
             )
             for method, result in latest.items()
-            for name in TRANSLATIONS
-            for node, position in enumerate(result.nodes[AXES.index(name[-1])])
+            for name in result.curves
+            for node, position in enumerate(result.nodes[moving_axis(name)])
         ],
     )
 

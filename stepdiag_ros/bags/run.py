@@ -23,6 +23,8 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.positioning_conversion import to_positioning_test
 from stepdiag_ros.topics import Topic
 
 Event = StopCommand | Arrival | Reading
@@ -78,6 +80,7 @@ class RecordedRun:
         blocks: as recorded.
         lines: as recorded, every attempt.
         results: of all solvers, as recorded.
+        tests: of positioning, by ISO 230-2 and ISO 230-6, as recorded.
         states: changes of the run's state.
         diagnostics: changes of what the parts say of themselves.
     """
@@ -98,6 +101,7 @@ class RecordedRun:
     blocks: tuple[BlockDisplacement, ...]
     lines: tuple[MeasuredLine, ...]
     results: tuple[VolumetricErrors, ...]
+    tests: tuple[PositioningTest, ...]
     states: tuple[StateChange, ...]
     diagnostics: tuple[Diagnostic, ...]
 
@@ -242,6 +246,7 @@ def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, 
         topics.BLOCK: ("blocks", conversion.to_block),
         topics.LINE: ("lines", conversion.to_measured_line),
         topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
+        topics.POSITIONING_TEST: ("tests", to_positioning_test),
         topics.RUN_STATE: ("states", _state_change),
     }
     by_name = {topics.absolute(topic, namespace): entry for topic, entry in converters.items()}

@@ -8,6 +8,7 @@ NODES = (
     "assembler",
     "bridge",
     "clock",
+    "evaluator",
     "interferometer",
     "recorder",
     "sequencer",

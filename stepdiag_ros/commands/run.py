@@ -28,7 +28,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "result. A pause for a setup is passed at once, because the simulated cell is "
         "aligned already. Ctrl-C stops the machine and ends the run; what was measured "
         "stays in the bag.",
-        epilog="example: stepdiag run --plan paper_like --factor 20",
+        epilog="example: stepdiag run --plan ibaraki_hata_2010 --factor 20",
     )
     add_run_options(parser, plan="demo", factor=1.0)
     parser.set_defaults(run=run)
@@ -104,5 +104,14 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             if session.bag is not None:
                 say(f"recorded {session.bag}")
-    shown = {**vars(arguments), "bag": bag, "output": None, "recorded_lines": False, "truth": None}
+    shown = {
+        **vars(arguments),
+        "bag": bag,
+        "output": None,
+        "recorded_lines": False,
+        "truth": None,
+        "expansion": None,
+        "material_temperature": None,
+        "visibility": False,
+    }
     return solve.run(argparse.Namespace(**shown))

@@ -1,10 +1,11 @@
 """``stepdiag solve``: from a bag to volumetric errors, without any node."""
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     Progress,
@@ -34,7 +35,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         epilog="examples:\n"
         "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
         "  stepdiag solve run.mcap --json          the same as JSON\n"
-        "  stepdiag solve run.mcap --pictures pdf  pictures for print",
+        "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
+        "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
+        "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C",
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
@@ -50,6 +53,13 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="compare with known error curves: YAML with E_XX ... E_ZZ, one value in m for each"
         " node; not needed for a simulated cell, whose truth is in the bag",
     )
+    parser.add_argument(
+        "--visibility",
+        action="store_true",
+        help="say of each of the 21 errors whether these lines determine it, what it is confounded"
+        " with, and how certain it can be",
+    )
+    add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
     parser.set_defaults(run=run)
 
@@ -58,17 +68,32 @@ def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
     from stepdiag_ros.report.publish import results_folder
 
-    report = report_of(arguments.bag, arguments.recorded_lines, arguments.truth)
+    report = report_of(
+        arguments.bag,
+        arguments.recorded_lines,
+        arguments.truth,
+        lambda measurement: corrected(measurement, arguments),
+        arguments.visibility,
+    )
     return show_report(report, arguments, results_folder(arguments.bag))
 
 
-def report_of(bag: Path, recorded_lines: bool = False, truth: Path | None = None) -> "Report":
+def report_of(
+    bag: Path,
+    recorded_lines: bool = False,
+    truth: Path | None = None,
+    correct: "Callable[[Measurement], tuple[Measurement, tuple[str, ...]]] | None" = None,
+    with_visibility: bool = False,
+) -> "Report":
     """Solve a bag by every method.
 
     Args:
         bag: the file.
         recorded_lines: take the lines as recorded even where the bag has the readings.
         truth: file of known error curves; that of a simulated cell is in the bag.
+        correct: returns a measurement corrected, and in words how; a result that was corrected is
+            not compared with the recorded one.
+        with_visibility: say of each error whether these lines tell it.
 
     Raises:
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
@@ -78,7 +103,8 @@ def report_of(bag: Path, recorded_lines: bool = False, truth: Path | None = None
 
     with progress_bar(f"reading {bag.name}") as progress:
         recorded = load_run(bag)
-        measurement, remark = _measurement(recorded, recorded_lines, progress)
+        measured, remark = measurement_of(recorded, recorded_lines, progress)
+    measurement, corrections = (measured, ()) if correct is None else correct(measured)
     name = recorded.machine.get("name", "")
     return build_report(
         measurement,
@@ -90,8 +116,9 @@ def report_of(bag: Path, recorded_lines: bool = False, truth: Path | None = None
         simulated=True if recorded.cell_text else None,
         truth=_truth(recorded, measurement, truth),
         bag=bag,
-        recorded=recorded.results,
-        remarks=(remark,),
+        with_visibility=with_visibility,
+        recorded=() if corrections else recorded.results,
+        remarks=(remark, *corrections),
     )
 
 
@@ -116,10 +143,16 @@ def _truth(
     return truth_of(cell, measurement.volume, lines)
 
 
-def _measurement(
+def measurement_of(
     recorded: "RecordedRun", recorded_lines: bool, progress: Progress
 ) -> "tuple[Measurement, str]":
-    """Return the lines, and in words where they come from."""
+    """Return the lines of a run, and in words where they come from.
+
+    Args:
+        recorded: the run.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        progress: told how far the reading has come.
+    """
     from stepdiag_ros.metrology.assembly import assemble
     from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 

@@ -30,7 +30,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
-from stepdiag_ros.metrology.plan import Line, Plan, moved_axis
+from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 from stepdiag_ros.metrology.window import STATUS_WORDS, Window, examine
 
 Event = SettledStop | BlockDisplacement | MeasuredLine
@@ -448,7 +448,7 @@ def _block(
         line=line.line,
         time=after.time,
         block=before.command.stop // moves_per_block + 1,
-        axis=moved_axis(start, end),
+        axis=moved_axes(start, end),
         from_stop=before.command.stop,
         to_stop=after.command.stop,
         nominal_displacement=float(

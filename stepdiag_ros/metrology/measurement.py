@@ -61,7 +61,7 @@ class StopCommand(NamedTuple):
         attempt: at this line, from 1.
         setup: identity of alignment and zero.
         stop: from 0 along the line's direction.
-        axis: that moves; empty at the first stop.
+        axis: that moves, or all that move at once; empty where none does.
         target: m, X Y Z.
         time: of sending, ns; never before the window of the stop that it leaves has ended.
     """
@@ -109,7 +109,7 @@ class SettledStop:
 
 @dataclass(frozen=True)
 class BlockDisplacement:
-    """Displacement of one single-axis move, R_x,ppp(k) (Ibaraki & Hata 2010, eq. 1), m."""
+    """Displacement of one move, m: R_x,ppp(k) (Ibaraki & Hata 2010, eq. 1), or along a diagonal."""
 
     line_index: int
     attempt: int

@@ -56,12 +56,16 @@ class InterferometerNode(StepdiagNode):
         age = self.parameter(
             "weather_age", 10.0, "s after which the weather counts as unknown", 0.1, 86400.0
         )
+        equation = self.parameter(
+            "index_equation", "edlen", "refractive index of air by edlen (modified) or ciddor"
+        )
         begins = self.parameter(*WEATHER_BEGINS)
         self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
         self._settings: dict[str, Any] = {
             "seed": seed,
             "hold_after_s": hold,
             "weather_age_s": age,
+            "index_equation": equation,
             "weather_begins_ns": begins,
         }
         if rate:

@@ -91,11 +91,16 @@ class RecorderNode(StepdiagNode):
         except BagError as error:
             self._writer, self._failure = None, str(error)
             self.unwell(self._failure)
-        if self._close_at is not None and topic in (topics.LINE, topics.VOLUMETRIC_ERRORS):
+        late = (topics.LINE, topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST)
+        if self._close_at is not None and topic in late:
             self._close_at = self.real_time() + LINGER
 
     def _close_when_over(self) -> None:
-        if self._close_at is not None and self.real_time() >= self._close_at:
+        if self._close_at is None:
+            return
+        if self.watch.working():
+            self._close_at = self.real_time() + LINGER
+        elif self.real_time() >= self._close_at:
             self._close()
 
     def _close(self) -> None:

@@ -3,6 +3,7 @@
 
 import sys
 from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from stepdiag_ros import topics
@@ -10,12 +11,23 @@ from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.conversion import from_volumetric_errors, to_measured_line
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.solving import solve_reproducibly
+
+PUBLISH_PERIOD = 0.01
+"""Real seconds between two looks at what has been solved."""
+
+Solved = tuple[dict[str, VolumetricErrors], dict[str, str]]
 
 
 class SolverNode(StepdiagNode):
-    """Publishes what each method makes of the lines so far, with its uncertainty."""
+    """Publishes what each method makes of the lines so far, with its uncertainty.
+
+    A large volume takes seconds to solve. That is done in a thread of its own, line after line, so
+    that the node's heartbeat goes on; a node that falls silent stops the run.
+    """
 
     role = "solver"
 
@@ -26,8 +38,12 @@ class SolverNode(StepdiagNode):
         self._lines: list[MeasuredLine] = []
         self._early: deque[Any] = deque(maxlen=topics.LINE.qos.depth)
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
+        self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
+        self.facts[WORK_LEFT] = "0"
         self.follow_run()
         self.listen(topics.LINE, self._on_line)
+        self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
     def on_run(self, description: Any) -> None:
         """Begin anew; lines that came before the description are taken up now."""
@@ -42,13 +58,31 @@ class SolverNode(StepdiagNode):
         if self._volume is None or message.run_id != self.run_id:
             self._early.append(message)
             return
-        self._lines.append(to_measured_line(message))
+        line = to_measured_line(message)
+        self._lines.append(line)
         measurement = Measurement(self._volume, latest_attempts(tuple(self._lines)), self._chain)
-        results, _ = solve_reproducibly(measurement)
-        for result in results.values():
-            time = self._lines[-1].end_time
-            self._results.publish(from_volumetric_errors(result, self.run_id, time))
-        self.get_logger().info(f"{len(self._lines)} lines solved; last: {self._lines[-1].line}")
+        solved = self._worker.submit(solve_reproducibly, measurement)
+        self._solving.append((self.run_id, len(self._lines), line, solved))
+        self._say_work_left()
+
+    def _publish_solved(self) -> None:
+        """Publish what is solved by now, in the order of the lines."""
+        while self._solving and self._solving[0][-1].done():
+            run_id, count, line, solved = self._solving.popleft()
+            results, _ = solved.result()
+            for result in results.values():
+                self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
+            self.get_logger().info(f"{count} lines solved; last: {line.line}")
+            self._say_work_left()
+
+    def _say_work_left(self) -> None:
+        before, self.facts[WORK_LEFT] = self.facts[WORK_LEFT], str(len(self._solving))
+        if "0" in (before, self.facts[WORK_LEFT]):
+            self.beat()
+
+    def close(self) -> None:
+        """Let go of what is not solved yet."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
 
 
 def main() -> int:

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
+from stepdiag_ros.metrology.visibility import measured_visibility
 from stepdiag_ros.report.content import Report, Truth, same_to_the_last_bit
 from stepdiag_ros.solving import solve_reproducibly
 
@@ -26,37 +27,44 @@ def truth_of(cell: "SimulatedCell", volume: Volume, lines: Sequence[str]) -> Tru
         volume: the measured box.
         lines: names of the measured lines; the true displacement of each body diagonal is given.
     """
-    return truth_from_curves(cell.truth(volume), volume, lines)
+    return truth_from_curves(cell.truth(volume), volume, lines, cell.chain)
 
 
-def truth_from_curves(curves: Mapping[str, Vector], volume: Volume, lines: Sequence[str]) -> Truth:
-    """Return a truth from the nine known curves in the frame of the results; see ``truth_of``.
+def truth_from_curves(
+    curves: Mapping[str, Vector], volume: Volume, lines: Sequence[str], chain: str = ""
+) -> Truth:
+    """Return a truth from known curves in the frame of the results; see ``truth_of``.
 
     Args:
-        curves: ISO 230-1 name → errors at the nodes, m, each shape (N + 1,).
+        curves: ISO 230-1 name → errors at the nodes, m or rad, each shape (N + 1,): the nine
+            translations, or all eighteen.
         volume: the measured box.
         lines: names of the measured lines.
+        chain: order of the machine's axes; without it rotations are left out.
 
     Raises:
         ValueError: a curve is missing, has another number of values than the box has nodes, or one
             that is no number.
     """
-    nine = {}
-    for name in TRANSLATIONS:
+    known = {}
+    turns = chain and any(name in curves for name in ROTATIONS)
+    names = CURVES if turns else TRANSLATIONS
+    for name in names:
         if name not in curves:
             raise ValueError(f"the truth has no curve {name}")
-        nine[name] = np.asarray(curves[name], dtype=np.float64)
-        if nine[name].shape != (volume.blocks + 1,) or not np.all(np.isfinite(nine[name])):
+        known[name] = np.asarray(curves[name], dtype=np.float64)
+        if known[name].shape != (volume.blocks + 1,) or not np.all(np.isfinite(known[name])):
             raise ValueError(
                 f"the truth of {name} must be {volume.blocks + 1} numbers, one for each node"
             )
-    values = np.concatenate([nine[name] for name in TRANSLATIONS])
+    values = np.concatenate(list(known.values()))
     exact = CurveEstimate(
         values=values,
         covariance=np.zeros((values.size, values.size)),
         unseen=np.empty((values.size, 0)),
+        names=names,
     )
-    return Truth(curves=nine, figures=common_figures(volume, exact, lines))
+    return Truth(curves=known, figures=common_figures(volume, exact, lines, chain))
 
 
 def build_report(
@@ -70,6 +78,7 @@ def build_report(
     simulated: bool | None = None,
     truth: Truth | None = None,
     bag: Path | None = None,
+    with_visibility: bool = False,
     recorded: Iterable[VolumetricErrors] = (),
     remarks: tuple[str, ...] = (),
 ) -> Report:
@@ -85,6 +94,7 @@ def build_report(
         simulated: whether the run was made on a simulated cell; None if unknown.
         truth: of the simulated cell, see ``truth_of``; None if unknown.
         bag: the file that it was recorded in.
+        with_visibility: say of each error whether these lines tell it.
         recorded: results of the live run in the order of recording; the last of each method is
             compared with what is solved here, to the last bit.
         remarks: about the run as a whole.
@@ -119,6 +129,7 @@ def build_report(
         simulated=simulated,
         truth=truth,
         measurement=measurement,
+        visibility=measured_visibility(measurement) if with_visibility else None,
         equals_recorded=equal,
         remarks=(*remarks, *more),
     )

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
 ZERO_BY_DEFINITION = 1e-15
@@ -17,6 +18,9 @@ ZERO_BY_DEFINITION = 1e-15
 METHOD_TITLES = {
     "conventional": "Conventional (Wang)",
     "setup_robust": "Setup-robust (Ibaraki & Hata)",
+    "alternative": "Alternative (Ibaraki & Hata, KIMM)",
+    "soons": "Soons' angles (Ibaraki & Hata)",
+    "rigid_body": "Rigid body (all 21 errors)",
     "least_squares": "Least squares",
 }
 METHODS = tuple(METHOD_TITLES)
@@ -38,7 +42,8 @@ class Truth:
     """The error curves that a simulated cell was built with.
 
     Attributes:
-        curves: ISO 230-1 name → errors at the nodes, m, in the frame of the results.
+        curves: ISO 230-1 name → errors at the nodes, m or rad, in the frame of the results: the
+            nine translations, or all eighteen.
         figures: squareness, straightness and positioning of these curves.
     """
 
@@ -51,8 +56,8 @@ class Comparison:
     """How far a result lies from the truth.
 
     Attributes:
-        rms: over all determined points of all curves, m; NaN if there is none.
-        largest: largest absolute deviation of a point, m; NaN if there is none.
+        rms: over all determined points of all curves, m or rad; NaN if there is none.
+        largest: largest absolute deviation of a point, m or rad; NaN if there is none.
         points: number of determined points.
         points_with_uncertainty: of those, the ones whose uncertainty is known and not zero.
         points_inside: of those, the ones whose 95 % band holds the truth.
@@ -88,6 +93,7 @@ class Report:
         simulated: whether the run was made on a simulated cell; None if unknown.
         truth: of the simulated cell; None if unknown.
         measurement: the lines; None leaves their picture out.
+        visibility: what these lines can tell of each error; None if it was not asked for.
         equals_recorded: method → whether the result equals the one in the bag to the last bit;
             methods without a recorded result are not there.
         remarks: about the run as a whole, in words.
@@ -104,6 +110,7 @@ class Report:
     simulated: bool | None = None
     truth: Truth | None = None
     measurement: Measurement | None = None
+    visibility: Visibility | None = None
     equals_recorded: Mapping[str, bool] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
@@ -128,17 +135,23 @@ def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:
     return [f"Frame of {' and '.join(methods)}: {frame}." for frame, methods in frames.items()]
 
 
-def compare_with_truth(result: VolumetricErrors, truth: Truth) -> Comparison:
-    """Compare the nine curves of a result with the truth, node by node.
+def compare_with_truth(
+    result: VolumetricErrors, truth: Truth, rotations: bool = False
+) -> Comparison:
+    """Compare the translations of a result with the truth, node by node, or its rotations.
 
     Points without uncertainty are fixed by the definition of the frame; they count for the rms, but
     not for the coverage.
 
     Raises:
-        ValueError: the truth lacks a curve or has it at other nodes.
+        ValueError: the truth lacks a curve or has it at other nodes. (A truth without any rotation
+            leaves nothing to compare rotations with.)
     """
-    deviations, uncertainties = [], []
-    for name in TRANSLATIONS:
+    names = [name for name in result.curves if (name in ROTATIONS) == rotations]
+    if rotations and not any(name in truth.curves for name in ROTATIONS):
+        names = []
+    deviations, uncertainties = [np.empty(0)], [np.empty(0)]
+    for name in names:
         estimated = np.asarray(result.curves[name], dtype=np.float64)
         if name not in truth.curves:
             raise ValueError(f"the truth has no curve {name}")

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros import __version__
-from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.content import Report, Truth, compare_with_truth
+from stepdiag_ros.metrology.visibility import Visibility
+from stepdiag_ros.report.content import Comparison, Report, Truth, compare_with_truth
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
 
 SCHEMA_VERSION = 1
@@ -38,23 +39,20 @@ def _numbers(values: Any) -> list[float | None]:
 
 def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
     """Return one method's entry of the document."""
-    comparison = None
+    comparison = turns = None
     if report.truth is not None:
         found = compare_with_truth(result, report.truth)
-        comparison = {
-            "rms": _number(found.rms),
-            "largest_deviation": _number(found.largest),
-            "points": found.points,
-            "coverage_95": _number(found.coverage),
-            "points_with_uncertainty": found.points_with_uncertainty,
-        }
+        comparison = _comparison_document(found)
+        turned = compare_with_truth(result, report.truth, rotations=True)
+        if turned.points:
+            turns = _comparison_document(turned)
     return {
         "frame": result.frame,
         "lines": result.lines,
         "nodes": {axis: _numbers(nodes) for axis, nodes in zip(AXES, result.nodes, strict=True)},
-        "curves": {name: _numbers(result.curves[name]) for name in TRANSLATIONS},
+        "curves": {name: _numbers(curve) for name, curve in result.curves.items()},
         "standard_uncertainty": {
-            name: _numbers(result.standard_uncertainty[name]) for name in TRANSLATIONS
+            name: _numbers(spread) for name, spread in result.standard_uncertainty.items()
         },
         "figures": {
             figure.name: {
@@ -70,12 +68,48 @@ def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
         "remarks": list(result.remarks),
         "equals_recorded": report.equals_recorded.get(result.method),
         "comparison_with_truth": comparison,
+        "comparison_of_rotations": turns,
+    }
+
+
+def _comparison_document(found: Comparison) -> dict[str, Any]:
+    return {
+        "rms": _number(found.rms),
+        "largest_deviation": _number(found.largest),
+        "points": found.points,
+        "coverage_95": _number(found.coverage),
+        "points_with_uncertainty": found.points_with_uncertainty,
+    }
+
+
+def visibility_document(visibility: Visibility) -> dict[str, Any]:
+    """Return a visibility table as a mapping that ``json`` can write."""
+    return {
+        "chain": visibility.chain or None,
+        "stop_uncertainty": _number(visibility.stop_uncertainty),
+        "readings": visibility.readings,
+        "unknowns": visibility.unknowns,
+        "rank": visibility.rank,
+        "condition_number": _number(visibility.condition_number),
+        "errors": {
+            row.name: {
+                "status": row.status,
+                "words": row.words,
+                "part": row.part or None,
+                "confounded_with": list(row.confounded_with),
+                "unit": row.unit,
+                "standard_uncertainty_at_end": _number(row.end),
+                "largest_standard_uncertainty": _number(row.largest),
+                "inflation": _number(row.condition),
+            }
+            for row in visibility.rows
+        },
     }
 
 
 def _truth_document(truth: Truth) -> dict[str, Any]:
     return {
-        "curves": {name: _numbers(truth.curves[name]) for name in TRANSLATIONS},
+        "curves": {name: _numbers(curve) for name, curve in truth.curves.items()},
         "figures": {
             figure.name: {"value": _number(figure.value), "unit": figure.unit}
             for figure in truth.figures
@@ -107,6 +141,7 @@ def report_document(report: Report) -> dict[str, Any]:
             result.method: method_document(result, report) for result in report.ordered_results()
         },
         "not_solved": dict(report.refused),
+        "visibility": None if report.visibility is None else visibility_document(report.visibility),
         "truth": None if report.truth is None else _truth_document(report.truth),
     }
 

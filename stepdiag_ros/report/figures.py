@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, Vector, translation
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, Vector, translation
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.report.content import (
     ZERO_BY_DEFINITION,
@@ -44,19 +44,24 @@ class Style:
 STYLES = {
     "conventional": Style("#CC79A7", "s", "-."),
     "setup_robust": Style("#D55E00", "o", "--"),
+    "alternative": Style("#E69F00", "v", "--"),
+    "soons": Style("#56B4E9", "P", "-."),
+    "rigid_body": Style("#009E73", "D", "-"),
     "least_squares": Style("#0072B2", "^", "-"),
 }
-_OTHER = Style("#009E73", "D", "-")
+OTHER = Style("#666666", "D", "-")
 _TRUTH = Style("#000000", "x", ":")
 
 
-def _picture(width: float, height: float) -> "Picture":
+def new_picture(width: float, height: float) -> "Picture":
+    """Return an empty picture of a size in inches, without any global state of matplotlib."""
     from matplotlib.figure import Figure as Picture
 
     return Picture(figsize=(width, height), dpi=_DOTS_PER_INCH, layout="constrained")
 
 
-def _tidy(axes: "Axes") -> None:
+def tidy(axes: "Axes") -> None:
+    """Give a panel the look of the house: a light grid and no frame above and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
@@ -70,7 +75,7 @@ def _subtitle(report: Report) -> str:
 
 
 def _draw_curve(axes: "Axes", result: VolumetricErrors, name: str, nodes: Vector) -> bool:
-    style = STYLES.get(result.method, _OTHER)
+    style = STYLES.get(result.method, OTHER)
     values = result.curves[name] * MICRO
     uncertainty = result.standard_uncertainty[name]
     # What the frame fixes, such as the zero at the first node, says nothing about the machine.
@@ -95,7 +100,7 @@ def _draw_curve(axes: "Axes", result: VolumetricErrors, name: str, nodes: Vector
 
 
 def curves_picture(report: Report, with_conventional: bool) -> "Picture":
-    """Draw the nine error curves with their 95 % bands, and the truth where it is known.
+    """Draw the nine translations with their 95 % bands, and the truth where it is known.
 
     Columns are the axis that moves, rows the direction of the error.
 
@@ -109,16 +114,43 @@ def curves_picture(report: Report, with_conventional: bool) -> "Picture":
         for result in report.ordered_results()
         if with_conventional or result.method != "conventional"
     ]
-    picture = _picture(11.0, 8.6)
+    return _nine_panels(report, results, rotations=False)
+
+
+def rotations_picture(report: Report) -> "Picture | None":
+    """Draw the nine rotations with their 95 % bands; None if no curve of any method is determined.
+
+    Columns are the axis that moves, rows the axis about which it turns.
+    """
+    results = [
+        result
+        for result in report.ordered_results()
+        if any(
+            name in ROTATIONS and np.all(np.isfinite(curve))
+            for name, curve in result.curves.items()
+        )
+    ]
+    return _nine_panels(report, results, rotations=True) if results else None
+
+
+def _nine_panels(report: Report, results: list[VolumetricErrors], rotations: bool) -> "Picture":
+    unit = "µrad" if rotations else "µm"
+    results = [
+        result
+        for result in results
+        if any((name in ROTATIONS) == rotations for name in result.curves)
+    ]
+    picture = new_picture(11.0, 8.6)
     grid = picture.subplots(3, 3, sharex="col", squeeze=False)
     for axis, letter in enumerate(AXES):
         for error, direction in enumerate(AXES):
             axes = grid[error][axis]
-            name = translation(error, axis)
+            name = ROTATIONS[3 * axis + error] if rotations else translation(error, axis)
             drawn = False
             for result in results:
-                drawn |= _draw_curve(axes, result, name, result.nodes[axis] * _MILLI)
-            if report.truth is not None and results:
+                if name in result.curves:
+                    drawn |= _draw_curve(axes, result, name, result.nodes[axis] * _MILLI)
+            if report.truth is not None and results and name in report.truth.curves:
                 axes.plot(
                     results[-1].nodes[axis] * _MILLI,
                     np.asarray(report.truth.curves[name]) * MICRO,
@@ -129,9 +161,10 @@ def curves_picture(report: Report, with_conventional: bool) -> "Picture":
                     linewidth=1.2,
                     label="Truth (simulated cell)",
                 )
-            _tidy(axes)
+            tidy(axes)
             axes.axhline(0.0, color="0.55", linewidth=0.7, zorder=1)
-            axes.set_title(f"{name}: {direction} error as {letter} moves", fontsize=9)
+            what = f"rotation about {direction}" if rotations else f"{direction} error"
+            axes.set_title(f"{name}: {what} as {letter} moves", fontsize=9)
             if not drawn:
                 axes.text(
                     0.5,
@@ -145,11 +178,12 @@ def curves_picture(report: Report, with_conventional: bool) -> "Picture":
                     zorder=5,
                 )
             if axis == 0:
-                axes.set_ylabel("error / µm", fontsize=9)
+                axes.set_ylabel(f"error / {unit}", fontsize=9)
             if error == 2:
                 axes.set_xlabel(f"{letter} / mm", fontsize=9)
-    _title(picture, "Translational errors of the three axes with 95 % bands", report)
-    _legend_below(picture, grid.ravel(), frame_sentences(results))
+    kind = "Rotations" if rotations else "Translational errors"
+    _title(picture, f"{kind} of the three axes with 95 % bands", report)
+    legend_below(picture, grid.ravel(), frame_sentences(results))
     return picture
 
 
@@ -158,7 +192,8 @@ def _title(picture: "Picture", title: str, report: Report, *more: str) -> None:
     picture.suptitle("\n".join(line for line in lines if line), fontsize=11)
 
 
-def _legend_below(picture: "Picture", panels: Any, small_print: Sequence[str] = ()) -> None:
+def legend_below(picture: "Picture", panels: Any, small_print: Sequence[str] = ()) -> None:
+    """Put one legend of all panels below them, each label once, with sentences above it."""
     entries: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -208,7 +243,7 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
         known = [report.truth.figures]
     largest = max((angle for figures in known for angle in _angles(figures)), default=0.0)
     exaggeration = _DRAWN_ANGLE / largest if largest > 0 else 1.0
-    picture = _picture(11.0, 5.2)
+    picture = new_picture(11.0, 5.2)
     panels = picture.subplots(1, 3, squeeze=False)[0]
     for axes, name in zip(panels, SQUARENESS, strict=True):
         _draw_square(axes, name)
@@ -216,7 +251,7 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
             figure = _find(result.figures, name)
             if figure is not None and np.isfinite(figure.value):
                 lean = _LEANS_TO_MINUS[name] * figure.value * exaggeration
-                style = STYLES.get(result.method, _OTHER)
+                style = STYLES.get(result.method, OTHER)
                 axes.plot(
                     [0.0, -np.sin(lean)],
                     [0.0, np.cos(lean)],
@@ -255,7 +290,7 @@ def squareness_picture(report: Report, definition: SignDefinition = "rotation") 
         report,
         f"sign of the figures: {SIGN_DEFINITIONS[definition]}",
     )
-    _legend_below(picture, panels, frame_sentences(drawn))
+    legend_below(picture, panels, frame_sentences(drawn))
     return picture
 
 
@@ -308,7 +343,7 @@ def lines_picture(report: Report) -> "Picture | None":
     setups = list(dict.fromkeys(line.setup for line in measurement.lines))
     columns = min(4, len(setups))
     rows = -(-len(setups) // columns)
-    picture = _picture(11.0, 1.2 + 2.3 * rows)
+    picture = new_picture(11.0, 1.2 + 2.3 * rows)
     grid = picture.subplots(rows, columns, sharey=True, squeeze=False)
     for number, axes in enumerate(grid.ravel()):
         if number >= len(setups):
@@ -321,7 +356,7 @@ def lines_picture(report: Report) -> "Picture | None":
         if number + columns >= len(setups):
             axes.set_xlabel("stop", fontsize=9)
     _title(picture, "Repeatability: every pass less the mean of all passes of its setup", report)
-    _legend_below(picture, grid.ravel())
+    legend_below(picture, grid.ravel())
     return picture
 
 
@@ -354,7 +389,7 @@ def _draw_setup(axes: "Axes", lines: list[Any]) -> None:
             linewidth=0.9,
             label="forward" if forward else "backward",
         )
-    _tidy(axes)
+    tidy(axes)
     axes.axhline(0.0, color="0.55", linewidth=0.7, zorder=1)
 
 
@@ -366,6 +401,9 @@ def draw_all(report: Report, definition: SignDefinition = "rotation") -> "dict[s
         pictures["error_curves"] = curves_picture(report, with_conventional=False)
     if "conventional" in methods:
         pictures["error_curves_with_conventional"] = curves_picture(report, with_conventional=True)
+    rotations = rotations_picture(report)
+    if rotations is not None:
+        pictures["rotations"] = rotations
     if methods:
         pictures["squareness"] = squareness_picture(report, definition)
     repeatability = lines_picture(report)

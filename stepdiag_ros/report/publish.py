@@ -2,13 +2,14 @@
 
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.documents import report_json
+from stepdiag_ros.report.experiment import experiment_of, experiment_texts
 from stepdiag_ros.report.squareness import SignDefinition
 from stepdiag_ros.report.tables import make_console, print_report
 
@@ -41,7 +42,7 @@ def make_folder(folder: Path) -> Path:
 
 
 @contextmanager
-def _whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path) -> Iterator[Path]:
     """Give a name to write to and rename it at the end: no half-written file is ever found."""
     partial = path.with_name(f".partial-{path.name}")
     try:
@@ -79,36 +80,72 @@ def publish(
             itself.
         OSError: a file cannot be written.
     """
+    text = io.StringIO()
+    print_report(report, make_console(text), definition)
+    contents = {"results.json": report_json(report) + "\n", "report.txt": text.getvalue()}
+    experiment = experiment_of(report)
+    if experiment is not None:
+        contents.update(experiment_texts(experiment))
+
+    def draw() -> "dict[str, Picture]":
+        # matplotlib is slow to import, so it is only here that pictures are asked for.
+        from stepdiag_ros.report.experiment_figures import draw_experiment
+        from stepdiag_ros.report.figures import draw_all
+
+        more = {} if experiment is None else draw_experiment(experiment)
+        return draw_all(report, definition) | more
+
+    return write_results(folder, contents, draw, picture_formats, progress)
+
+
+def write_results(
+    folder: Path,
+    contents: Mapping[str, str],
+    draw: "Callable[[], dict[str, Picture]]",
+    picture_formats: tuple[str, ...] = ("png",),
+    progress: Callable[[float, str], None] | None = None,
+) -> list[Path]:
+    """Write texts and pictures into a results folder, in place of earlier ones.
+
+    Args:
+        folder: made if it is not there.
+        contents: name of a file → its text; blanks at the ends of lines are left out.
+        draw: returns the pictures by the names of their files without ending; only called if
+            pictures are wanted.
+        picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
+        progress: told before each file the part that is done (0..1), and the file's name.
+
+    Returns:
+        The files, in the order in which they were written.
+
+    Raises:
+        ValueError: an unknown picture format, or the folder cannot be made.
+        OSError: a file cannot be written.
+    """
     for picture_format in picture_formats:
         if picture_format not in PICTURE_FORMATS:
             raise ValueError(
                 f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}"
             )
     tell = progress or _tell_nobody
-    text = io.StringIO()
-    print_report(report, make_console(text), definition)
-    contents = {
-        "results.json": report_json(report) + "\n",
-        "report.txt": _without_trailing_blanks(text.getvalue()),
-    }
     pictures: dict[str, Picture] = {}
     if picture_formats:
-        # matplotlib is slow to import, so it is only here that pictures are asked for.
-        from stepdiag_ros.report.figures import draw_all, save
+        from stepdiag_ros.report.figures import save
 
         tell(0.0, "pictures")
         pictures = {
             f"{name}.{picture_format}": picture
-            for name, picture in draw_all(report, definition).items()
+            for name, picture in draw().items()
             for picture_format in picture_formats
         }
     make_folder(folder)
     written: list[Path] = []
     for name in (*contents, *pictures):
         tell(len(written) / (len(contents) + len(pictures)), name)
-        with _whole_file(folder / name) as partial:
+        with whole_file(folder / name) as partial:
             if name in contents:
-                partial.write_text(contents[name], encoding="utf-8")
+                text = _without_trailing_blanks(contents[name])
+                partial.write_text(text, encoding="utf-8")
             else:
                 save(pictures[name], partial)
         written.append(folder / name)

@@ -1,14 +1,17 @@
 """The results as text tables for a terminal (and for ``report.txt`` in the results folder)."""
 
 import math
+from collections.abc import Sequence
 from typing import IO
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.visibility import Row, Visibility
 from stepdiag_ros.report.content import (
     Comparison,
     Report,
@@ -27,7 +30,11 @@ from stepdiag_ros.report.numbers import (
 )
 from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
 
-_LEAST_WIDTH = 110
+_LEAST_WIDTH = 150
+
+_MOST_REASONS = 6
+"""A method that cannot tell more than this is not explained line by line."""
+_MICRO_UNITS = {"m": "µm", "rad": "µrad"}
 
 
 class PlainConsole(Console):
@@ -54,7 +61,8 @@ def make_console(stream: IO[str]) -> PlainConsole:
     return console
 
 
-def _table(title: str, *columns: str) -> Table:
+def new_table(title: str, *columns: str) -> Table:
+    """Return an empty table in the style of the house; the first column is on the left."""
     table = Table(
         title=title,
         title_justify="left",
@@ -90,7 +98,7 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = _table("Squareness", "", "unit", *columns)
+    table = new_table("Squareness", "", "unit", *columns)
     for name in SQUARENESS:
         reference, other = AXES_OF[name]
         for number, (unit, scale) in enumerate((("µm/m", MICRO), ("arcsec", ARC_SECONDS))):
@@ -107,27 +115,39 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     return table
 
 
-def length_table(report: Report, prefix: str, title: str) -> Table | None:
-    """Return the figures in m whose names begin with a word, by all methods side by side, in µm.
+def figure_table(report: Report, prefix: str, title: str, only_known: bool = False) -> Table | None:
+    """Return the figures whose names begin with a word, by all methods side by side.
 
-    None if no method has such a figure.
+    Lengths are in µm, angles in µrad. None if no method has such a figure.
+
+    Args:
+        report: what is printed.
+        prefix: first word of the names.
+        title: of the table.
+        only_known: leave out methods and figures of which nothing is determined: few plans tell
+            rotations, and the visibility table says which.
     """
-    results = report.ordered_results()
+    results: Sequence[VolumetricErrors] = report.ordered_results()
     names: list[str] = []
+    if only_known:
+        results = [result for result in results if any(_known(result, prefix))]
     for result in results:
-        for figure in result.figures:
-            if figure.name.split(" ")[0] == prefix and figure.name not in names:
-                names.append(figure.name)
+        for name in _known(result, prefix) if only_known else _all_named(result, prefix):
+            if name not in names:
+                names.append(name)
     if not names:
         return None
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = _table(title, "", "unit", *columns)
+    table = new_table(title, "", "unit", *columns)
     for name in names:
         cells = []
+        unit = "µm"
         for result in results:
             found = _find(result.figures, name)
+            if found is not None:
+                unit = _MICRO_UNITS[found.unit]
             cells.append(
                 UNKNOWN
                 if found is None
@@ -136,22 +156,36 @@ def length_table(report: Report, prefix: str, title: str) -> Table | None:
         if report.truth is not None:
             true = _find(report.truth.figures, name)
             cells.append(UNKNOWN if true is None else plain(true.value * MICRO))
-        table.add_row(_words(name), "µm", *cells)
+        table.add_row(_words(name), unit, *cells)
     return table
+
+
+def _all_named(result: VolumetricErrors, prefix: str) -> list[str]:
+    return [figure.name for figure in result.figures if figure.name.split(" ")[0] == prefix]
+
+
+def _known(result: VolumetricErrors, prefix: str) -> list[str]:
+    return [
+        figure.name
+        for figure in result.figures
+        if figure.name.split(" ")[0] == prefix and math.isfinite(figure.value)
+    ]
 
 
 def _words(name: str) -> str:
     """Say what a figure is: ``straightness E_YX`` → ``E_YX  of X in Y``."""
     curve = name.split(" ")[-1]
-    if curve not in TRANSLATIONS:
+    if curve not in TRANSLATIONS and curve not in ROTATIONS:
         return name
     error, axis = curve[2], curve[3]
+    if curve in ROTATIONS:
+        return f"{curve}  of {axis} about {AXES['ABC'.index(error)]}"
     return f"{curve}  of {axis}" if error == axis else f"{curve}  of {axis} in {error}"
 
 
 def setup_table(result: VolumetricErrors) -> Table | None:
     """Return the setup errors that a method found; None if it has none."""
-    common = {"straightness", "positioning", "diagonal"}
+    common = {"straightness", "positioning", "diagonal", "angular", "angular-shape"}
     others = [
         figure
         for figure in result.figures
@@ -159,27 +193,40 @@ def setup_table(result: VolumetricErrors) -> Table | None:
     ]
     if not others:
         return None
-    table = _table(f"Setup errors, {method_title(result.method)}", "", "unit", "value ± U")
+    table = new_table(f"Setup errors, {method_title(result.method)}", "", "unit", "value ± U")
     for figure in others:
-        unit = "µrad" if figure.unit == "rad" else "µm"
+        unit = _MICRO_UNITS[figure.unit]
         table.add_row(
             figure.name, unit, plus_minus(figure.value, figure.standard_uncertainty, MICRO)
         )
     return table
 
 
-def curve_tables(result: VolumetricErrors) -> list[Table]:
-    """Return the nine error curves of a method: one table an axis, one row a node, in µm."""
+def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Table]:
+    """Return the translations or rotations of a method: one table an axis, one row a node.
+
+    Translations are in µm, rotations in µrad. Rotations, and nodes of them, that are not determined
+    at all are left out; what can do the same is said elsewhere.
+    """
     tables = []
     for axis, (letter, nodes) in enumerate(zip(AXES, result.nodes, strict=True)):
-        names = TRANSLATIONS[3 * axis : 3 * axis + 3]
-        table = _table(
-            f"Errors as {letter} moves, {method_title(result.method)}",
+        group = ROTATIONS if rotations else TRANSLATIONS
+        names = [name for name in group[3 * axis : 3 * axis + 3] if name in result.curves]
+        if rotations:
+            names = [name for name in names if np.any(np.isfinite(result.curves[name][1:]))]
+        if not names:
+            continue
+        what, unit = ("Rotations", "µrad") if rotations else ("Errors", "µm")
+        table = new_table(
+            f"{what} as {letter} moves, {method_title(result.method)}",
             f"{letter} / mm",
-            *(f"{name} / µm" for name in names),
+            *(f"{name} / {unit}" for name in names),
         )
         table.columns[0].justify = "right"
+        table.min_width = len(str(table.title))
         for node, position in enumerate(nodes):
+            if rotations and not any(np.isfinite(result.curves[name][node]) for name in names):
+                continue
             table.add_row(
                 plain(position * 1e3, 3),
                 *(
@@ -193,10 +240,68 @@ def curve_tables(result: VolumetricErrors) -> list[Table]:
     return tables
 
 
+def visibility_table(visibility: Visibility) -> Table:
+    """Return what can be told of each error and how well, with expanded uncertainties."""
+    table = new_table(
+        f"Visibility, {visibility.readings} stops: {visibility.rank} of {visibility.unknowns} free"
+        f" values determined, condition number {visibility.condition_number:.2g}",
+        "error",
+        "verdict",
+        "unit",
+        "U at the end",
+        "largest U",
+        "inflation",
+    )
+    verdict = table.columns[1]
+    verdict.justify, verdict.no_wrap, verdict.max_width = "left", False, 72
+    for row in visibility.rows:
+        unit, scale = (
+            (_MICRO_UNITS[row.unit], MICRO) if row.unit in _MICRO_UNITS else (row.unit, 1.0)
+        )
+        table.add_row(
+            row.name,
+            row.words,
+            unit,
+            _expanded(row.end * scale),
+            _expanded(row.largest * scale),
+            _inflation(row),
+        )
+    return table
+
+
+def _expanded(standard_uncertainty: float) -> str:
+    if not math.isfinite(standard_uncertainty):
+        return "-"
+    return f"{COVERAGE_FACTOR * standard_uncertainty:.2g}"
+
+
+def _inflation(row: Row) -> str:
+    return f"{row.condition:.2g}" if math.isfinite(row.condition) else "-"
+
+
+def visibility_sentences(visibility: Visibility) -> list[str]:
+    """Say what a visibility table rests on."""
+    chain = (
+        f"Visibility for the chain {visibility.chain}, every error free at every node."
+        if visibility.chain
+        else "Visibility of translations only, as if no axis turned: the chain is not known."
+    )
+    noise = (
+        f" U: expected expanded uncertainty (95 %) for {visibility.stop_uncertainty * MICRO:.2g} µm"
+        " (standard uncertainty) a stop."
+        if math.isfinite(visibility.stop_uncertainty)
+        else " The readings' uncertainty is not known, and so is no expected one."
+    )
+    return [
+        chain + noise,
+        "Inflation: how many times less certain an error is than if all others were known.",
+    ]
+
+
 def fit_table(report: Report) -> Table:
     """Return what each method was made from, how well it fits and how far from the truth it is."""
     results = report.ordered_results()
-    table = _table("Methods", "", "unit", *(short_title(result.method) for result in results))
+    table = new_table("Methods", "", "unit", *(short_title(result.method) for result in results))
     table.add_row("lines used", "", *(str(result.lines) for result in results))
     table.add_row("degrees of freedom", "", *(str(r.degrees_of_freedom) for r in results))
     table.add_row("χ² / degrees of freedom", "", *(_reduced_chi_squared(r) for r in results))
@@ -205,6 +310,12 @@ def fit_table(report: Report) -> Table:
         table.add_row("rms from the truth", "µm", *(plain(c.rms * MICRO, 3) for c in found))
         table.add_row("largest deviation", "µm", *(plain(c.largest * MICRO, 3) for c in found))
         table.add_row("truth inside the 95 % bands", "points", *(_inside(c) for c in found))
+        turned = [compare_with_truth(result, report.truth, rotations=True) for result in results]
+        if any(c.points for c in turned):
+            table.add_row(
+                "rms from the truth, rotations", "µrad", *(plain(c.rms * MICRO, 3) for c in turned)
+            )
+            table.add_row("inside, rotations", "points", *(_inside(c) for c in turned))
     if report.equals_recorded:
         table.add_row(
             "same bits as recorded",
@@ -234,6 +345,8 @@ def _equality(same: bool | None) -> str:
 
 def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines = frame_sentences(report.ordered_results())
+    if report.visibility is not None:
+        lines.extend(visibility_sentences(report.visibility))
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."
@@ -242,12 +355,20 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines.extend(f"Run: {remark}" for remark in report.remarks)
     for result in report.ordered_results():
         title = method_title(result.method)
-        lines.extend(f"{title}, not determined: {text}" for text in result.not_determined)
+        lines.extend(f"{title}, not determined: {text}" for text in _shortened(result))
         lines.extend(f"{title}: {text}" for text in result.remarks)
     lines.extend(
         f"{method_title(method)}: not solved, {reason}" for method, reason in report.refused.items()
     )
     return lines
+
+
+def _shortened(result: VolumetricErrors) -> list[str]:
+    """Return what a method cannot tell; only the names where the reasons would fill a page."""
+    if len(result.not_determined) <= _MOST_REASONS:
+        return list(result.not_determined)
+    names = ", ".join(text.split(":")[0] for text in result.not_determined)
+    return [f"{names}, at least in part. --visibility and results.json tell why."]
 
 
 def _heading(report: Report) -> list[str]:
@@ -272,7 +393,7 @@ def print_report(
         report: what is printed.
         console: where to.
         definition: sign definition of the squareness that is printed.
-        curves: print the nine curves of the method to rely on, node by node, too.
+        curves: print the curves of the method to rely on, and all rotations, node by node, too.
     """
 
     def sentence(text: str) -> None:
@@ -283,16 +404,25 @@ def print_report(
     if report.results:
         console.print()
         tables: list[Table | None] = [fit_table(report), squareness_table(report, definition)]
-        tables.append(length_table(report, "positioning", "Positioning error over the travel"))
+        tables.append(figure_table(report, "positioning", "Positioning error over the travel"))
         tables.append(
-            length_table(report, "straightness", "Straightness (largest minus smallest deviation)")
+            figure_table(report, "straightness", "Straightness (largest minus smallest deviation)")
         )
-        tables.append(length_table(report, "diagonal", "Displacement error over body diagonals"))
+        tables.append(figure_table(report, "diagonal", "Displacement error over body diagonals"))
+        for prefix, title in (
+            ("angular", "Angular errors (largest minus smallest)"),
+            ("angular-shape", "Angular errors less the slope of their least-squares line"),
+        ):
+            tables.append(figure_table(report, prefix, title, only_known=True))
         preferred = report.preferred()
         if preferred is not None:
             tables.append(setup_table(preferred))
             if curves:
                 tables.extend(curve_tables(preferred))
+                for result in report.ordered_results():
+                    tables.extend(curve_tables(result, rotations=True))
+        if report.visibility is not None:
+            tables.append(visibility_table(report.visibility))
         for table in tables:
             if table is not None:
                 console.print(table)

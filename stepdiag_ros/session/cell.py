@@ -28,6 +28,7 @@ def simulated_cell(
         NodeProcess("recorder", {**simulated, "folder": folder}),
         NodeProcess("assembler", simulated),
         NodeProcess("solver", simulated),
+        NodeProcess("evaluator", simulated),
         NodeProcess("weather", weather),
         NodeProcess(
             "bridge", {**simulated, "device": "simulated", "machine": machine, "cell": cell}

@@ -1,4 +1,4 @@
-"""A recorded run into a live graph, with an assembler and a solver to compare if wanted."""
+"""A recorded run into a live graph, with the nodes that evaluate it to compare if wanted."""
 
 import tempfile
 from collections.abc import Callable
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
 
 START_LIMIT = 20.0
-"""Real seconds within which assembler and solver must be up."""
+"""Real seconds within which the nodes that evaluate must be up."""
 QUIET = 2.0
-"""Real seconds without a new message after which assembler and solver are taken to be done."""
+"""Real seconds without a new message after which the nodes that evaluate are taken to be done."""
 
-_FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, topics.VOLUMETRIC_ERRORS)
+_FROM_LINES = (topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST)
+_FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, *_FROM_LINES)
 
 
 def replay(
@@ -30,7 +31,8 @@ def replay(
     Args:
         bag: the recorded run.
         rate: recorded seconds in a real second; 0 for as fast as possible.
-        check: start an assembler and a solver, and compare their messages with the recorded ones.
+        check: start an assembler, a solver and an evaluator, and compare their messages with the
+            recorded ones.
         progress: is told the part that has been published, 0..1.
 
     Raises:
@@ -46,13 +48,13 @@ def replay(
     check_version(bag.path, bag.header.schema_version, bag.header.software_version)
     # Without one of these there is nothing to assemble; the recorded lines are taken then.
     assembled = present >= {topics.READING, topics.MACHINE_COMMAND, topics.COMMAND_STATUS}
-    compared = _FROM_READINGS if assembled else (topics.VOLUMETRIC_ERRORS,)
+    compared = _FROM_READINGS if assembled else _FROM_LINES
     if check and not present.intersection(compared):
         raise ValueError(
             f"{bag.path} holds no stops, lines or results that follow from what it can replay;"
             " there is nothing to compare: replay it without --check"
         )
-    roles = ["assembler", "solver"] if assembled else ["solver"]
+    roles = [*(["assembler"] if assembled else []), "solver", "evaluator"]
     with ExitStack() as stack:
         stack.enter_context(in_graph())
         player = PlayerNode(bag, derived=not assembled)

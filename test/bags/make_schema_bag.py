@@ -9,7 +9,7 @@ from bags_for_tests import RUN_ID, START, description, header, put
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Environment,
@@ -20,6 +20,8 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.positioning_conversion import from_positioning_test
 
 NEW = own_types().new
 AIR = Environment(20.0, 101325.0, 0.5, 20.5)
@@ -78,19 +80,34 @@ def messages():
         environment=np.tile(AIR, (3, 1)),
     )
     made[topics.LINE] = conversion.from_measured_line(line, RUN_ID, NEW)
-    curves = {name: np.array([0.0, 1.25e-6, 2.5e-6]) for name in TRANSLATIONS}
+    curves = {name: np.array([0.0, 1.25e-6, 2.5e-6]) for name in CURVES}
     curves["E_XX"] = np.full(3, np.nan)
     result = VolumetricErrors(
         method="least_squares",
         nodes=(np.arange(3) * 0.01, np.arange(3) * 0.02, np.arange(3) * 0.03),
         curves=curves,
-        standard_uncertainty={name: np.full(3, 1e-8) for name in TRANSLATIONS},
+        standard_uncertainty={name: np.full(3, 1e-8) for name in CURVES},
         figures=(Figure("C0Y", -1.5e-6, 1e-7, "rad"),),
         lines=1,
         chi_squared=1.0,
         degrees_of_freedom=2,
     )
     made[topics.VOLUMETRIC_ERRORS] = conversion.from_volumetric_errors(result, RUN_ID, START, NEW)
+    test = PositioningTest(
+        name="X",
+        kind="linear",
+        setup=X.setup,
+        target=np.array([0.0, 0.01, 0.02]),
+        runs=(2, 1),
+        mean_forward=np.array([0.0, 1.5e-6, 2.5e-6]),
+        mean_backward=np.array([0.5e-6, 1.0e-6, 3.5e-6]),
+        deviation_forward=np.full(3, 1e-7),
+        deviation_backward=np.full(3, np.nan),
+        parameters={"E": 3.5e-6, "R": np.nan},
+        expanded_uncertainty={"E": np.nan, "R": np.nan},
+        remarks=("by hand",),
+    )
+    made[topics.POSITIONING_TEST] = from_positioning_test(test, RUN_ID, START, NEW)
     status = NEW("diagnostic_msgs/msg/DiagnosticStatus")
     status.name, status.message = "assembler", "ok"
     made[topics.DIAGNOSTICS].status = [status]

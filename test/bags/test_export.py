@@ -81,9 +81,9 @@ def test_results_are_the_last_of_each_solver_with_all_digits(bag, tmp_path):
         if (row["method"], row["curve"], row["node"]) == ("least_squares", "E_ZY", "1")
     )
     assert float(row["position_m"]) == 0.02
-    assert float(row["error_m"]) == 2e-6 * (1 / 3)
-    assert float(row["standard_uncertainty_m"]) == 2e-6 / 7
-    assert {row["error_m"] for row in rows if row["node"] == "2"} == {""}
+    assert float(row["error"]) == 2e-6 * (1 / 3)
+    assert float(row["standard_uncertainty"]) == 2e-6 / 7
+    assert {row["error"] for row in rows if row["node"] == "2"} == {""}
     figures = table(tmp_path / "out" / "figures.csv")
     assert [(row["method"], float(row["value"])) for row in figures] == [
         ("least_squares", 2e-6 / 9),

@@ -47,5 +47,10 @@ def test_version_1_says_what_it_said():
     assert result.curves["E_ZY"].tolist() == [0.0, 1.25e-6, 2.5e-6]
     assert np.isnan(result.curves["E_XX"]).all()
     assert result.figure("C0Y").value == -1.5e-6
+    (test,) = run.tests
+    assert (test.standard, test.name, test.runs) == ("ISO 230-2", "X", (2, 1))
+    assert test.mean_backward.tolist() == [0.5e-6, 1.0e-6, 3.5e-6]
+    assert test.parameters["E"] == 3.5e-6
+    assert np.isnan(test.parameters["R"])
     assert [state.text for state in run.states] == ["finished"]
     assert [diagnostic.message for diagnostic in run.diagnostics] == ["ok"]

@@ -95,10 +95,10 @@ def test_a_decimal_comma(rows, tmp_path):
         ("air_pressure_Pa", "1013.25", "hPa"),
         ("relative_humidity", "50", "per cent"),
         ("air_pressure_Pa", "high", "a number"),
-        ("kind", "diagonal", "one of linear, step_diagonal"),
+        ("kind", "circular", "one of linear, step_diagonal, diagonal"),
         ("line", "w", "one of x, y, z"),
         ("line", "ppp", "one of x, y, z"),
-        ("order", "XYZ", "nothing for a linear line"),
+        ("order", "XYZ", "nothing for a line of kind linear"),
         ("direction", "Forward", "one of forward, backward"),
         ("repeat", "-1", "a whole number"),
         ("repeat", "0.5", "a whole number"),
@@ -243,6 +243,43 @@ def test_positions_of_another_diagonal(rows, tmp_path):
     for row in range(begin, end):
         change(rows, row, line="npp")
     refused(rows, tmp_path, begin, "says 'npp .*but the positions are those of 'ppp XYZ forward")
+
+
+def as_diagonal(rows, name="ppp", way="forward"):
+    """Make of a step diagonal what is measured when all axes move at once."""
+    begin = first_row(rows, name, way)
+    kept = [rows[begin - 1 + 3 * stop] for stop in range(13)]
+    made = [[*cells] for cells in [rows[0], *kept]]
+    for stop, cells in enumerate(made[1:]):
+        for column, value in (("kind", "diagonal"), ("order", ""), ("stop", str(stop))):
+            cells[COLUMNS.index(column)] = value
+    return made
+
+
+def test_a_diagonal_has_no_order(rows, tmp_path):
+    made = as_diagonal(rows)
+    change(made, 2, order="XYZ")
+    refused(made, tmp_path, 2, "'order' is 'XYZ'; expected nothing for a line of kind diagonal")
+
+
+def test_a_linear_line_with_a_diagonals_name(rows, tmp_path):
+    made = as_diagonal(rows)
+    change(made, 2, kind="diagonal", line="x")
+    refused(made, tmp_path, 2, "'line' is 'x'; expected one of ppp, npp, .*0np")
+
+
+def test_a_step_diagonal_that_is_called_a_diagonal(rows, tmp_path):
+    begin = first_row(rows, "ppp")
+    for row in range(begin, first_row(rows, "ppp", "backward")):
+        change(rows, row, kind="diagonal", order="")
+    refused(rows, tmp_path, begin + 1, "does not follow the line's name and order")
+
+
+def test_positions_of_another_diagonal_at_once(rows, tmp_path):
+    made = as_diagonal(rows)
+    for row in range(2, len(made) + 1):
+        change(made, row, line="pnp")
+    refused(made, tmp_path, 2, "says 'pnp diagonal .*but the positions are those of 'ppp diagonal")
 
 
 def test_positions_of_another_order(rows, tmp_path):

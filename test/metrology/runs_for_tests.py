@@ -24,7 +24,7 @@ from stepdiag_ros.metrology.plan import (
     Plan,
     Sampling,
     Volume,
-    moved_axis,
+    moved_axes,
 )
 
 START = 1_700_000_000_123_456_789
@@ -78,7 +78,7 @@ class Run:
                     attempt=attempt,
                     setup=setup or line.setup,
                     stop=number,
-                    axis=moved_axis(before, target),
+                    axis=moved_axes(before, target),
                     target=tuple(target.tolist()),
                     time=self.now,
                 )

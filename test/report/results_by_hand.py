@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -40,6 +40,29 @@ def make_result(method="least_squares", shift=0.0, uncertainty=5e-8):
         chi_squared=42.0,
         degrees_of_freedom=40,
         remarks=("noise taken from the readings",),
+    )
+
+
+def true_rotations():
+    share = np.arange(BLOCKS + 1) / BLOCKS
+    return {name: (number + 1) * 1e-6 * share for number, name in enumerate(ROTATIONS)}
+
+
+def with_rotations(result, shift=0.0, uncertainty=2e-6, unknown=("E_BY",)):
+    """Return the result with rotations beside the translations, some of them not determined."""
+    moved = np.r_[0.0, np.full(BLOCKS, shift)]
+    known = np.r_[0.0, np.full(BLOCKS, uncertainty)]
+    curves = {name: curve + moved for name, curve in true_rotations().items()}
+    spread = {name: known.copy() for name in ROTATIONS}
+    for name in unknown:
+        curves[name] = np.r_[0.0, np.full(BLOCKS, np.nan)]
+        spread[name] = np.r_[0.0, np.full(BLOCKS, np.nan)]
+    return replace(
+        result,
+        method="rigid_body",
+        curves={**result.curves, **curves},
+        standard_uncertainty={**result.standard_uncertainty, **spread},
+        figures=(*result.figures, Figure("angular E_AX", 1.5e-5, 1e-6, "rad")),
     )
 
 

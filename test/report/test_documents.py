@@ -7,9 +7,20 @@ import math
 import jsonschema
 import numpy as np
 import pytest
-from results_by_hand import BLOCKS, make_report, make_result, true_curves, with_unknown
+from results_by_hand import (
+    BLOCKS,
+    VOLUME,
+    make_report,
+    make_result,
+    true_curves,
+    true_rotations,
+    with_rotations,
+    with_unknown,
+)
 
-from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plan import Line, Plan
+from stepdiag_ros.metrology.visibility import visibility
 from stepdiag_ros.report.content import Truth
 from stepdiag_ros.report.documents import report_document, report_json, schema
 
@@ -26,9 +37,10 @@ def validator():
         make_report(),
         make_report(truth=None, equals_recorded={}, simulated=None, chain="", run_id=""),
         make_report(results=(with_unknown(make_result()),)),
+        make_report(results=(with_rotations(make_result()), make_result())),
         make_report(results=(), refused={"conventional": "the line npp is missing"}),
     ],
-    ids=["whole", "real machine", "one curve unknown", "nothing solved"],
+    ids=["whole", "real machine", "one curve unknown", "rotations", "nothing solved"],
 )
 def test_every_report_fits_the_schema(report, validator):
     validator.validate(json.loads(report_json(report)))
@@ -99,4 +111,42 @@ def test_the_schema_refuses_what_is_no_number_or_not_known(validator):
     assert not validator.is_valid(document)
     document = report_document(make_report())
     document["methods"]["guess"] = document["methods"]["least_squares"]
+    assert not validator.is_valid(document)
+
+
+def test_rotations_are_beside_translations_and_compared_by_themselves():
+    truth = Truth(curves={**true_curves(), **true_rotations()})
+    result = with_rotations(make_result("least_squares", shift=1e-7), shift=3e-6)
+    method = report_document(make_report(results=(result,), truth=truth))["methods"]["rigid_body"]
+    assert list(method["curves"]) == list(CURVES)
+    assert method["curves"]["E_BY"] == [0.0] + [None] * BLOCKS
+    assert method["comparison_with_truth"]["largest_deviation"] == pytest.approx(1e-7)
+    turned = method["comparison_of_rotations"]
+    assert turned["largest_deviation"] == pytest.approx(3e-6)
+    assert turned["points"] == 8 * (BLOCKS + 1) + 1
+    assert turned["points_with_uncertainty"] == 8 * BLOCKS
+    assert turned["coverage_95"] == 1.0
+    plain = report_document(make_report(results=(result,)))["methods"]["rigid_body"]
+    assert plain["comparison_of_rotations"] is None
+
+
+def test_visibility_is_in_the_document_and_fits_the_schema(validator):
+    lines = tuple(Line("linear", name, "", 0, "forward") for name in "xy")
+    table = visibility(Plan("two", VOLUME, lines, 0.05), "YXZ", 1e-7)
+    document = json.loads(report_json(make_report(visibility=table)))
+    validator.validate(document)
+    errors = document["visibility"]["errors"]
+    assert set(errors) == {*CURVES, *SQUARENESS}
+    assert errors["E_XX"]["status"] == "determined"
+    assert errors["E_XX"]["standard_uncertainty_at_end"] == pytest.approx(math.sqrt(2) * 1e-7)
+    assert errors["E_ZZ"]["status"] == "invisible"
+    assert errors["E_ZZ"]["largest_standard_uncertainty"] is None
+    assert document["visibility"]["chain"] == "YXZ"
+    del document["visibility"]["errors"]["E_XX"]["words"]
+    assert not validator.is_valid(document)
+
+
+def test_the_schema_wants_translations_of_every_method_but_soons(validator):
+    document = json.loads(report_json(make_report()))
+    del document["methods"]["least_squares"]["curves"]["E_YX"]
     assert not validator.is_valid(document)

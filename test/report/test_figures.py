@@ -5,12 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from results_by_hand import make_measurement, make_report, make_result, with_unknown
+from results_by_hand import (
+    make_measurement,
+    make_report,
+    make_result,
+    with_rotations,
+    with_unknown,
+)
 
+from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.report.figures import (
     curves_picture,
     draw_all,
     lines_picture,
+    rotations_picture,
     save,
     squareness_picture,
 )
@@ -67,6 +75,23 @@ def test_a_curve_known_only_where_the_frame_fixes_it_is_not_drawn():
     panel = next(axes for axes in picture.axes if axes.get_title().startswith("E_YZ"))
     assert [text.get_text() for text in panel.texts] == ["not determined"]
     assert not drawn_lines(panel)
+
+
+def test_rotations_have_nine_panels_of_their_own_in_microradians():
+    assert rotations_picture(make_report()) is None
+    result = with_rotations(make_result())
+    picture = rotations_picture(make_report(results=(result, make_result())))
+    titles = [panel.get_title() for panel in picture.axes]
+    assert titles[:2] == ["E_AX: rotation about X as X moves", "E_AY: rotation about X as Y moves"]
+    assert picture.axes[0].get_ylabel() == "error / µrad"
+    lines = drawn_lines(picture.axes[1])
+    assert list(lines) == ["Rigid body (all 21 errors)"]
+    drawn = lines["Rigid body (all 21 errors)"].get_ydata()
+    np.testing.assert_allclose(drawn, result.curves["E_AY"] * 1e6)
+    hidden = next(panel for panel in picture.axes if panel.get_title().startswith("E_BY"))
+    assert [text.get_text() for text in hidden.texts] == ["not determined"]
+    unknown = with_rotations(make_result(), unknown=ROTATIONS)
+    assert rotations_picture(make_report(results=(unknown,))) is None
 
 
 def test_squareness_that_is_not_known_is_not_drawn():

@@ -3,8 +3,10 @@
 import io
 
 import pytest
-from results_by_hand import make_report, make_result, with_unknown
+from results_by_hand import VOLUME, make_report, make_result, with_rotations, with_unknown
 
+from stepdiag_ros.metrology.plan import Line, Plan
+from stepdiag_ros.metrology.visibility import visibility
 from stepdiag_ros.report.tables import make_console, print_report
 
 
@@ -75,3 +77,26 @@ def test_no_number_is_cut_however_narrow_the_terminal(width, monkeypatch):
 
 def test_names_with_brackets_are_printed_as_they_are():
     assert "lines[3] :x:" in printed(make_report(plan="lines[3] :x:"))
+
+
+def test_rotations_are_printed_in_microradians_where_they_are_determined():
+    text = printed(make_report(results=(with_rotations(make_result()), make_result())))
+    assert "Rotations as Y moves, Rigid body (all 21 errors)" in text
+    assert "E_AY / µrad" in text
+    assert "E_BY / µrad" not in text
+    assert row(text, "E_AX  of X about X").split()[5:9] == ["µrad", "15.0", "±", "2.0"]
+    assert "Rotations as" not in printed(make_report())
+
+
+def test_visibility_is_printed_as_verdicts_with_expanded_uncertainties():
+    lines = tuple(Line("linear", name, "", 0, "forward") for name in "xy")
+    table = visibility(Plan("two", VOLUME, lines, 0.05), "YXZ", 1e-7)
+    text = printed(make_report(visibility=table))
+    assert row(text, "E_YY", "determined").split() == [
+        *("E_YY", "determined", "µm", "0.28", "0.28", "1.4")
+    ]
+    assert row(text, "E_BZ", "invisible").split()[-3:] == ["-", "-", "-"]
+    assert "no line sees it" in row(text, "E_ZZ", "invisible")
+    assert "Visibility for the chain YXZ" in text
+    assert "0.1 µm (standard uncertainty) a stop" in text
+    assert "Visibility" not in printed(make_report())

@@ -1,0 +1,82 @@
+"""What the commands for tests by standards share: their input and their output."""
+
+import io
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import progress_bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+    from stepdiag_ros.report.tables import PlainConsole
+
+_PICTURE_CHOICES = ("png", "svg", "pdf", "none")
+
+
+def is_bag(path: Path) -> bool:
+    """Say whether a file is a bag by its name; everything else is taken for a table."""
+    return path.suffix == ".mcap"
+
+
+def add_output_options(parser: ArgumentParser, default_folder: str) -> None:
+    """Add the options for where and how results are shown.
+
+    Args:
+        parser: of the command.
+        default_folder: where results go if ``--output`` is not given, in words.
+    """
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON in SI units instead of tables"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help=f"folder for pictures, JSON and text (default: {default_folder})",
+    )
+    parser.add_argument(
+        "--pictures",
+        choices=_PICTURE_CHOICES,
+        default="png",
+        help="format of the pictures, or none (default: png); pdf gives pages for print",
+    )
+
+
+def show(
+    name: str,
+    document: str,
+    show_text: "Callable[[PlainConsole], None]",
+    draw: "Callable[[], Mapping[str, Picture]]",
+    arguments: Namespace,
+    default_folder: Path,
+) -> int:
+    """Write a result into its folder and print it as the user asked; return the exit code.
+
+    Args:
+        name: of the files: ``NAME.json`` and ``NAME.txt``.
+        document: the JSON.
+        show_text: prints the result to a console.
+        draw: returns the pictures by the names of their files; only called if they are wanted.
+        arguments: parsed, with the options of ``add_output_options``.
+        default_folder: where results go if the user named no folder.
+    """
+    from stepdiag_ros.report.publish import write_results
+    from stepdiag_ros.report.tables import make_console
+
+    folder = arguments.output or default_folder
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    text = io.StringIO()
+    show_text(make_console(text))
+    contents = {f"{name}.json": document + "\n", f"{name}.txt": text.getvalue()}
+    with progress_bar("writing results") as progress:
+        files = write_results(folder, contents, lambda: dict(draw()), formats, progress)
+    if arguments.json:
+        print(document)
+    else:
+        show_text(make_console(sys.stdout))
+    say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    return 0

@@ -1,0 +1,158 @@
+"""Volumetric accuracy: the document's machines, rotations through the chain, the unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cells_for_tests import make_cell, make_plan
+
+from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
+from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import (
+    MACHINES_OF_RL,
+    PLANAR_MACHINE_OF_RL,
+    LinearMachine,
+    of_result,
+    volumetric_accuracy,
+)
+
+NODES = (np.linspace(0.1, 0.6, 6), np.linspace(-0.2, 0.3, 5), np.linspace(0.0, 0.4, 4))
+
+
+@pytest.mark.parametrize(
+    ("machine", "diagonal", "volume"),
+    list(zip(MACHINES_OF_RL, (0, 29, 14), (122, 50, 115), strict=True)),
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+def test_the_three_machines_of_the_document(machine, diagonal, volume):
+    assert round(machine.diagonal_result * 1e6) == diagonal
+    found = volumetric_accuracy(machine.errors)
+    assert round(found.value * 1e6) == volume
+    assert found.value == pytest.approx(np.linalg.norm(machine.linear_error), rel=1e-9)
+
+
+def test_the_planar_machine_of_the_document():
+    lengths = PLANAR_MACHINE_OF_RL.length_errors(("pp0", "np0"))
+    assert 0 < max(lengths.values()) < 0.001e-6
+    found = volumetric_accuracy(PLANAR_MACHINE_OF_RL.errors)
+    assert found.value > 25e-6
+    assert found.vector == pytest.approx((25e-6, -25e-6, 0.0))
+
+
+def test_length_errors_are_those_of_pythagoras():
+    from decimal import Decimal, getcontext
+
+    getcontext().prec = 40
+    machine = LinearMachine("any", (0.4, 0.3, 0.7), (12e-6, -5e-6, 40e-6))
+    actual = sum(
+        (Decimal(length) * (1 + Decimal(rate))) ** 2
+        for length, rate in zip(machine.travel, machine.linear_error, strict=True)
+    ).sqrt()
+    nominal = sum(Decimal(length) ** 2 for length in machine.travel).sqrt()
+    expected = float(actual - nominal)
+    assert machine.length_errors()["npp"] == pytest.approx(expected, rel=1e-9)
+
+
+def curves(seed, rotations):
+    rng = np.random.default_rng(seed)
+    made = {}
+    for name in TRANSLATIONS + (ROTATIONS if rotations else ()):
+        size = 20e-6 if name in ROTATIONS else 5e-6
+        made[name] = size * rng.standard_normal(len(NODES["XYZ".index(name[3])]))
+    return made
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("rotations", [False, True])
+def test_no_place_in_the_volume_is_worse(chain, rotations):
+    errors = ErrorCurves.from_curves(NODES, curves(4, rotations))
+    found = volumetric_accuracy(errors, chain)
+    rng = np.random.default_rng(1)
+    places = np.column_stack([rng.uniform(nodes[0], nodes[-1], 20000) for nodes in NODES])
+    actual, _ = tool_point(places, errors, chain)
+    zero, _ = tool_point(np.array([[nodes[0] for nodes in NODES]]), errors, chain)
+    vectors = actual - places - (zero[0] - [nodes[0] for nodes in NODES])
+    assert np.max(np.linalg.norm(vectors, axis=1)) <= found.value * (1 + 1e-4)
+    at_the_place, _ = tool_point(np.array([found.position]), errors, chain)
+    expected = at_the_place[0] - found.position - (zero[0] - [nodes[0] for nodes in NODES])
+    np.testing.assert_allclose(found.vector, expected, atol=1e-15)
+
+
+def test_planes_done_apart_give_the_same(monkeypatch):
+    errors = ErrorCurves.from_curves(NODES, curves(4, True))
+    whole = volumetric_accuracy(errors, "YXZ")
+    monkeypatch.setattr("stepdiag_ros.metrology.standards.volumetric.MOST_POINTS", 1)
+    assert volumetric_accuracy(errors, "YXZ") == whole
+
+
+def result_of(values, covariance=None):
+    return VolumetricErrors(
+        method="by hand",
+        nodes=NODES,
+        curves=values,
+        standard_uncertainty={name: np.zeros(len(curve)) for name, curve in values.items()},
+        figures=(),
+        lines=1,
+        chi_squared=np.nan,
+        degrees_of_freedom=0,
+        covariance=np.empty((0, 0)) if covariance is None else covariance,
+    )
+
+
+@pytest.mark.parametrize("rotations", [False, True])
+def test_the_uncertainty_is_that_of_shifted_curves(rotations):
+    values = curves(7, rotations)
+    size = sum(len(curve) for curve in values.values())
+    rng = np.random.default_rng(3)
+    roots = rng.standard_normal((size, 4)) * 1e-9
+    found = of_result(result_of(values, roots @ roots.T), "ZXY")
+
+    def length(shift):
+        moved, place = {}, 0
+        for name, curve in values.items():
+            moved[name] = curve + shift[place : place + len(curve)]
+            place += len(curve)
+        corner = np.array([nodes[0] for nodes in NODES])
+        shifted = [nodes - nodes[0] for nodes in NODES]
+        errors = ErrorCurves.from_curves(shifted, moved)
+        points = np.array([np.zeros(3), np.asarray(found.position) - corner])
+        actual, _ = tool_point(points, errors, "ZXY")
+        return np.linalg.norm(actual[1] - points[1] - actual[0])
+
+    changes = [length(root) - length(-root) for root in roots.T]
+    assert found.standard_uncertainty == pytest.approx(0.5 * np.linalg.norm(changes), rel=1e-3)
+
+
+def test_a_curve_that_is_not_determined_makes_it_unknown():
+    values = curves(1, False)
+    values["E_ZY"] = values["E_ZY"].copy()
+    values["E_ZY"][2] = np.nan
+    found = of_result(result_of(values))
+    assert np.isnan(found.value)
+    assert "not determined are E_ZY" in found.remarks[0]
+    del values["E_ZY"]
+    assert "not determined are E_ZY" in of_result(result_of(values)).remarks[0]
+
+
+def test_rotations_need_a_chain_and_those_that_are_missing_are_named():
+    values = curves(1, True)
+    with pytest.raises(ValueError, match="name the machine's chain"):
+        of_result(result_of(values))
+    del values["E_BY"]
+    assert "E_BY" in of_result(result_of(values), "XYZ").remarks[0]
+    assert "angular errors" in of_result(result_of(curves(1, False))).remarks[0]
+
+
+def test_a_solved_map_has_the_volumetric_accuracy_of_its_machine():
+    plan = make_plan(repeats=2)
+    cell = make_cell(noise=0.05e-6)
+    result = solve_least_squares(simulate(plan, cell))
+    curves_of_cell = cell.truth(plan.volume)
+    truth = replace(result, curves={name: curves_of_cell[name] for name in TRANSLATIONS})
+    found, true = of_result(result), of_result(truth)
+    assert found.standard_uncertainty > 0
+    assert abs(found.value - true.value) < 4 * found.standard_uncertainty
+    assert found.frame == result.frame
