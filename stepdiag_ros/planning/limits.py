@@ -17,6 +17,9 @@ from stepdiag_ros.metrology.visibility import DETERMINED, Visibility, visibility
 from stepdiag_ros.planning.candidates import EDGE_LINES, THREE_ORDERS, Group, Scheme, lines_of
 from stepdiag_ros.planning.moves import passes_of
 
+_BLOCKS_TO_TRY = 8
+_SAME_PLACE = 1e-6
+
 
 @dataclass(frozen=True)
 class Remedy:
@@ -35,7 +38,9 @@ def remedies(plan: Plan, chain: str, stop_uncertainty: float, seen: Visibility) 
     """Return what would show angular errors that a plan does not determine.
 
     Each addition is tried by itself: three move orders in one alignment on every step diagonal, and
-    each linear line at the far end of another axis; then all of them together.
+    each linear line at the far end of another axis; then all of them together. They are tried on a
+    grid of a few blocks over the same box: what the lines tell apart does not depend on how often
+    they stop.
 
     Args:
         plan: as it is.
@@ -46,6 +51,7 @@ def remedies(plan: Plan, chain: str, stop_uncertainty: float, seen: Visibility) 
     hidden = {row.name for row in seen.rows if row.name in ROTATIONS and row.status != DETERMINED}
     if not hidden:
         return []
+    plan = _coarse(plan)
     additions = [*_with_orders(plan), *_with_edge_lines(plan)]
     together: Plan | None = None
     if len(additions) > 1:
@@ -207,6 +213,21 @@ def _with_edge_lines(plan: Plan) -> list[tuple[str, Plan]]:
             words = f"a linear line {group.names[0]} shifted by {place} m"
             made.append((words, replace(plan, lines=plan.lines + added)))
     return made
+
+
+def _coarse(plan: Plan) -> Plan:
+    """Return the plan with fewer blocks over the same box, if no line stands between the nodes."""
+    volume = plan.volume
+    whole = tuple(step * volume.blocks for step in volume.step)
+    at_ends = all(
+        abs(shift) < _SAME_PLACE or abs(shift - side) < _SAME_PLACE
+        for line in plan.lines
+        for shift, side in zip(line.offset, whole, strict=True)
+    )
+    if volume.blocks <= _BLOCKS_TO_TRY or not at_ends:
+        return plan
+    x, y, z = (side / _BLOCKS_TO_TRY for side in whole)
+    return replace(plan, volume=replace(volume, step=(x, y, z), blocks=_BLOCKS_TO_TRY))
 
 
 def _single(group: Group, plan: Plan) -> tuple[Line, ...]:

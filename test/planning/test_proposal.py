@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, Line
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.visibility import DETERMINED, visibility
+from stepdiag_ros.planning import limits
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import (
     EDGE_LINES,
@@ -285,3 +286,12 @@ def test_a_plan_with_lines_in_an_odd_order_is_read_back_the_same():
 
 def test_one_coverage_factor():
     assert COVERAGE_FACTOR == numbers.COVERAGE_FACTOR
+
+
+def test_what_would_help_is_the_same_on_the_coarse_grid_that_it_is_tried_on(monkeypatch):
+    plan = propose(Request("quick", MACHINE, blocks=12)).chosen.plan
+    seen = visibility(plan, "YXZ", NOISE)
+    coarse = limits.remedies(plan, "YXZ", NOISE, seen)
+    monkeypatch.setattr(limits, "_BLOCKS_TO_TRY", 12)
+    assert limits.remedies(plan, "YXZ", NOISE, seen) == coarse
+    assert len(coarse) == 4
