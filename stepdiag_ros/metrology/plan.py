@@ -197,6 +197,30 @@ class Plan:
         place: Vector = line.stops(self.volume)[0] - self.overrun * along
         return place
 
+    def way_back(self, line_index: int) -> Vector:
+        """Return the places by which the machine comes to a line's first stop, m, shape (n, 3).
+
+        After a line of the same alignment these are its stops the other way round, so that the
+        mirror stays in the beam: otherwise the count of fringes, and with it the zero, is lost.
+        After another alignment, or where the line before ends at this line's first stop, there are
+        none.
+
+        Args:
+            line_index: of this plan, from 0.
+        """
+        none = np.empty((0, 3))
+        if line_index == 0:
+            return none
+        before, line = self.lines[line_index - 1], self.lines[line_index]
+        if self.setup_of(before) != self.setup_of(line):
+            return none
+        passed = before.stops(self.volume)[::-1]
+        at_first_stop = np.all(passed == line.stops(self.volume)[0], axis=1)
+        if at_first_stop[0] or not np.any(at_first_stop):
+            return none
+        way: Vector = passed[1 : int(np.argmax(at_first_stop)) + 1]
+        return way
+
     @property
     def stop_count(self) -> int:
         """Return the number of stops of all lines."""

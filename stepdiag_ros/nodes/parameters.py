@@ -7,6 +7,9 @@ from rclpy.node import Node
 
 PATIENCE = 5.0
 """Real seconds that a node has to answer before a run starts without its parameters."""
+RETRY = 1.0
+"""Real seconds after which a node is asked again: an answer that was sent before the two ends of a
+service had found each other wholly is lost."""
 VALUE_FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -41,7 +44,7 @@ class ParameterCollector:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._asked: dict[str, Any] = {}
-        self._under_way: set[str] = set()
+        self._asked_last: dict[str, float] = {}
         self.values: dict[str, dict[str, Any]] = {}
 
     def waiting(self, real: float) -> bool:
@@ -62,7 +65,7 @@ class ParameterCollector:
             name: of the node, in full.
             real: time on a clock that never steps, s.
         """
-        if name in self._under_way or name in self.values:
+        if name in self.values or real - self._asked_last.get(name, -RETRY) < RETRY:
             return
         if name not in self._asked:
             self._asked[name] = (
@@ -73,7 +76,7 @@ class ParameterCollector:
         _, lister, getter = self._asked[name]
         if not (lister.service_is_ready() and getter.service_is_ready()):
             return
-        self._under_way.add(name)
+        self._asked_last[name] = real
 
         def listed(future: Any) -> None:
             names = list(future.result().result.names)

@@ -186,13 +186,14 @@ def duration(
             known[one.targets] = _pass_times(one, clock)
         run_up, moves = known[one.targets]
         first = one.targets[0]
+        in_beam = one.line.kind == DIAGONAL and one.back > 0
         lines.append(
             LineDuration(
                 setup=one.setup,
                 stops=one.stops,
                 aligned=aligned,
                 alignment=alignment,
-                positioning=clock.between(place or first, first, at_once=False) + run_up,
+                positioning=clock.between(place or first, first, at_once=in_beam) + run_up,
                 moves=moves,
                 dwells=dwell * one.stops,
             )

@@ -1,7 +1,6 @@
 """What a plan will not tell, and which further line would: found by trying, not by rule."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.plan import (
@@ -147,13 +146,6 @@ def warnings(plan: Plan) -> list[str]:
             "The move orders are aligned one by one; with one_alignment_per_diagonal the plan "
             "tells more of the angular errors and takes fewer alignments."
         )
-    lost = _forward_repeats(plan)
-    if lost:
-        found.append(
-            f"{', '.join(lost)}: repeated one way only; between the passes the machine goes back "
-            "one axis at a time, out of the beam, and the count of fringes is lost. Run the lines "
-            "forward and backward."
-        )
     sampling = plan.sampling
     if sampling.dwell < sampling.settle + sampling.window:
         found.append(
@@ -241,13 +233,3 @@ def _repeats(plan: Plan) -> int:
         key = (plan.setup_of(line), line.order, line.direction)
         count[key] = count.get(key, 0) + 1
     return min(count.values())
-
-
-def _forward_repeats(plan: Plan) -> list[str]:
-    """Return setups of diagonals in which a pass does not begin where the one before ended."""
-    found: dict[str, None] = {}
-    for before, after in pairwise(plan.lines):
-        same = plan.setup_of(before) == plan.setup_of(after)
-        if same and before.kind != LINEAR and before.direction == after.direction:
-            found[plan.setup_of(after)] = None
-    return list(found)

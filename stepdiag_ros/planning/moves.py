@@ -22,6 +22,7 @@ class Pass:
         new_setup: laser and mirror are aligned before it.
         targets: to which the machine goes, m; those before the first stop only bring it there.
         stops: how many of the last targets are stops.
+        back: how many of the first targets lead back along the line before, in the beam.
     """
 
     line: Line
@@ -29,6 +30,7 @@ class Pass:
     new_setup: bool
     targets: tuple[Point, ...]
     stops: int
+    back: int = 0
 
 
 def passes_of(plan: Plan) -> Iterator[Pass]:
@@ -39,7 +41,7 @@ def passes_of(plan: Plan) -> Iterator[Pass]:
     """
     aligned = ""
     known: dict[Line, tuple[tuple[Point, ...], int]] = {}
-    for line in plan.lines:
+    for index, line in enumerate(plan.lines):
         setup = plan.setup_of(line)
         # Repeats go the same way.
         way = replace(line, repeat=0)
@@ -50,7 +52,8 @@ def passes_of(plan: Plan) -> Iterator[Pass]:
             run_up = [] if beyond is None else [stops[0], _point(beyond)]
             known[way] = (*run_up, *stops), len(stops)
         targets, count = known[way]
-        yield Pass(line, setup, setup != aligned, targets, count)
+        back = tuple(_point(place) for place in plan.way_back(index))
+        yield Pass(line, setup, setup != aligned, (*back, *targets), count, len(back))
         aligned = setup
 
 
@@ -84,7 +87,7 @@ def moves_of(plan: Plan) -> list[Move]:
                     dwell_s=dwell if index >= first_stop else 0.0,
                     comment=title if index == 0 else "",
                     # Going to the line is no part of it, and is done one axis at a time.
-                    at_once=one.line.kind == DIAGONAL and index > 0,
+                    at_once=one.line.kind == DIAGONAL and (index > 0 or one.back > 0),
                     program_stop=align if index == 0 else "",
                 )
             )

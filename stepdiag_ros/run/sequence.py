@@ -1,6 +1,7 @@
 """The course of a run: which command comes next, what it waits for, and what stops it."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -135,6 +136,7 @@ class Sequence:
         self._attempt = 1
         self._stop = 0
         self._approach = _Approach.TO_FIRST_STOP
+        self._way_back: deque[Vector] = deque()
         self._phase = _Phase.READY
         self._command: Command | None = None
         self._command_count = 0
@@ -343,6 +345,7 @@ class Sequence:
         self._attempt += 1
         self._stop = 0
         self._approach = _Approach.TO_FIRST_STOP
+        self._way_back.clear()
         self._rejected = []
         self._phase = _Phase.READY
         setup = self._plan.setup_of(self._line)
@@ -371,6 +374,8 @@ class Sequence:
             self._stop = 0
             self._approach = _Approach.TO_FIRST_STOP
             self._rejected = []
+            if self._line_index < len(self._stops):
+                self._way_back.extend(self._plan.way_back(self._line_index))
         if self._line_index == len(self._stops):
             left = f"; left incomplete: {'; '.join(self.incomplete)}" if self.incomplete else ""
             self._enter(State.FINISHED, f"all lines are measured{left}")
@@ -424,6 +429,8 @@ class Sequence:
         """Return where the machine goes next, and what for."""
         stops = self._stops[self._line_index]
         if self._approach is _Approach.TO_FIRST_STOP:
+            if self._way_back:
+                return self._way_back.popleft(), Purpose.POSITION
             # One axis at a time, so that the machine never leaves the edges of its box.
             away = [axis for axis in range(3) if self._position[axis] != stops[0][axis]]
             if away:

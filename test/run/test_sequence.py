@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -181,6 +182,26 @@ def test_with_an_overrun_every_stop_is_approached_in_the_direction_of_its_pass(o
         position = target
     # Without one, the first stop of each of the six passes is not.
     assert wrong == (0 if overrun else 6)
+
+
+@pytest.mark.parametrize(("kind", "order"), [(STEP_DIAGONAL, "ZXY"), (DIAGONAL, ""), (LINEAR, "")])
+def test_between_passes_of_one_alignment_the_mirror_stays_in_the_beam(kind, order):
+    """Otherwise the fringe count, and with it the common zero, is lost between the passes."""
+    name = "x" if kind == LINEAR else "pnp"
+    passes = tuple(Line(kind, name, order, repeat, FORWARD) for repeat in range(3))
+    plan = replace(a_plan(), lines=passes)
+    rig = Rig(plan)
+    rig.start()
+    rig.finish()
+    places = {tuple(stop) for stop in passes[0].stops(plan.volume)}
+    before = [command.target for command in rig.sent if command.line_index == 0]
+    first = before.index(tuple(passes[0].stops(plan.volume)[0]))
+    sent = [*before[first:], *(c.target for c in rig.sent if c.line_index > 0)]
+    assert set(sent) == places
+    moves = [np.abs(np.subtract(a, b)) for a, b in pairwise(sent)]
+    longest = np.max(np.asarray(plan.volume.step))
+    assert max(move.max() for move in moves) <= longest + 1e-12
+    assert [c.stop for c in rig.sent if c.purpose is Purpose.STOP] == [*range(len(places))] * 3
 
 
 def test_a_line_that_is_measured_again_begins_with_its_overrun_again():
