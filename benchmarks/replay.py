@@ -69,6 +69,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         # A topic that was not compared at all must not count as the same.
         "same_to_the_last_bit": all(len(run["same"]) > 0 for run in runs)
         and all(same for run in runs for same in run["same"].values()),
+        "differences": [run["differences"] for run in runs if run["differences"]],
     }
 
 

@@ -56,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"{played.real_seconds:.1f} s ({played.recorded_seconds / played.real_seconds:.0f} x)"
         )
         for topic, same in played.same.items():
-            print(f"{topic}: {'the same to the last bit' if same else 'DIFFERENT'}")
+            words = played.differences.get(topic, "")
+            print(f"{topic}: {'the same to the last bit' if same else f'DIFFERENT: {words}'}")
     if all(played.same.values()):
         return 0
     print("stepdiag: error: the replay differs from the recording", file=sys.stderr)
@@ -70,4 +71,5 @@ def _document(bag: Path, played: "Played") -> dict[str, object]:
         "recorded_seconds": played.recorded_seconds,
         "real_seconds": played.real_seconds,
         "same": played.same,
+        "differences": played.differences,
     }

@@ -30,12 +30,24 @@ class Played:
         recorded_seconds: of the recording.
         real_seconds: that it took.
         same: topic → its live messages equal the recorded ones; empty if not compared.
+        differences: topic → in words, for those that are not the same.
     """
 
     messages: int
     recorded_seconds: float
     real_seconds: float
     same: dict[str, bool] = field(default_factory=dict)
+    differences: dict[str, str] = field(default_factory=dict)
+
+
+def difference(recorded: list[bytes], heard: list[bytes]) -> str:
+    """Say in what two sequences of messages differ."""
+    pairs = enumerate(zip(recorded, heard, strict=False), start=1)
+    first = next((number for number, (a, b) in pairs if a != b), None)
+    counts = f"{len(recorded)} messages recorded, {len(heard)} heard"
+    if first is None:
+        return f"{counts}; those there are, are the same"
+    return f"{counts}; number {first} is the first that differs"
 
 
 class PlayerNode(StepdiagNode):
@@ -150,7 +162,13 @@ class PlayerNode(StepdiagNode):
         for record in self._bag.records(topics=self._heard.keys()):
             recorded[record.topic].append(record.data)
         return replace(
-            played, same={name: recorded[name] == self._heard[name] for name in recorded}
+            played,
+            same={name: recorded[name] == self._heard[name] for name in recorded},
+            differences={
+                name: difference(recorded[name], self._heard[name])
+                for name in recorded
+                if recorded[name] != self._heard[name]
+            },
         )
 
     def _wait_until(self, real: float) -> None:

@@ -87,7 +87,7 @@ def test_a_replay_of_altered_readings_is_found_different(finished, tmp_path):
             target.write(record.topic, record.type_name, data, record.log_time)
     done = stepdiag("replay", altered, "--rate", "0", "--check")
     assert done.returncode == 1
-    assert "DIFFERENT" in done.stdout
+    assert "DIFFERENT: " in done.stdout and "is the first that differs" in done.stdout
 
 
 def test_no_reading_is_lost_and_every_stop_has_its_sources(finished):
