@@ -13,6 +13,7 @@ SHARED = [
     "config.cells",
     "config.instruments",
     "config.trackers",
+    "config.models",
 ]
 
 setup(

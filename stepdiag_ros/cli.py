@@ -22,6 +22,7 @@ COMMANDS = (
     "solve",
     "compare",
     "budget",
+    "diagnose",
     "iso230",
     "squareness",
     "volumetric",

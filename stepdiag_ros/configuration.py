@@ -17,10 +17,11 @@ from stepdiag_ros.metrology.plan import Plan
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
     from stepdiag_ros.metrology.machine import Machine
+    from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
-Folder = Literal["plans", "machines", "cells", "instruments", "trackers"]
+Folder = Literal["plans", "machines", "cells", "instruments", "trackers", "models"]
 Made = TypeVar("Made")
 
 _BARE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -30,6 +31,7 @@ _SINGULAR = {
     "cells": "cell",
     "instruments": "instrument",
     "trackers": "tracker",
+    "models": "model",
 }
 
 
@@ -195,6 +197,18 @@ def tracker_from_text(text: str, source: str) -> "Tracker":
     return Tracker.from_mapping(parse_yaml(text, source), source)
 
 
+def model_from_text(text: str, source: str) -> "MachineModel":
+    """Make the model of a machine from the text of a model file.
+
+    Raises:
+        ValueError: names the source, the line or key, and what is expected.
+    """
+    from stepdiag_ros.metrology.effects import catalogue
+    from stepdiag_ros.metrology.model import MachineModel
+
+    return MachineModel.from_mapping(parse_yaml(text, source), source, catalogue())
+
+
 def load_plan(name_or_path: str | Path) -> tuple[Plan, str]:
     """Return a test plan and its text.
 
@@ -241,3 +255,12 @@ def load_tracker(name_or_path: str | Path) -> "tuple[Tracker, str]":
         ValueError: not found, not readable or wrong; one sentence with file and line or key.
     """
     return _load(name_or_path, "trackers", tracker_from_text)
+
+
+def load_model(name_or_path: str | Path) -> "tuple[MachineModel, str]":
+    """Return the model of a machine, and the text; see ``load_plan``.
+
+    Raises:
+        ValueError: not found, not readable or wrong; one sentence with file and line or key.
+    """
+    return _load(name_or_path, "models", model_from_text)

@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.description import active_effect
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.forward import (
     SQUARENESS_SLOPES,
     Alignment,
@@ -60,7 +63,7 @@ class DriveModel:
 class WeatherModel:
     """Air and material as functions of time: a value, a steady drift and one slow wave.
 
-    The material affects nothing but its own reading: a simulated machine does not grow.
+    The material affects nothing but its own reading: a simulated machine grows only by an effect.
 
     Attributes:
         air_temperature: at time 0, degC.
@@ -145,6 +148,8 @@ class SimulatedCell:
         reading_rate: that the simulated interferometer has if nothing else is asked for, Hz.
         weather: air and material over time.
         drive: of all axes.
+        effects: of the catalogue that act beyond the error motions, on the readings at stops
+            (``simulation.simulate``); they are no part of ``truth``.
     """
 
     name: str
@@ -158,6 +163,7 @@ class SimulatedCell:
     reading_rate: float = 100.0
     weather: WeatherModel = field(default_factory=WeatherModel)
     drive: DriveModel = field(default_factory=DriveModel)
+    effects: tuple[ActiveEffect, ...] = ()
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> "SimulatedCell":
@@ -184,6 +190,7 @@ class SimulatedCell:
             ),
             weather=_weather(section.section("weather")),
             drive=_drive(section.section("drive")),
+            effects=_effects(section, mapping),
         )
         section.finish()
         return cell
@@ -319,6 +326,18 @@ def _drive(section: Section) -> DriveModel:
     )
     section.finish()
     return made
+
+
+def _effects(section: Section, mapping: Mapping[str, Any]) -> tuple[ActiveEffect, ...]:
+    if mapping.get("effects", []) == []:
+        section.unknown("effects")
+        return ()
+    known = catalogue()
+    made = []
+    for part in section.sections("effects"):
+        made.append(active_effect(part, known))
+        part.finish()
+    return tuple(made)
 
 
 def _errors(section: Section, source: str, seed: int) -> ErrorCurves:

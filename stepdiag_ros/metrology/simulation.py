@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import Alignment
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
@@ -18,7 +19,7 @@ def simulate(
 
     The air is taken as compensated and every stop as settled. The noise of a stop is that of the
     mean of independent readings; a setup's readings share one alignment and one zero, that of its
-    first stop.
+    first stop. The cell's effects act on the readings before these are zeroed.
 
     Args:
         plan: what is measured.
@@ -30,14 +31,13 @@ def simulate(
         the lines in the order of the plan, with the true standard uncertainty of every stop.
 
     Raises:
-        ValueError: fewer than one reading a stop.
+        ValueError: fewer than one reading a stop, or an effect that cannot act in this plan.
     """
     if readings_per_stop < 1:
         raise ValueError(f"readings_per_stop is {readings_per_stop}; expected 1 or more")
     rng = np.random.default_rng(seed)
     noise = cell.reading_noise / np.sqrt(readings_per_stop)
     alignments: dict[str, Alignment] = {}
-    zeros: dict[str, float] = {}
     made = []
     time = 0.0
     for index, line in enumerate(plan.lines):
@@ -49,7 +49,6 @@ def simulate(
             alignments[setup] = cell.alignment(setup, line.name, plan.volume.step, tuple(start))
         readings = cell.displacement(targets, alignments[setup])
         readings = readings + noise * rng.standard_normal(len(targets))
-        zero = zeros.setdefault(setup, float(readings[0]))
         times = stop_times(line, plan, time)
         time = float(times[-1]) + plan.sampling.dwell
         made.append(
@@ -61,12 +60,39 @@ def simulate(
                 time=times,
                 end_time=round(float(times[-1]) * 1e9),
                 target=targets,
-                displacement=readings - zero,
+                displacement=readings,
                 standard_uncertainty=np.full(len(targets), noise),
                 environment=np.array([cell.environment(float(moment)) for moment in times]),
             )
         )
-    return Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
+    measurement = Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
+    return _zeroed(_affected(_zeroed(measurement), cell) if cell.effects else measurement)
+
+
+def _zeroed(measurement: Measurement) -> Measurement:
+    """Return the measurement with every setup's readings counted from its first."""
+    zeros: dict[str, float] = {}
+    lines = tuple(
+        replace(
+            line,
+            displacement=line.displacement
+            - zeros.setdefault(line.setup, float(line.displacement[0])),
+        )
+        for line in measurement.lines
+    )
+    return replace(measurement, lines=lines)
+
+
+def _affected(measurement: Measurement, cell: SimulatedCell) -> Measurement:
+    """Return the measurement with what the cell's effects add to its readings."""
+    stops = stops_of(measurement)
+    change = np.sum([effect.readings(stops) for effect in cell.effects], axis=0)
+    ends = np.cumsum([len(line.time) for line in measurement.lines])
+    lines = tuple(
+        replace(line, displacement=line.displacement + added)
+        for line, added in zip(measurement.lines, np.split(change, ends[:-1]), strict=True)
+    )
+    return replace(measurement, lines=lines)
 
 
 def stop_times(line: Line, plan: Plan, start: float) -> Vector:

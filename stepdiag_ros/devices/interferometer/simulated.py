@@ -332,11 +332,17 @@ def from_settings(
     compensation, edlen (default) or ciddor.
 
     Raises:
-        ValueError: a setting is wrong, or there is no cell.
+        ValueError: a setting is wrong, there is no cell, or it has effects.
     """
     cell = surroundings.cell
     if cell is None:
         raise ValueError("the simulated interferometer needs a simulated cell")
+    if cell.effects:
+        # Never silently without them: the run would not be that of the cell.
+        raise ValueError(
+            f"the cell '{cell.name}' has effects, which act only where its stops alone are"
+            " simulated; leave 'effects' empty to run it live"
+        )
     section = Section(settings, "settings of the simulated interferometer")
     behaviour = Behaviour(
         rate=section.number("rate_hz", low=0.1, high=1e5, default=cell.reading_rate),

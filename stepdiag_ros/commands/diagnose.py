@@ -1,0 +1,183 @@
+"""``stepdiag diagnose``: compare a run with a model of the machine, and name what is missing."""
+
+import io
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import HelpFormatter, Progress, number, progress_bar, say
+from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+    from stepdiag_ros.metrology.measurement import Measurement
+    from stepdiag_ros.report.diagnosis import DiagnosisReport
+
+_EXAMPLES = """\
+verdicts:
+  CONSISTENT    the model explains the run to within its noise
+  NAMED         what is missing, with size, uncertainty and what else was tried
+  AMBIGUOUS     the gap closes, but this run does not tell which of several effects closes it
+  UNEXPLAINED   there is a gap that nothing in the catalogue closes; where and how large
+  NOT TESTABLE  the run has no data that could contradict the model
+
+examples:
+  stepdiag diagnose run.mcap                     what do the error curves not explain?
+  stepdiag diagnose run.csv --model mill.yaml    compared with what is known of the machine
+  stepdiag diagnose run.mcap --extend mill.yaml  writes a model that has the named effects
+  stepdiag diagnose later.mcap --model mill.yaml does it still hold?"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "diagnose",
+        help="compare a run with a model and name the effect that is missing",
+        description="Compare a recorded run with a model of the machine: say whether they agree,"
+        " and if not, where the gap is and which effect of the catalogue closes it, with size,"
+        " uncertainty and proof on data that took no part in the fit. The noise is taken from the"
+        " repeats. Any verdict is a result: the exit code is 0.",
+        epilog=_EXAMPLES,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag (.mcap) or run table (.csv)")
+    parser.add_argument(
+        "--model",
+        metavar="MODEL",
+        help="model of the machine (YAML: chain, curves, effects), by path or name"
+        " (default: all error curves free, no further effects)",
+    )
+    parser.add_argument(
+        "--extend",
+        type=Path,
+        metavar="NEW_MODEL",
+        help="write the model with the named effects added (YAML), and diagnose again under it",
+    )
+    parser.add_argument(
+        "--status",
+        choices=("fixed", "fitted"),
+        default="fitted",
+        help="of the effects that --extend adds: fitted, every later run tells its own size"
+        " (default); fixed, the size holds",
+    )
+    parser.add_argument(
+        "--seed",
+        type=lambda text: int(number(text, 0, 2**31 - 1)),
+        default=0,
+        help="of the random draws that guard against false names (default: 0)",
+    )
+    add_output_options(parser, "NAME_diagnosis beside the bag")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Diagnose; see the module."""
+    from stepdiag_ros.report.diagnosis import print_diagnosis
+    from stepdiag_ros.report.diagnosis_document import diagnosis_json
+    from stepdiag_ros.report.publish import write_results
+    from stepdiag_ros.report.tables import make_console
+
+    if arguments.extend is not None and arguments.extend.exists():
+        raise ValueError(f"{arguments.extend} exists already; give the new model another name")
+    if arguments.extend is not None and not arguments.extend.parent.is_dir():
+        raise ValueError(f"{arguments.extend}: the folder {arguments.extend.parent} does not exist")
+    report = report_of(arguments)
+    if arguments.extend is not None:
+        report = _written(report, arguments.extend)
+    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_diagnosis"
+    document = diagnosis_json(report)
+    text = io.StringIO()
+    print_diagnosis(report, make_console(text))
+    contents = {"diagnosis.json": document + "\n", "diagnosis.txt": text.getvalue()}
+    with progress_bar("writing results") as progress:
+        pictures: dict[str, Picture] = {}
+        if formats:
+            from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
+            from stepdiag_ros.report.diagnosis_page import diagnosis_page
+
+            pictures = draw_diagnosis(report)
+            contents["diagnosis.html"] = diagnosis_page(report, pictures)
+        files = write_results(folder, contents, lambda: pictures, formats, progress)
+    if arguments.json:
+        print(document)
+    else:
+        print_diagnosis(report, make_console(sys.stdout))
+    say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    if arguments.extend is not None and report.extended_path is None:
+        say(
+            f"stepdiag: {arguments.extend} was not written: the verdict is"
+            f" {report.diagnosis.verdict}, and only effects that were NAMED go into a model"
+        )
+    return 0
+
+
+def report_of(arguments: Namespace) -> "DiagnosisReport":
+    """Compare the run with the model.
+
+    Raises:
+        ValueError: run or model cannot be read, or they contradict each other; one sentence.
+    """
+    from stepdiag_ros.metrology.effects import catalogue
+    from stepdiag_ros.metrology.model import MachineModel
+    from stepdiag_ros.report.diagnosis_build import build_diagnosis
+
+    model, source = MachineModel(), ""
+    if arguments.model is not None:
+        from stepdiag_ros.configuration import load_model
+
+        model, _ = load_model(arguments.model)
+        source = str(arguments.model)
+    with progress_bar(f"reading {arguments.bag.name}") as progress:
+        measurement, run_id, remarks = _run_of(arguments.bag, progress)
+    with progress_bar("comparing") as progress:
+        return build_diagnosis(
+            measurement,
+            model,
+            catalogue(),
+            bag=arguments.bag,
+            date=datetime.now(timezone.utc).date().isoformat(),
+            run_id=run_id,
+            model_source=source,
+            status=arguments.status,
+            again=arguments.extend is not None,
+            seed=arguments.seed,
+            tell=lambda text: progress(0.5, text),
+            remarks=remarks,
+        )
+
+
+def _run_of(path: Path, progress: Progress) -> "tuple[Measurement, str, tuple[str, ...]]":
+    """Return a run's lines, its identity, and in words where the lines come from."""
+    if is_bag(path):
+        from stepdiag_ros.bags.run import load_run
+        from stepdiag_ros.commands.solve import measurement_of
+
+        recorded = load_run(path)
+        measurement, remark = measurement_of(recorded, False, progress)
+        if not measurement.lines:
+            raise ValueError(
+                f"{path}: no line of this run was finished; there is nothing to compare"
+            )
+        return measurement, recorded.run_id, (remark,)
+    from stepdiag_ros.bags.table import load_table
+
+    return load_table(path).measurement, "", ()
+
+
+def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":
+    """Write the extended model, if there is one."""
+    import yaml
+
+    from stepdiag_ros.report.publish import whole_file
+
+    if report.extended is None:
+        return report
+    text = yaml.safe_dump(report.extended.to_mapping(), sort_keys=False, allow_unicode=True)
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return replace(report, extended_path=path)

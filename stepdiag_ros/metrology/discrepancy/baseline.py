@@ -1,0 +1,272 @@
+"""What the machine model leaves free, fitted to a run: the gap, and what the fit cannot follow.
+
+Free are the nine translational curves at every node, two tilts for each diagonal setup and a zero
+for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one, and
+the sizes of effects that the model says are to be fitted. A smoother baseline makes false names
+(METROLOGY, "What a test plan can and cannot see").
+
+The exact model is fitted once; from there on everything is linear: what an effect of a micrometre
+changes in tilts and curves acts on the readings by products of a few nanometres at most.
+
+The beam's own direction acts as a scale of second order of each setup, |δl|²/2 - δl·δm, which the
+tilts do not tell. It is a free value too, but one that is known to be small: it enters with a
+standard uncertainty, as one more observation per setup. Without that, long lines are given false
+cosine errors.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.observations import observe
+
+SECOND_ORDER_SCALE = 1e-7
+"""Standard uncertainty of a setup's scale by beam and mirror each 0.3 mrad off: (0.3 mrad)²."""
+_RANK_LIMIT = 1e-9
+"""Singular values of the scaled baseline below this share of the largest count as zero."""
+_EXACT_ZERO = 1e-12
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The fitted baseline of a run. Rows are the readings that have a value, in order.
+
+    Attributes:
+        good: which stops have a value, shape (stops,).
+        gap: measured minus simulated, with all free values fitted, m, shape (n,).
+        matrix: derivatives of the readings by the free values, shape (n, p).
+        parts: name of a part of the baseline → its columns, such as ``the curve E_XX``.
+        scales: derivative of the readings by the scale of each setup, m, shape (n, setups).
+        weight: uncertainty of each reading as a multiple of the common one, shape (n,).
+        passes: index of each reading's pass, shape (n,).
+        remarks: what a reader should know of the fit.
+    """
+
+    good: NDArray[np.bool_]
+    gap: Vector
+    matrix: Vector
+    parts: dict[str, slice | NDArray[np.int64]]
+    scales: Vector
+    weight: Vector
+    passes: NDArray[np.int64]
+    remarks: tuple[str, ...]
+
+    def spread(self, values: Vector) -> Vector:
+        """Return values of the readings at all stops, NaN at those that were rejected."""
+        whole = np.full(len(self.good), np.nan)
+        whole[self.good] = values
+        return whole
+
+
+def fit_baseline(
+    measurement: Measurement,
+    stops: Stops,
+    known: Sequence[ActiveEffect] = (),
+    fitted: Vector | None = None,
+    curves: Mapping[str, Sequence[float]] | None = None,
+) -> Baseline:
+    """Fit what is free to a run.
+
+    Args:
+        measurement: the run.
+        stops: of the same run.
+        known: effects that the model has with fixed sizes.
+        fitted: columns of effects that the model has with free sizes, m per unit, shape
+            (stops, e).
+        curves: name → values at the nodes, m, of curves that the model has fixed.
+
+    Raises:
+        NotDeterminable: there is no reading at all.
+        ValueError: lines that contradict the volume or each other, a curve that is no
+            translational one, or one with a wrong number of values.
+    """
+    curves = curves or {}
+    good = np.isfinite(np.concatenate([line.displacement for line in measurement.lines]))
+    taken = sum(
+        (effect.readings(stops) for effect in known), _of_curves(curves, measurement, stops)
+    )
+    observations = observe(_without(measurement, taken))
+    further, remarks = _pass_zeros(measurement, stops)
+    untold = [active.effect.unknown(active.setting, stops) for active in known]
+    extra = np.column_stack([further, *untold, *([] if fitted is None else [fitted])])[good]
+    design = Design(observations, "", extra)
+    matrix = design.matrix
+    fit = design.fit()
+    gap = observations.excess - fit.fitted
+    uncertainty = observations.uncertainty
+    weight = (
+        uncertainty / np.sqrt(np.mean(uncertainty**2))
+        if observations.noise_known
+        else np.ones(len(gap))
+    )
+    parts: dict[str, slice | NDArray[np.int64]] = {
+        f"the curve {name}": np.asarray(columns[columns < design.count])
+        for name, columns in zip(TRANSLATIONS, design.curve_column, strict=True)
+    }
+    for name in curves:
+        place = TRANSLATIONS.index(name)
+        free = design.curve_column[place] < design.count
+        columns = design.curve_column[place][free]
+        # What the fit above gave to a curve that is fixed goes back into the gap.
+        gap = gap + matrix[:, columns] @ fit.curves.reshape(len(TRANSLATIONS), -1)[place][free]
+        matrix[:, columns] = 0.0
+        del parts[f"the curve {name}"]
+    first = int(design.tilt_column.min()) if design.tilt_column.size else design.count
+    zeros = int(design.zero_column[0])
+    if design.tilt_column.size:
+        parts["the tilts of the setups"] = slice(first, zeros)
+    parts["the zeros of the setups"] = slice(zeros, zeros + len(observations.setups))
+    if extra.shape[1]:
+        parts["the zeros of the passes and the fitted effects"] = slice(
+            design.count - extra.shape[1], design.count
+        )
+    way = np.sum(stops.direction * (stops.position - stops.start), axis=1)[good]
+    setup = stops.setup[good]
+    scales = np.where(setup[:, None] == np.arange(len(stops.setups)), way[:, None], 0.0)
+    return Baseline(
+        good, gap, matrix, parts, scales, weight, stops.pass_index[good], tuple(remarks)
+    )
+
+
+def _of_curves(
+    curves: Mapping[str, Sequence[float]], measurement: Measurement, stops: Stops
+) -> Vector:
+    """Return what fixed curves add to the readings, m, shape (stops,)."""
+    total = np.zeros(len(stops.time))
+    volume = measurement.volume
+    for name, values in curves.items():
+        if name not in TRANSLATIONS:
+            raise ValueError(f"{name} is no translational error curve; only such can be fixed")
+        if len(values) != volume.blocks + 1:
+            raise ValueError(
+                f"{name}: {len(values)} values are given, the run has {volume.blocks + 1} nodes"
+            )
+        axis = moving_axis(name)
+        nodes = volume.nodes(axis) - volume.origin[axis]
+        values_at = np.interp(stops.position[:, axis], nodes, np.asarray(values, dtype=np.float64))
+        total += stops.direction[:, AXES.index(name[2])] * values_at
+    return total
+
+
+def _without(measurement: Measurement, taken: Vector) -> Measurement:
+    lines, place = [], 0
+    for line in measurement.lines:
+        count = len(line.displacement)
+        lines.append(replace(line, displacement=line.displacement - taken[place : place + count]))
+        place += count
+    return replace(measurement, lines=tuple(lines))
+
+
+def _pass_zeros(measurement: Measurement, stops: Stops) -> tuple[Vector, list[str]]:
+    """Return a column for each pass that has a zero of its own, and a remark.
+
+    Where every forward pass of a setup begins with exactly nothing, each was zeroed at its first
+    stop, whose noise then is in all of the pass.
+    """
+    own: list[int] = []
+    by_setup: dict[str, list[int]] = {}
+    for index, line in enumerate(measurement.lines):
+        by_setup.setdefault(line.setup, []).append(index)
+    for members in by_setup.values():
+        again = [
+            index
+            for index in members[1:]
+            if measurement.lines[index].line.direction == FORWARD
+            and measurement.lines[members[0]].line.direction == FORWARD
+        ]
+        starts = [abs(float(measurement.lines[index].displacement[0])) for index in again]
+        if starts and max(starts) <= _EXACT_ZERO:
+            own.extend(members[1:])
+    # One exact zero may be chance where readings are rounded; all of them are not.
+    columns = (stops.pass_index[:, None] == np.array(own, dtype=np.int64)).astype(np.float64)
+    if not own:
+        return columns, []
+    return columns, [f"{len(own)} passes were zeroed at their own first stop; each has its zero."]
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """The linear problem with independent noise of unit size, baseline projected out.
+
+    Rows are the readings, then one observation of each setup's scale.
+
+    Attributes:
+        baseline: from which it is made.
+        noise: standard deviation of a reading, m.
+        correlation: of the noise of neighbouring stops of a pass.
+        span: orthonormal columns that the baseline spans, shape (rows, rank).
+        gap: what the baseline does not follow, shape (rows,).
+    """
+
+    baseline: Baseline
+    noise: float
+    correlation: float
+    span: Vector
+    gap: Vector
+
+    @property
+    def freedom(self) -> int:
+        """Return readings minus determined free values."""
+        return len(self.gap) - int(self.span.shape[1])
+
+    def of(self, columns: Vector) -> Vector:
+        """Return columns of the readings (m) with white noise of unit size, shape (rows, k)."""
+        return whiten(columns, self.baseline, self.noise, self.correlation)
+
+    def projected(self, columns: Vector) -> Vector:
+        """Return what the baseline cannot follow of whitened columns, shape (rows, k)."""
+        left: Vector = columns - self.span @ (self.span.T @ columns)
+        return left
+
+    def readings(self, values: Vector) -> Vector:
+        """Return whitened values as values of the readings again, m, shape (n,)."""
+        plain = values[: len(self.baseline.gap)].copy()
+        rho = self.correlation
+        if rho:
+            passes = self.baseline.passes
+            for row in range(1, len(plain)):
+                if passes[row] == passes[row - 1]:
+                    plain[row] = rho * plain[row - 1] + np.sqrt(1.0 - rho * rho) * plain[row]
+        back: Vector = plain * self.baseline.weight * self.noise
+        return back
+
+
+def whiten(columns: Vector, baseline: Baseline, noise: float, correlation: float) -> Vector:
+    """Return columns in units of the noise, made independent along each pass, with scale rows."""
+    count = len(baseline.gap)
+    scaled = columns / (noise * baseline.weight[:, None])
+    if correlation:
+        follows = baseline.passes[1:] == baseline.passes[:-1]
+        white = scaled.copy()
+        white[1:][follows] = (scaled[1:][follows] - correlation * scaled[:-1][follows]) / np.sqrt(
+            1.0 - correlation * correlation
+        )
+        scaled = white
+    padded: Vector = np.zeros((count + baseline.scales.shape[1], columns.shape[1]))
+    padded[:count] = scaled
+    return padded
+
+
+def whitened(baseline: Baseline, noise: float, correlation: float) -> Whitened:
+    """Return the problem for a given noise (m) and its correlation from stop to stop."""
+    count, setups = baseline.scales.shape
+    free = whiten(baseline.matrix, baseline, noise, correlation)
+    scales = whiten(baseline.scales, baseline, noise, correlation)
+    scales[count:] = np.eye(setups) / SECOND_ORDER_SCALE
+    whole = np.column_stack([free, scales])
+    lengths = np.linalg.norm(whole, axis=0)
+    # Singular vectors by the small normal matrix would lose half of the digits.
+    left, values, _ = np.linalg.svd(
+        whole / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False
+    )
+    span = left[:, values > _RANK_LIMIT * values[0]]
+    gap = whiten(baseline.gap[:, None], baseline, noise, correlation)[:, 0]
+    return Whitened(baseline, noise, correlation, span, gap - span @ (span.T @ gap))

@@ -1,0 +1,91 @@
+"""What chance does: the largest gain of any candidate on a run that lacks nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.discrepancy.candidates import Signatures
+from stepdiag_ros.metrology.geometry import Vector
+
+_DRAWS = 2000
+_BATCH = 250
+_TAIL = 0.05
+"""Share of the draws by which the far tail is extrapolated."""
+
+
+def tail(gain: Vector, columns: Vector | float, freedom: float) -> Vector:
+    """Return the chance of such a gain of χ² by so many columns, noise estimated (F test)."""
+    from scipy.special import fdtrc
+
+    gain = np.asarray(gain, dtype=np.float64)
+    chance: Vector = np.asarray(fdtrc(columns, freedom, gain / columns))
+    return chance
+
+
+@dataclass(frozen=True)
+class LookElsewhere:
+    """The null distribution of the best candidate of a plan.
+
+    Attributes:
+        trials: number of independent candidates that would be as lucky as all these together.
+        freedom: degrees of freedom of the noise.
+    """
+
+    trials: float
+    freedom: float
+
+    def corrected(self, chance: float) -> float:
+        """Return the chance that any candidate does as well as one did with this chance alone."""
+        return float(-np.expm1(-self.trials * chance))
+
+    def threshold(self, level: float) -> float:
+        """Return the gain of one column beyond which the corrected chance is below a level."""
+        from scipy.special import fdtri
+
+        single = -np.log1p(-level) / self.trials
+        return float(fdtri(1.0, self.freedom, 1.0 - single))
+
+
+def look_elsewhere(found: Signatures, freedom: float, seed: int) -> LookElsewhere:
+    """Draw runs that lack nothing and note the least chance that any candidate shows in each.
+
+    The candidates overlap, so that they are as many independent ones as the distribution of the
+    luckiest tells, fewer than there are. The noise of every draw is estimated as that of the run.
+
+    Args:
+        found: the candidates, projected and orthonormal.
+        freedom: degrees of freedom of the noise estimate.
+        seed: of the draws.
+    """
+    units = found.units[:, np.any(found.units != 0.0, axis=0)]
+    if not units.shape[1]:
+        return LookElsewhere(1.0, freedom)
+    rng = np.random.default_rng(seed)
+    single = units.astype(np.float32)
+    order = _numbers(found)
+    lucky = np.ones(_DRAWS)
+    for start in range(0, _DRAWS, _BATCH):
+        draws = rng.standard_normal((_BATCH, units.shape[0]), dtype=np.float32)
+        variance = rng.chisquare(freedom, _BATCH) / freedom
+        squares = (draws @ single) ** 2
+        # Sums over the first m columns of each candidate.
+        for size in range(1, int(order.max()) + 1):
+            here = np.flatnonzero(order == size)
+            gain = squares[:, here]
+            for back in range(1, size):
+                gain = gain + squares[:, here - back]
+            chance = tail(np.max(gain, axis=1) / variance, float(size), freedom)
+            lucky[start : start + _BATCH] = np.minimum(lucky[start : start + _BATCH], chance)
+    least = np.sort(lucky)[: int(_TAIL * _DRAWS)]
+    # P(luckiest < p) = 1 - exp(-trials·p), at the end of the sorted tail.
+    return LookElsewhere(max(1.0, float(-np.log1p(-_TAIL) / least[-1])), freedom)
+
+
+def _numbers(found: Signatures) -> Vector:
+    """Return of each real column the how manieth of its candidate it is, from 1."""
+    real = np.any(found.units != 0.0, axis=0)
+    numbers: list[int] = []
+    for index in range(len(found.candidates)):
+        here = int(np.count_nonzero(real[found.of(index)]))
+        numbers.extend(range(1, here + 1))
+    return np.array(numbers)

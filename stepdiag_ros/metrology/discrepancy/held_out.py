@@ -1,0 +1,304 @@
+"""Proof on data that took no part in the fit: does the named effect predict them better?
+
+Some readings are held out. Everything free, and the sizes of the effects, is fitted to the others;
+from these the held-out readings are predicted, without and with the effects. The χ² of a prediction
+counts its whole uncertainty, that of the fit too: it is what χ² of a fit to all readings has more
+than that of a fit to the training readings, with as many degrees of freedom as the readings have
+more (recursive residuals; Brown, Durbin & Evans 1975). What the training readings cannot tell, such
+as the tilts of a setup that is held out whole, costs degrees of freedom and is not counted as gap.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.metrology.discrepancy.baseline import SECOND_ORDER_SCALE, Baseline
+from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import Measurement
+
+Booleans = NDArray[np.bool_]
+
+_LEAST_SHARE = 0.1
+"""Share of what the run tells of an effect that each part of a split must tell."""
+_EVERY = 3
+_RANK_LIMIT = 1e-9
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well held-out readings were predicted.
+
+    Attributes:
+        chi_squared: with the uncertainty of the prediction counted in.
+        degrees_of_freedom: of that.
+        p_value: chance of so large a χ² if nothing is missing; NaN without degrees of freedom.
+        residual: measured minus predicted, m, shape (stops,); NaN where not held out.
+    """
+
+    chi_squared: float
+    degrees_of_freedom: int
+    p_value: float
+    residual: Vector
+
+    @property
+    def reduced(self) -> float:
+        """Return χ² per degree of freedom, NaN without any."""
+        freedom = self.degrees_of_freedom
+        return self.chi_squared / freedom if freedom > 0 else float("nan")
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Prediction of held-out readings without and with the named effects.
+
+    Attributes:
+        split: what was held out, in words.
+        labels: of the effects.
+        independent: the training readings alone named these effects too.
+        training_verdict: of the training readings alone.
+        readings: number of held-out readings.
+        before: without the effects.
+        after: with them, sizes from the training readings.
+    """
+
+    split: str
+    labels: tuple[str, ...]
+    independent: bool
+    training_verdict: str
+    readings: int
+    before: Prediction
+    after: Prediction
+
+    @property
+    def sentence(self) -> str:
+        """Say what the proof shows."""
+        who = (
+            "The other readings alone name the same"
+            if self.independent
+            else f"The other readings alone are {self.training_verdict}, so that only the sizes are"
+            " theirs, not the name"
+        )
+        return (
+            f"Held out: {self.split} ({self.readings:,} readings). {who}; with it they predict what"
+            f" was held out to χ²/dof {self.after.reduced:.3f}, without it to"
+            f" {self.before.reduced:.3f}."
+        )
+
+
+def prove(
+    measurement: Measurement,
+    diagnosis: Diagnosis,
+    baseline: Baseline,
+    diagnose_training: Callable[[Measurement], Diagnosis],
+) -> HeldOut | None:
+    """Predict readings that took no part in the fit, without and with the named effects.
+
+    Args:
+        measurement: the whole run.
+        diagnosis: of it; its noise, from the repeats, is used for both parts.
+        baseline: of the whole run, under the model as it was.
+        diagnose_training: names what is missing in a run whose held-out readings are NaN.
+
+    The first way of holding out is taken in which the other readings alone name the same effects;
+    if there is none, the first that leaves enough of every effect in both parts.
+
+    Returns:
+        None where nothing was found, or no split leaves enough of an effect in both parts.
+    """
+    found = [finding.candidate for finding in diagnosis.findings]
+    if not found or not np.isfinite(diagnosis.noise):
+        return None
+    problem = _Problem(baseline, diagnosis)
+    columns = _columns(found, diagnosis.stops)[baseline.good]
+    best: HeldOut | None = None
+    for words, whole in _splits(diagnosis.stops):
+        if not problem.both_tell(columns, whole[baseline.good]):
+            continue
+        trained = diagnose_training(_without(measurement, whole))
+        proof = _proof(problem, diagnosis, trained, words, whole)
+        if proof.independent:
+            return proof
+        best = best or proof
+    return best
+
+
+def _proof(
+    problem: "_Problem", diagnosis: Diagnosis, trained: Diagnosis, words: str, whole: Booleans
+) -> HeldOut:
+    """Predict what a split holds out, with the effects that the rest names if these are the same.
+
+    Where the rest names others, the prediction is made with those of the whole run.
+    """
+    found = [finding.candidate for finding in diagnosis.findings]
+    named = [finding.candidate for finding in trained.findings]
+    same = sorted(one.family for one in named) == sorted(one.family for one in found)
+    used = named if same else found
+    untold = [one.effect.unknown(one.setting, diagnosis.stops) for one in used]
+    columns = np.column_stack([_columns(used, diagnosis.stops), *untold])[problem.good]
+    held = whole[problem.good]
+    return HeldOut(
+        split=words,
+        labels=tuple(one.label for one in used),
+        independent=same,
+        training_verdict=trained.verdict,
+        readings=int(np.count_nonzero(held)),
+        before=problem.predict(held, columns[:, :0]),
+        after=problem.predict(held, columns),
+    )
+
+
+def _columns(candidates: Sequence[Candidate], stops: Stops) -> Vector:
+    return np.column_stack([one.effect.columns(one.setting, stops) for one in candidates])
+
+
+def _splits(stops: Stops) -> Iterator[tuple[str, Booleans]]:
+    """Yield ways of holding out a part of a run, the farthest from the rest first."""
+    repeat = np.array([line.repeat for line in stops.lines])[stops.pass_index]
+    if repeat.max() > repeat.min():
+        yield f"the last repeat (number {repeat.max()}) of every line", repeat == repeat.max()
+        yield "the first repeat (number 0) of every line", repeat == 0
+    else:
+        setups = len(stops.setups)
+        last = np.array([_last_of_its_line(stops, setup) for setup in range(setups)])
+        if np.any(last) and not np.all(last):
+            yield "the last setup of every line that has several", last[stops.setup]
+    number = stops.number % _EVERY == _EVERY - 1
+    yield "every third stop of every pass", number
+
+
+def _last_of_its_line(stops: Stops, setup: int) -> bool:
+    names = [""] * len(stops.setups)
+    for index, line in enumerate(stops.lines):
+        names[int(stops.setup[stops.pass_index == index][0])] = line.name
+    same = [place for place, name in enumerate(names) if name == names[setup]]
+    return len(same) > 1 and same[-1] == setup
+
+
+def _without(measurement: Measurement, held: Booleans) -> Measurement:
+    lines, place = [], 0
+    for line in measurement.lines:
+        count = len(line.displacement)
+        out = held[place : place + count]
+        lines.append(replace(line, displacement=np.where(out, np.nan, line.displacement)))
+        place += count
+    return replace(measurement, lines=tuple(lines))
+
+
+class _Problem:
+    """The linear problem of a run, of which any part of the readings can be fitted.
+
+    Args:
+        baseline: of the run.
+        diagnosis: of the run: noise, its correlation from stop to stop, and the stops.
+
+    Attributes:
+        good: which stops have a reading.
+    """
+
+    def __init__(self, baseline: Baseline, diagnosis: Diagnosis) -> None:
+        self.good = baseline.good
+        self._baseline = baseline
+        self._noise = diagnosis.noise
+        self._freedom = diagnosis.noise_degrees_of_freedom
+        self._correlation = diagnosis.noise_correlation
+        self._number = diagnosis.stops.number[baseline.good]
+        self._free = np.column_stack([baseline.matrix, baseline.scales])
+        setups = baseline.scales.shape[1]
+        # One observation of each setup's scale of second order.
+        self._scale_rows = np.column_stack(
+            [np.zeros((setups, baseline.matrix.shape[1])), np.eye(setups) / SECOND_ORDER_SCALE]
+        )
+
+    def both_tell(self, columns: Vector, held: Booleans) -> bool:
+        """Say whether both parts of a split tell something of every column."""
+        if not np.any(held) or np.all(held):
+            return False
+        whole, part = self._told(columns, held | ~held), self._told(columns, ~held)
+        share = part / np.where(whole > 0.0, whole, np.inf)
+        return bool(np.all((share >= _LEAST_SHARE) & (share <= 1.0 - _LEAST_SHARE)))
+
+    def predict(self, held: Booleans, columns: Vector) -> Prediction:
+        """Predict the held-out readings from the others, with these columns' sizes free too."""
+        everything, others = self._fit(held | ~held, columns), self._fit(~held, columns)
+        squares = everything.squares - others.squares
+        freedom = everything.freedom - others.freedom
+        raw = np.column_stack([self._free, columns])[held]
+        gap = self._baseline.gap[held] - raw @ others.values
+        unseen = raw @ others.unseen
+        if unseen.shape[1]:
+            gap = gap - unseen @ np.linalg.lstsq(unseen, gap, rcond=_RANK_LIMIT)[0]
+        readings = np.full(len(held), np.nan)
+        readings[held] = gap
+        chance = self._chance(squares, freedom)
+        return Prediction(squares, freedom, chance, self._baseline.spread(readings))
+
+    def _chance(self, squares: float, freedom: int) -> float:
+        from scipy.special import chdtrc, fdtrc
+
+        if freedom < 1:
+            return float("nan")
+        if not np.isfinite(self._freedom) or self._freedom > 1e6:
+            return float(chdtrc(freedom, squares))
+        return float(fdtrc(freedom, max(self._freedom, 1.0), squares / freedom))
+
+    def _white(self, values: Vector, rows: Booleans) -> Vector:
+        """Return rows in units of the noise, made independent along each pass, gaps and all."""
+        scaled: Vector = values[rows] / (self._noise * self._baseline.weight[rows])[:, None]
+        if not self._correlation:
+            return scaled
+        passes, number = self._baseline.passes[rows], self._number[rows]
+        white: Vector = scaled.copy()
+        follows = passes[1:] == passes[:-1]
+        rho = (self._correlation ** np.maximum(np.diff(number), 1))[follows][:, None]
+        white[1:][follows] = (scaled[1:][follows] - rho * scaled[:-1][follows]) / np.sqrt(
+            1.0 - rho * rho
+        )
+        return white
+
+    def _matrix(self, rows: Booleans, columns: Vector) -> Vector:
+        scale_rows = np.column_stack(
+            [self._scale_rows, np.zeros((len(self._scale_rows), columns.shape[1]))]
+        )
+        free = self._white(np.column_stack([self._free, columns]), rows)
+        return np.vstack([free, scale_rows])
+
+    def _told(self, columns: Vector, rows: Booleans) -> Vector:
+        """Return how much of each column the baseline cannot follow, squared, shape (k,)."""
+        matrix = self._matrix(rows, columns)
+        count = self._free.shape[1]
+        free, tried = matrix[:, :count], matrix[:, count:]
+        lengths = np.linalg.norm(free, axis=0)
+        left, values, _ = np.linalg.svd(
+            free / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False
+        )
+        span = left[:, values > _RANK_LIMIT * values[0]]
+        told: Vector = np.sum((tried - span @ (span.T @ tried)) ** 2, axis=0)
+        return told
+
+    def _fit(self, rows: Booleans, columns: Vector) -> "_Fit":
+        matrix = self._matrix(rows, columns)
+        target = np.zeros(len(matrix))
+        count = int(np.count_nonzero(rows))
+        target[:count] = self._white(self._baseline.gap[:, None], rows)[:, 0]
+        lengths = np.linalg.norm(matrix, axis=0)
+        lengths = np.where(lengths > 0.0, lengths, 1.0)
+        left, sizes, right = np.linalg.svd(matrix / lengths, full_matrices=False)
+        rank = int(np.count_nonzero(sizes > _RANK_LIMIT * sizes[0]))
+        values = right[:rank].T @ ((left[:, :rank].T @ target) / sizes[:rank]) / lengths
+        unseen = right[rank:].T / lengths[:, None]
+        squares = float(np.sum((target - matrix @ values) ** 2))
+        return _Fit(values, unseen, squares, len(matrix) - rank)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Values of the unknowns, directions that are not told, χ² and degrees of freedom."""
+
+    values: Vector
+    unseen: Vector
+    squares: float
+    freedom: int

@@ -1,0 +1,46 @@
+"""Backlash: an axis stands short of its target by half the lost motion, in the sense of its way."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import AXES, Vector
+
+
+class Backlash(Effect):
+    """Lost motion of an axis between its two senses of travel."""
+
+    name = "backlash"
+    sentence = "When an axis turns round, its drive moves before the carriage does."
+    source = "ISO 230-1:2012; ISO 230-2:2014 (reversal error B)"
+    keys = (Key("axis", AXES),)
+    sizes = (Size("lost_motion", "m", -50e-6, 50e-6, "way lost at a reversal"),)
+
+    def settings(self, stops: Stops) -> Iterator[Setting]:
+        """Yield each axis that comes to a place in both senses."""
+        for axis, letter in enumerate(AXES):
+            if {-1.0, 1.0} <= set(np.unique(stops.last_sense[:, axis])):
+                yield {"axis": letter}
+
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
+        """Return -lost_motion/2 along the axis, in the sense of its last move."""
+        axis = AXES.index(setting["axis"])
+        translation = np.zeros_like(stops.position)
+        translation[:, axis] = -0.5 * sizes["lost_motion"] * stops.last_sense[:, axis]
+        return Change(translation=translation)
+
+    def unknown(self, setting: Setting, stops: Stops) -> Vector:
+        """Return a column for the stops of each setup before the axis's first move there.
+
+        From which side the axis was brought to a setup's first stop is not told.
+        """
+        axis = AXES.index(setting["axis"])
+        before = stops.last_sense[:, axis] == 0.0
+        columns = before[:, None] & (stops.setup[:, None] == np.arange(len(stops.setups)))
+        free: Vector = columns[:, np.any(columns, axis=0)].astype(np.float64)
+        return free
+
+
+EFFECT = Backlash()

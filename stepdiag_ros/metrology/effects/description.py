@@ -1,0 +1,51 @@
+"""Effects in configuration files: ``{effect: name, setting: {…}, sizes: {…}}``, SI units."""
+
+from collections.abc import Mapping
+from math import inf
+from typing import Any
+
+from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+
+
+def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEffect:
+    """Read an effect, its setting and its sizes; a size that is left out is zero.
+
+    Args:
+        section: a mapping with the keys ``effect``, ``setting`` and ``sizes``.
+        catalogue: of effects, by name.
+
+    Raises:
+        ValueError: names the file, the key, what is wrong and what is expected.
+    """
+    effect = catalogue[section.names("effect", tuple(catalogue))[0]]
+    part = section.section("setting")
+    setting = {key.name: _setting_value(part, key.name, key.kind) for key in effect.keys}
+    part.finish()
+    part = section.section("sizes")
+    given = part.keys()
+    sizes = {size.name: part.number(size.name, default=0.0) for size in effect.sizes}
+    part.finish()
+    if not given:
+        names = ", ".join(size.name for size in effect.sizes)
+        raise ValueError(f"{part.source}: '{effect.name}' needs a size; give one of {names}")
+    return ActiveEffect(effect, setting, sizes)
+
+
+def as_mapping(active: ActiveEffect) -> dict[str, Any]:
+    """Return what ``active_effect`` reads the same effect from; YAML and JSON can write it."""
+    return {
+        "effect": active.effect.name,
+        "setting": dict(active.setting),
+        "sizes": {name: float(size) for name, size in active.sizes.items()},
+    }
+
+
+def _setting_value(section: Section, name: str, kind: type | tuple[str, ...]) -> Any:
+    if isinstance(kind, tuple):
+        return section.names(name, kind)[0]
+    if kind is int:
+        return section.integer(name, low=0, high=10**9)
+    if kind is float:
+        return section.number(name, low=1e-12, high=inf)
+    return section.text(name)

@@ -1,0 +1,166 @@
+"""What an effect is: a small piece of physics that changes readings, with a name and a size."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import Vector
+
+Setting = Mapping[str, Any]
+"""Where and how an effect acts: names → a name of an axis or line, or a number that shapes it."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """One value of a setting.
+
+    Attributes:
+        name: for example ``axis``; a number's ends in its unit, for example ``period_m``.
+        kind: the names that it may be, or ``str``, ``int`` (from 0) or ``float`` (above 0).
+    """
+
+    name: str
+    kind: type | tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Size:
+    """One linear size of an effect.
+
+    Attributes:
+        name: for example ``lost_motion``.
+        unit: SI, for example ``m`` or ``rad``.
+        low: smallest plausible value.
+        high: largest plausible value.
+        meaning: in a few words.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an effect does at each stop.
+
+    Attributes:
+        translation: of the tool relative to the workpiece, m, shape (n, 3), or None.
+        rotations: rotation vectors that axis X, Y, Z adds, rad, each shape (n, 3); axes that turn
+            by nothing are left out.
+        reading: of the interferometer itself, m, shape (n,), or None.
+    """
+
+    translation: Vector | None = None
+    rotations: Mapping[int, Vector] = field(default_factory=dict)
+    reading: Vector | None = None
+
+    def readings(self, stops: Stops) -> Vector:
+        """Return what that adds to the readings, to first order, m, shape (n,).
+
+        n·t + Σ (ε_i × n)·v_i + the reading's own change (METROLOGY's forward model).
+
+        Raises:
+            ValueError: an axis turns, but the chain is not known.
+        """
+        total = np.zeros(len(stops.time))
+        if self.translation is not None:
+            total += np.sum(stops.direction * self.translation, axis=1)
+        if self.rotations:
+            arms = stops.arms
+            for axis, rotation in self.rotations.items():
+                total += np.sum(np.cross(rotation, stops.direction) * arms[axis], axis=1)
+        if self.reading is not None:
+            total += self.reading
+        return total
+
+
+class Effect(ABC):
+    """One entry of the catalogue.
+
+    Attributes:
+        name: short, in words, for example ``backlash``.
+        sentence: what happens in the machine, for an engineer.
+        source: where this is described.
+        sizes: linear sizes; the change of the readings is proportional to each.
+        keys: of a setting, in the order in which a label tells them.
+        needs: columns of ``Stops`` that must be known, and must vary, for the effect to be seen.
+    """
+
+    name: ClassVar[str]
+    sentence: ClassVar[str]
+    source: ClassVar[str]
+    sizes: ClassVar[tuple[Size, ...]]
+    keys: ClassVar[tuple[Key, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def settings(self, stops: Stops) -> Iterator[Setting]:
+        """Yield every setting in which the effect could act in a run, to be tried one by one."""
+
+    @abstractmethod
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
+        """Return what the effect of these sizes does at each stop.
+
+        Raises:
+            ValueError: the run lacks what the effect needs.
+        """
+
+    def unknown(self, setting: Setting, stops: Stops) -> Vector:
+        """Return what of this effect no run tells, as columns to be fitted with it, (n, m).
+
+        None, if the run tells all that the effect depends on.
+        """
+        del setting
+        return np.zeros((len(stops.time), 0))
+
+    def label(self, setting: Setting) -> str:
+        """Say which effect this is, for example ``backlash of X``."""
+        words = ", ".join(
+            f"{name.rsplit('_', 1)[0].replace('_', ' ')} {value:g} {name.rsplit('_', 1)[-1]}"
+            if isinstance(value, float)
+            else str(value)
+            for name, value in setting.items()
+        )
+        return f"{self.name} of {words}" if words else self.name
+
+    def known(self, stops: Stops) -> bool:
+        """Say whether the run tells, at any stop, every column that the effect needs."""
+        return all(bool(np.any(np.isfinite(getattr(stops, name)))) for name in self.needs)
+
+    def columns(self, setting: Setting, stops: Stops) -> Vector:
+        """Return what a unit of each size adds to each reading, shape (n, sizes)."""
+        names = [size.name for size in self.sizes]
+        return np.column_stack(
+            [
+                self.change(setting, {name: float(name == one) for name in names}, stops).readings(
+                    stops
+                )
+                for one in names
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class ActiveEffect:
+    """An effect with its setting and sizes, as it acts in a simulated cell or a model.
+
+    Attributes:
+        effect: of the catalogue.
+        setting: where and how.
+        sizes: name → value, SI.
+    """
+
+    effect: Effect
+    setting: Setting
+    sizes: Mapping[str, float]
+
+    def readings(self, stops: Stops) -> Vector:
+        """Return what it adds to each reading, m, shape (n,)."""
+        return self.effect.change(self.setting, self.sizes, stops).readings(stops)

@@ -1,0 +1,38 @@
+"""Growth with time: an axis grows steadily, whether or not a sensor tells it."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import AXES
+
+
+class GrowthWithTime(Effect):
+    """Expansion of an axis in proportion to the time since the start of the run."""
+
+    name = "growth with time"
+    sentence = "The scale or ball screw of an axis warms up steadily where no sensor is."
+    source = "ISO 230-3:2020 (thermal distortion caused by moving axes)"
+    keys = (Key("axis", AXES),)
+    sizes = (Size("per_s", "1/s", -1e-6, 1e-6, "speed of the relative growth"),)
+    needs = ("time",)
+
+    def settings(self, stops: Stops) -> Iterator[Setting]:
+        """Yield each axis that moves."""
+        if not self.known(stops) or not stops.duration > 0.0:
+            return
+        for axis, letter in enumerate(AXES):
+            if np.ptp(stops.position[:, axis]) > 0.0:
+                yield {"axis": letter}
+
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
+        """Return per_s·position·time along the axis."""
+        axis = AXES.index(setting["axis"])
+        translation = np.zeros_like(stops.position)
+        translation[:, axis] = sizes["per_s"] * stops.position[:, axis] * stops.time
+        return Change(translation=translation)
+
+
+EFFECT = GrowthWithTime()

@@ -1,0 +1,408 @@
+"""A diagnosis in words and tables; the physics is in ``metrology.discrepancy``."""
+
+import math
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
+from stepdiag_ros.metrology.effects.effect import Effect, Size
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.model import MachineModel
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+_MOST_SETTINGS = 4
+"""Settings of one effect that are listed one by one; of more, only the range is printed."""
+_MOST_LABELS = 4
+_MOST_RUNNERS_UP = 5
+_SMALL = 0.01
+"""A number without unit that is plausible up to this is relative: it is read in µm/m."""
+_PER_HOUR, _PER_HECTOPASCAL = 3600.0, 100.0
+_READABLE = {
+    "1/K": ("µm/(m K)", MICRO),
+    "1/s": ("µm/(m h)", MICRO * _PER_HOUR),
+    "m/s": ("µm/h", MICRO * _PER_HOUR),
+    "1/Pa": ("µm/(m hPa)", MICRO * _PER_HECTOPASCAL),
+    "m/Pa": ("µm/hPa", MICRO * _PER_HECTOPASCAL),
+    "s": ("ms", 1e3),
+}
+_LENGTH_IN_WORDS = re.compile(r"(\d[\d.]*(?:e[+-]?\d+)?) m\b")
+
+
+@dataclass(frozen=True)
+class DiagnosisReport:
+    """What is shown of a diagnosis.
+
+    Attributes:
+        diagnosis: of the run under the model as it was.
+        model: as it was.
+        catalogue: effects that were tried, by name.
+        bag: the file.
+        sha256: of the file.
+        run_id: identity of the run; empty if it has none.
+        model_source: file of the model; empty if none was given.
+        extended: the model with the named effects; None if nothing was named.
+        extended_path: file that it was written to; None if it was not.
+        rounds: diagnoses under the extended model, one after another until nothing more is named.
+        held_out: proof on data that took no part in the fit; None if there is none.
+        curves: error curves before and after the effects were taken off; None if not solved.
+        remarks: about the run as a whole.
+    """
+
+    diagnosis: Diagnosis
+    model: MachineModel
+    catalogue: Mapping[str, Effect]
+    bag: Path | None = None
+    sha256: str = ""
+    run_id: str = ""
+    model_source: str = ""
+    extended: MachineModel | None = None
+    extended_path: Path | None = None
+    rounds: tuple[Diagnosis, ...] = ()
+    held_out: HeldOut | None = None
+    curves: tuple[VolumetricErrors, VolumetricErrors] | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what was found, or where the gap is unexplained what closes a part of it."""
+        return self.diagnosis.findings or self.diagnosis.partial
+
+
+def readable(size: Size) -> tuple[str, float]:
+    """Return the unit in which people read a size, and the factor from SI."""
+    unit = size.unit
+    if unit in _READABLE:
+        return _READABLE[unit]
+    if unit == "1":
+        relative = max(abs(size.low), abs(size.high)) <= _SMALL
+        return ("µm/m", MICRO) if relative else ("", 1.0)
+    if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
+        return f"µ{unit}", MICRO
+    return unit, 1.0
+
+
+def size_words(finding: Finding, size: Size) -> str:
+    """Write a size with its 95 % band, for example ``0.800 ± 0.021 µm``."""
+    unit, factor = readable(size)
+    value = finding.sizes[size.name]
+    low, high = finding.band[size.name]
+    half = 0.5 * (high - low) * factor
+    if not math.isfinite(half) or half <= 0.0:
+        return f"{value * factor:.4g} {unit} ± {UNKNOWN}".rstrip()
+    written, uncertainty = with_uncertainty(value * factor, half)
+    return f"{written} ± {uncertainty} {unit}".rstrip()
+
+
+def sizes_words(finding: Finding) -> str:
+    """Write all sizes of a finding in one line."""
+    sizes = finding.candidate.effect.sizes
+    if len(sizes) == 1:
+        return size_words(finding, sizes[0])
+    return ", ".join(f"{size.name.replace('_', ' ')} {size_words(finding, size)}" for size in sizes)
+
+
+def chance(probability: float) -> str:
+    """Write a probability: never as 0 or 1, which no evidence gives."""
+    if not math.isfinite(probability):
+        return UNKNOWN
+    if probability < 1e-4:
+        return "< 0.0001"
+    if probability > 0.9999:
+        return "> 0.9999"
+    return f"{probability:.2g}" if probability < 0.01 else f"{probability:.4f}".rstrip("0")
+
+
+def gap_figures(residual: Vector) -> tuple[float, float]:
+    """Return rms and largest of a gap, m; NaN where there is no reading at all."""
+    known = residual[np.isfinite(residual)]
+    if not known.size:
+        return math.nan, math.nan
+    return float(np.sqrt(np.mean(known**2))), float(np.max(np.abs(known)))
+
+
+def findings_table(findings: Sequence[Finding], title: str) -> Table:
+    """Return what is missing in the model, strongest first."""
+    table = new_table(
+        title, "effect", "size ± U (95 %)", "Δχ²", "p", "probability", "sentence of the physics"
+    )
+    table.columns[5].justify = "left"
+    table.columns[5].no_wrap = False
+    for finding in findings:
+        table.add_row(
+            finding.label,
+            "\n".join(_size_rows(finding)),
+            f"{finding.gain:,.1f}",
+            chance(finding.p_value),
+            chance(finding.probability),
+            finding.candidate.effect.sentence,
+        )
+    return table
+
+
+def _size_rows(finding: Finding) -> list[str]:
+    sizes = finding.candidate.effect.sizes
+    if len(sizes) == 1:
+        return [size_words(finding, sizes[0])]
+    return [f"{size.name.replace('_', ' ')} {size_words(finding, size)}" for size in sizes]
+
+
+def runners_up_table(findings: Sequence[Finding]) -> Table | None:
+    """Return what else was tried and why it lost; None if there was nothing else."""
+    table = new_table("Runners-up", "candidate", "instead of", "Δχ²", "probability", "why it lost")
+    table.columns[1].justify = "left"
+    table.columns[4].justify = "left"
+    table.columns[4].no_wrap = False
+    for finding in findings:
+        for other in finding.runners_up[:_MOST_RUNNERS_UP]:
+            table.add_row(
+                other.label,
+                finding.label,
+                f"{other.gain:,.1f}",
+                chance(other.probability),
+                f"NOT RULED OUT: {other.why}" if other.ambiguous else other.why,
+            )
+    return table if table.row_count else None
+
+
+def gap_table(report: DiagnosisReport) -> Table:
+    """Return the gap before and after: of the run, and of what took no part in the fit."""
+    diagnosis = report.diagnosis
+    columns = ["", "run before" if report.findings else "run"]
+    cells = [_gap_column(diagnosis, after=False)]
+    if report.findings:
+        columns.append("run after")
+        cells.append(_gap_column(diagnosis, after=True))
+    for number, again in enumerate(report.rounds, 1):
+        columns.append("extended model" if number == 1 else f"extended again ({number})")
+        cells.append(_gap_column(again, after=False))
+    if report.held_out is not None:
+        columns += ["held out before", "held out after"]
+        cells += [_held_out_column(report.held_out, after) for after in (False, True)]
+    table = new_table("The gap, measured minus simulated", *columns)
+    names = (
+        "χ²",
+        "degrees of freedom",
+        "χ² per degree of freedom",
+        "p of the fit",
+        "rms / µm",
+        "largest / µm",
+    )
+    for row, name in enumerate(names):
+        table.add_row(name, *(column[row] for column in cells))
+    return table
+
+
+def _gap_column(diagnosis: Diagnosis, after: bool) -> tuple[str, ...]:
+    if after:
+        squares, freedom = diagnosis.chi_squared_after, diagnosis.degrees_of_freedom_after
+        fit, gap = diagnosis.lack_of_fit_p_after, diagnosis.residual_after
+    else:
+        squares, freedom = diagnosis.chi_squared_before, diagnosis.degrees_of_freedom_before
+        fit, gap = diagnosis.lack_of_fit_p_before, diagnosis.residual_before
+    return _cells(squares, freedom, fit, *gap_figures(gap))
+
+
+def _held_out_column(proof: HeldOut, after: bool) -> tuple[str, ...]:
+    part = proof.after if after else proof.before
+    return _cells(
+        part.chi_squared, part.degrees_of_freedom, part.p_value, *gap_figures(part.residual)
+    )
+
+
+def _cells(squares: float, freedom: int, fit: float, rms: float, largest: float) -> tuple[str, ...]:
+    each = squares / freedom if freedom > 0 else math.nan
+    return (
+        f"{squares:,.1f}" if math.isfinite(squares) else UNKNOWN,
+        f"{freedom:,}",
+        plain(each, 3),
+        chance(fit),
+        plain(rms * MICRO, 3),
+        plain(largest * MICRO, 3),
+    )
+
+
+def limits_table(report: DiagnosisReport) -> Table | None:
+    """Return the smallest sizes that this run would have shown, 19 times in 20, one row a kind."""
+    limits = report.diagnosis.detection_limits
+    table = new_table(
+        "Smallest size that would have been seen (95 % power)", "effect", "size", "unit", "of"
+    )
+    table.columns[2].justify = table.columns[3].justify = "left"
+    for name, labels in _by_effect(report, limits).items():
+        first = report.catalogue[name].sizes[0]
+        unit, factor = readable(first)
+        seen = {label: abs(limits[label]) * factor for label in labels}
+        rows = {label: f"{size:.3g}" for label, size in seen.items()}
+        if len(rows) > _MOST_SETTINGS:
+            least, most = min(seen.values()), max(seen.values())
+            rows = {f"{name} ({len(rows):,} settings)": f"{least:.3g} .. {most:.3g}"}
+        for label, text in rows.items():
+            table.add_row(label, text, unit, first.meaning)
+    return table if table.row_count else None
+
+
+def _by_effect(report: DiagnosisReport, labels: Collection[str]) -> dict[str, list[str]]:
+    """Return which of these labels belong to which effect of the catalogue: name → labels."""
+    found: dict[str, list[str]] = {}
+    for effect in report.catalogue.values():
+        for setting in effect.settings(report.diagnosis.stops):
+            label = effect.label(setting)
+            if label in labels:
+                found.setdefault(effect.name, []).append(label)
+    return found
+
+
+def not_testable_sentences(report: DiagnosisReport) -> list[str]:
+    """Say what this run cannot show, one sentence for each reason.
+
+    Reasons that differ only in a length are one, with its range.
+    """
+    reasons = report.diagnosis.not_testable
+    kinds: dict[str, list[str]] = {}
+    for label, why in reasons.items():
+        kinds.setdefault(_LENGTH_IN_WORDS.sub("{}", why), []).append(label)
+    known = _by_effect(report, reasons)
+    sentences = []
+    for kind, labels in kinds.items():
+        shown = _shown(labels, known)
+        lengths = np.array([_LENGTH_IN_WORDS.findall(reasons[label]) for label in labels], float)
+        words = kind
+        for column in lengths.T * MICRO:
+            low, high = f"{column.min():.2g}", f"{column.max():.2g}"
+            words = words.replace("{}", f"{low if low == high else f'{low} .. {high}'} µm", 1)
+        sentences.append(f"{shown}: {words.rstrip('.')}.")
+    return sentences
+
+
+def _shown(labels: list[str], known: Mapping[str, list[str]]) -> str:
+    """List labels; many of one effect are only counted."""
+    left, parts = set(labels), []
+    for name, own in known.items():
+        here = [label for label in own if label in left]
+        if len(here) > _MOST_SETTINGS:
+            parts.append(f"{name} ({len(here):,} settings)")
+            left -= set(here)
+    return ", ".join([*(label for label in labels if label in left), *parts])
+
+
+def noise_sentence(diagnosis: Diagnosis) -> str:
+    """Say how large the noise of a reading is and how that is known."""
+    if not math.isfinite(diagnosis.noise):
+        return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
+    text = (
+        f"Noise of a reading: {diagnosis.noise * MICRO:.3g} µm"
+        f" ({diagnosis.noise_degrees_of_freedom:,.0f} degrees of freedom;"
+        f" {diagnosis.noise_source.rstrip('.')})"
+    )
+    if abs(diagnosis.noise_correlation) >= 0.005:
+        text += f", correlation of neighbouring stops {diagnosis.noise_correlation:.2f}"
+    return f"{text}."
+
+
+def group_sentences(findings: Sequence[Finding]) -> list[str]:
+    """Say which names this run cannot tell from those found."""
+    sentences = []
+    for finding in findings:
+        if finding.ambiguous:
+            sentences.append(
+                f"'{finding.label}' cannot be told from {_listed(finding.ambiguous)} by this run."
+            )
+    return sentences
+
+
+def _listed(labels: Sequence[str]) -> str:
+    more = len(labels) - 2 * _MOST_LABELS
+    shown = [f"'{label}'" for label in labels[: 2 * _MOST_LABELS]]
+    if more > 0:
+        return ", ".join(shown) + f" and {more:,} more"
+    return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+
+def extension_sentences(report: DiagnosisReport) -> list[str]:
+    """Say what became of the model, and what the proof on held-out data says."""
+    words = []
+    proof = report.held_out
+    if proof is not None:
+        words.append(proof.sentence)
+    if report.extended_path is not None and report.extended is not None:
+        added = _listed([finding.label for finding in report.diagnosis.findings])
+        words.append(f"The extended model is in {report.extended_path}: it now has {added}.")
+    if report.rounds:
+        last = report.rounds[-1]
+        words.append(f"The run under the extended model: {last.verdict}. {last.sentence}")
+    return words
+
+
+def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
+    """Print a diagnosis: the verdict first, then where, what, and how well that is known."""
+    diagnosis = report.diagnosis
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    def table(one: Table | None) -> None:
+        if one is not None:
+            console.print()
+            console.print(one)
+
+    sentence(f"{diagnosis.verdict}: {diagnosis.sentence}")
+    console.print()
+    for name, text in (
+        ("Run", report.run_id),
+        ("Bag", "" if report.bag is None else str(report.bag)),
+        ("Model", model_words(report)),
+    ):
+        if text:
+            sentence(f"{name + ':':<7}{text}")
+    sentence(noise_sentence(diagnosis))
+    _list(sentence, console, "Where the gap is", diagnosis.where)
+    if report.findings:
+        partly = not diagnosis.findings
+        title = (
+            "Closes a part of the gap; not to be believed alone" if partly else "What is missing"
+        )
+        table(findings_table(report.findings, title))
+        for text in group_sentences(report.findings):
+            sentence(text)
+        table(runners_up_table(report.findings))
+    table(gap_table(report))
+    for text in extension_sentences(report):
+        sentence(text)
+    _list(sentence, console, "Where the gap is that is left", diagnosis.where_after)
+    table(limits_table(report))
+    _list(sentence, console, "Not testable by this run", not_testable_sentences(report))
+    _list(sentence, console, "Remarks", report.remarks)
+
+
+def _list(
+    sentence: Callable[[str], None], console: PlainConsole, title: str, texts: Sequence[str]
+) -> None:
+    if not texts:
+        return
+    console.print()
+    sentence(f"{title}:")
+    for text in texts:
+        sentence(f"  {text}")
+
+
+def model_words(report: DiagnosisReport) -> str:
+    """Say what the model takes as known."""
+    model = report.model
+    curves = f"{', '.join(model.curves)} fixed" if model.curves else "all error curves free"
+    effects = ", ".join(f"{effect.label} ({effect.status})" for effect in model.effects)
+    parts = [
+        report.model_source,
+        f"chain {model.chain or UNKNOWN}",
+        curves,
+        f"effects: {effects}" if effects else "no further effects",
+        f"{report.diagnosis.tested:,} candidates tried",
+    ]
+    return "; ".join(part for part in parts if part)

@@ -1,0 +1,188 @@
+"""A diagnosis as JSON: SI units, unknown is null, gaps in the order of the stops."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, Prediction
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures
+
+SCHEMA_VERSION = 1
+
+
+def diagnosis_json(report: DiagnosisReport) -> str:
+    """Return a diagnosis as JSON text; see ``diagnosis_document``."""
+    return json.dumps(diagnosis_document(report), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def diagnosis_document(report: DiagnosisReport) -> dict[str, Any]:
+    """Return a diagnosis as a mapping that ``json`` can write."""
+    diagnosis = report.diagnosis
+    proof = report.held_out
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        "run_id": report.run_id or None,
+        "bag": None if report.bag is None else str(report.bag),
+        "sha256": report.sha256 or None,
+        "model": {"file": report.model_source or None, **report.model.to_mapping()},
+        **verdict_document(diagnosis),
+        "gap": {
+            "stops": _stops(diagnosis),
+            "before_m": _numbers(diagnosis.residual_before),
+            "after_m": _numbers(diagnosis.residual_after),
+        },
+        "held_out": None if proof is None else _proof(proof),
+        "rounds": [verdict_document(one) for one in report.rounds],
+        "extended_model": None if report.extended is None else report.extended.to_mapping(),
+        "extended_model_file": None if report.extended_path is None else str(report.extended_path),
+        "remarks": list(report.remarks),
+    }
+
+
+def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the verdict and what it rests on, without the gap at each stop."""
+    return {
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "findings": [_finding(one) for one in diagnosis.findings],
+        "partial": [_finding(one) for one in diagnosis.partial],
+        "tested": diagnosis.tested,
+        "noise": {
+            "standard_deviation_m": _number(diagnosis.noise),
+            "degrees_of_freedom": _number(diagnosis.noise_degrees_of_freedom),
+            "correlation": _number(diagnosis.noise_correlation),
+            "source": diagnosis.noise_source,
+        },
+        "before": _fit(
+            diagnosis.chi_squared_before,
+            diagnosis.degrees_of_freedom_before,
+            diagnosis.lack_of_fit_p_before,
+            diagnosis.residual_before,
+        ),
+        "after": _fit(
+            diagnosis.chi_squared_after,
+            diagnosis.degrees_of_freedom_after,
+            diagnosis.lack_of_fit_p_after,
+            diagnosis.residual_after,
+        ),
+        "where": list(diagnosis.where),
+        "where_after": list(diagnosis.where_after),
+        "map": [
+            {
+                "split": share.split,
+                "part": share.part,
+                "mean_m": _number(share.mean),
+                "rms_m": _number(share.rms),
+                "readings": share.readings,
+                "p_value": _number(share.p_value),
+            }
+            for share in diagnosis.map
+        ],
+        "detection_limits": _mapping(diagnosis.detection_limits),
+        "not_testable": dict(diagnosis.not_testable),
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    candidate = finding.candidate
+    return {
+        "label": finding.label,
+        "effect": candidate.effect.name,
+        "setting": {name: _plain(value) for name, value in candidate.setting.items()},
+        "sentence": candidate.effect.sentence,
+        "source": candidate.effect.source,
+        "sizes": [
+            {
+                "name": size.name,
+                "unit": size.unit,
+                "meaning": size.meaning,
+                "value": _number(finding.sizes[size.name]),
+                "standard_uncertainty": _number(finding.standard_uncertainty[size.name]),
+                "band_95": _numbers(np.array(finding.band[size.name])),
+            }
+            for size in candidate.effect.sizes
+        ],
+        "gain": _number(finding.gain),
+        "p_value": _number(finding.p_value),
+        "probability": _number(finding.probability),
+        "group": list(finding.group),
+        "ambiguous_with": list(finding.ambiguous),
+        "runners_up": [
+            {
+                "label": other.label,
+                "gain": _number(other.gain),
+                "probability": _number(other.probability),
+                "ruled_out": not other.ambiguous,
+                "why": other.why,
+            }
+            for other in finding.runners_up
+        ],
+    }
+
+
+def _fit(squares: float, freedom: int, chance: float, gap: Vector) -> dict[str, Any]:
+    rms, largest = gap_figures(gap)
+    return {
+        "chi_squared": _number(squares),
+        "degrees_of_freedom": freedom,
+        "p_value": _number(chance),
+        "rms_m": _number(rms),
+        "largest_m": _number(largest),
+    }
+
+
+def _proof(proof: HeldOut) -> dict[str, Any]:
+    def part(one: Prediction) -> dict[str, Any]:
+        return {
+            **_fit(one.chi_squared, one.degrees_of_freedom, one.p_value, one.residual),
+            "residual_m": _numbers(one.residual),
+        }
+
+    return {
+        "split": proof.split,
+        "readings": proof.readings,
+        "effects": list(proof.labels),
+        "named_by_the_other_readings_alone": proof.independent,
+        "verdict_of_the_other_readings": proof.training_verdict,
+        "before": part(proof.before),
+        "after": part(proof.after),
+    }
+
+
+def _stops(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    stops = diagnosis.stops
+    return [
+        {
+            "line": stops.lines[index].name,
+            "order": stops.lines[index].order or None,
+            "repeat": stops.lines[index].repeat,
+            "direction": stops.lines[index].direction,
+            "stop": int(stop),
+            "time_s": _number(float(time)),
+        }
+        for index, stop, time in zip(stops.pass_index, stops.number, stops.time, strict=True)
+    ]
+
+
+def _plain(value: Any) -> Any:
+    item = getattr(value, "item", None)
+    return item() if callable(item) else value
+
+
+def _mapping(values: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in values.items()}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _numbers(values: Vector) -> list[float | None]:
+    return [_number(float(value)) for value in values]

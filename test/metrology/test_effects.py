@@ -1,0 +1,459 @@
+"""The catalogue of effects: signatures against physics that is written again here."""
+
+import sys
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+from cells_for_tests import make_cell, make_plan
+
+from stepdiag_ros.metrology import effects
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
+from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
+from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.simulation import simulate
+
+STEP = (0.01, 0.012, 0.009)
+BLOCKS = 6
+TRAVEL = np.array(STEP) * BLOCKS
+ORIGIN = (0.05, -0.02, 0.1)
+
+
+def varied(measurement):
+    """Give the measurement weather and material that change in different ways."""
+    lines = []
+    for line in measurement.lines:
+        hours = line.time / 3600.0
+        columns = Environment(
+            air_temperature=20.4 + 3.0 * np.sin(9.0 * hours),
+            air_pressure=100900.0 + 4000.0 * hours**2,
+            relative_humidity=0.4 + 0.3 * hours,
+            material_temperature=20.2 + 2.0 * np.sqrt(hours),
+        )
+        lines.append(replace(line, environment=np.column_stack(columns)))
+    return replace(measurement, lines=tuple(lines))
+
+
+@pytest.fixture(scope="module", params=["YXZ", "ZYX"])
+def measurement(request):
+    plan = make_plan(
+        blocks=BLOCKS,
+        step=STEP,
+        origin=ORIGIN,
+        orders=("XYZ", "YZX"),
+        repeats=2,
+        directions=("forward", "backward"),
+    )
+    cell = make_cell(chain=request.param, noise=0.0, low=(-0.1,) * 3, high=(0.3,) * 3)
+    return varied(simulate(plan, cell))
+
+
+@pytest.fixture(scope="module")
+def stops(measurement):
+    return stops_of(measurement)
+
+
+def every_setting(stops):
+    return [
+        (effect, setting) for effect in catalogue().values() for setting in effect.settings(stops)
+    ]
+
+
+def each_name_once(stops):
+    """Keep one setting of each effect for each axis, curve or setup: not every pass and stop."""
+    kept = {}
+    for effect, setting in every_setting(stops):
+        words = tuple(str(value) for value in setting.values() if isinstance(value, str))
+        kept[effect.name, words] = (effect, setting)
+    return list(kept.values())
+
+
+# --- what the mirror does, straight from positions: the physics of each effect once more ---
+
+
+def exact(stops, curves):
+    """Return the exact change of every reading by error curves over fine nodes."""
+    nodes = [np.linspace(0.0, length, 2001) for length in TRAVEL]
+    fine = ErrorCurves.from_curves(
+        nodes, {name: curve(nodes[AXES.index(name[3])]) for name, curve in curves.items()}
+    )
+    nothing = ErrorCurves.from_curves(nodes, {})
+    change = np.zeros(len(stops.time))
+    for index in range(len(stops.setups)):
+        rows = stops.setup == index
+        direction, start = stops.direction[rows][0], stops.start[rows][0]
+        beam = tilted(direction, (0.0, 0.0))
+
+        class At:
+            pass
+
+        At.beam, At.mirror_normal, At.origin = beam, beam, start - 0.3 * beam
+        place = stops.position[rows]
+        change[rows] = reading(place, At, fine, stops.chain) - reading(
+            place, At, nothing, stops.chain
+        )
+    return change
+
+
+def by_hand(stops, turn):
+    """Return the change by a function of one stop: (row) → displacement of the mirror, m."""
+    return np.array([stops.direction[row] @ turn(row) for row in range(len(stops.time))])
+
+
+@pytest.mark.parametrize("error", ROTATIONS)
+def test_angular_errors_do_what_the_exact_machine_does(stops, error):
+    length = TRAVEL[AXES.index(error[3])]
+    for name, curve in (
+        ("angular error", lambda q: 1e-6 * (q / length)),
+        ("wavy angular error", lambda q: 1e-6 * (q / length)),
+    ):
+        column = catalogue()[name].columns({"error": error}, stops)[:, 0]
+        assert column * 1e-6 == pytest.approx(exact(stops, {error: curve}), abs=1e-12)
+    column = catalogue()["angular error"].columns({"error": error}, stops)[:, 1]
+    assert column * 1e-6 == pytest.approx(
+        exact(stops, {error: lambda q: 1e-6 * (q / length) ** 2}), abs=1e-12
+    )
+    column = catalogue()["wavy angular error"].columns({"error": error}, stops)[:, 4]
+    assert column * 1e-6 == pytest.approx(
+        exact(stops, {error: lambda q: 1e-6 * (np.cos(4 * np.pi * q / length) - 1.0)}), abs=1e-12
+    )
+
+
+def test_scale_period_and_squareness_do_what_the_exact_machine_does(stops):
+    known = catalogue()
+    for axis in AXES:
+        column = known["scale"].columns({"axis": axis}, stops)[:, 0]
+        curve = {f"E_{axis}{axis}": lambda q: 1e-6 * q}
+        assert column * 1e-6 == pytest.approx(exact(stops, curve), abs=1e-15)
+        columns = known["pitch-periodic error"].columns({"axis": axis, "period_m": 7e-3}, stops)
+        curve = {f"E_{axis}{axis}": lambda q: 1e-7 * np.sin(2 * np.pi * q / 7e-3)}
+        assert columns[:, 0] * 1e-7 == pytest.approx(exact(stops, curve), abs=3e-11)
+    # Right-handed: +C0Y turns the Y axis towards -X, +B0Z the Z axis towards +X, +A0Z towards -Y.
+    for angle, curve, sign in (("C0Y", "E_XY", -1), ("B0Z", "E_XZ", 1), ("A0Z", "E_YZ", -1)):
+        column = known["squareness"].columns({"angle": angle}, stops)[:, 0]
+        expected = exact(stops, {curve: lambda q, sign=sign: sign * 1e-6 * q})
+        assert column * 1e-6 == pytest.approx(expected, abs=1e-15)
+
+
+def test_the_sense_of_the_last_move_is_that_of_the_axis_itself(stops):
+    """Walk the stops as the machine does and keep each axis's last sense by hand."""
+    known = catalogue()
+    for letter in AXES:
+        axis = AXES.index(letter)
+        last, setup, expected, settled = 0.0, -1, [], []
+        for row in range(len(stops.time)):
+            if stops.setup[row] != setup:
+                last, setup, before = 0.0, stops.setup[row], stops.position[row, axis]
+            step = stops.position[row, axis] - before
+            before = stops.position[row, axis]
+            last = np.sign(step) if abs(step) > 1e-9 else last
+            along = stops.direction[row, axis]
+            expected.append(-0.5 * last * along)
+            first = stops.number[row] == 0
+            settled.append(0.0 if first or abs(step) < 1e-9 else -np.sign(step) * along)
+        assert known["backlash"].columns({"axis": letter}, stops)[:, 0] == pytest.approx(expected)
+        assert known["settling"].columns({"axis": letter}, stops)[:, 0] == pytest.approx(settled)
+
+
+def test_the_machine_is_late_along_its_path(stops):
+    lag, delay = [], []
+    for row in range(len(stops.time)):
+        way = stops.position[row] - stops.position[row - 1]
+        if stops.number[row] == 0:
+            lag.append(0.0)
+            delay.append(0.0)
+            continue
+        lag.append(-stops.direction[row] @ way / np.linalg.norm(way))
+        delay.append(stops.direction[row] @ way / (stops.time[row] - stops.time[row - 1]))
+    assert catalogue()["servo lag"].columns({}, stops)[:, 0] == pytest.approx(lag)
+    assert catalogue()["position-trigger delay"].columns({}, stops)[:, 0] == pytest.approx(delay)
+
+
+def test_effects_of_temperature_and_time(stops):
+    known = catalogue()
+    material, air, time = stops.material_temperature, stops.air_temperature, stops.time
+    for axis, letter in enumerate(AXES):
+        unit = np.eye(3)[axis]
+        place = stops.position[:, axis]
+        for name, further, factor in (
+            ("thermal growth", {}, place * (material - 20.0)),
+            ("growth with time", {}, place * time),
+            ("warm-up growth", {"time_constant_s": 90.0}, place * (1.0 - np.exp(-time / 90.0))),
+        ):
+            column = known[name].columns({"axis": letter, **further}, stops)[:, 0]
+            by = by_hand(stops, lambda row, by=factor, unit=unit: by[row] * unit)
+            assert column == pytest.approx(by, abs=1e-15), name
+        column = known["drift"].columns({"along": letter}, stops)[:, 0]
+        assert column == pytest.approx(time * stops.direction[:, axis])
+        column = known["warm-up drift"].columns({"along": letter, "time_constant_s": 90.0}, stops)
+        assert column[:, 0] == pytest.approx((1 - np.exp(-time / 90.0)) * stops.direction[:, axis])
+    assert known["drift"].columns({"along": "beam"}, stops)[:, 0] == pytest.approx(time)
+    assert known["dead path"].columns({}, stops)[:, 0] == pytest.approx(air - 20.0)
+    assert known["dead path by pressure"].columns({}, stops)[:, 0] == pytest.approx(
+        stops.air_pressure - 101325.0
+    )
+
+
+def test_effects_on_the_length_of_the_beam(stops):
+    known = catalogue()
+    way = stops.position - stops.start
+    along = np.array([n @ w for n, w in zip(stops.direction, way, strict=True)])
+    material, air, pressure = stops.material_temperature, stops.air_temperature, stops.air_pressure
+    for name, factor in (
+        ("wrong wavelength", 1.0),
+        ("wrong expansion coefficient", material - 20.0),
+        ("uncompensated air temperature", air - 20.0),
+        ("uncompensated air pressure", pressure - 101325.0),
+        ("uncompensated air humidity", stops.relative_humidity - 0.5),
+    ):
+        assert known[name].columns({}, stops)[:, 0] == pytest.approx(along * factor), name
+    # The well-known coefficients of the index of air: -0.93e-6 a kelvin, 2.68e-9 a pascal and
+    # -0.85e-6 from dry to saturated air.
+    rule = (
+        -0.93e-6 * (air - 20.0)
+        + 2.68e-9 * (pressure - 101325.0)
+        - 0.85e-6 * (stops.relative_humidity - 0.5)
+    )
+    column = known["uncompensated air"].columns({}, stops)[:, 0]
+    assert column == pytest.approx(along * rule, abs=0.03 * np.max(np.abs(along * rule)))
+    assert np.max(np.abs(column)) > 1e-8
+
+
+def test_effects_of_one_setup_leave_the_others_alone(stops):
+    known = catalogue()
+    setup = "npp YZX"
+    here = stops.setup == stops.setups.index(setup)
+    start, direction = stops.start[here][0], stops.direction[here][0]
+    along = (stops.position - start) @ direction
+    across = (stops.position - start) - along[:, None] * direction
+    sizes = {"first": 2e-4, "second": -1e-4}
+    tilt = ActiveEffect(known["mirror tilt under travel"], {"setup": setup}, sizes)
+    # The exact reading off a plane with a turned normal, less that off the upright plane.
+    moved = np.array([np.linalg.norm(TRAVEL)])
+    expected = np.zeros(len(stops.time))
+    first = np.array([-direction[1], direction[0], 0.0])
+    first /= np.linalg.norm(first)
+    second = np.cross(direction, first)
+    for row in np.flatnonzero(here):
+        normal = direction + along[row] / moved[0] * (2e-4 * first - 1e-4 * second)
+        place = stops.position[row] - start
+        expected[row] = place @ normal / (direction @ normal) - along[row]
+    assert tilt.readings(stops) == pytest.approx(expected, abs=1e-11)
+    assert known["cosine error"].columns({"setup": setup}, stops)[:, 0] == pytest.approx(
+        np.where(here, along, 0.0)
+    )
+    columns = known["Abbe offset"].columns({"setup": setup, "axis": "Y"}, stops)
+    share = stops.position[:, 1] / TRAVEL[1]
+    assert columns[:, 0] == pytest.approx(np.where(here, share, 0.0))
+    assert columns[:, 1] == pytest.approx(np.where(here, share**2, 0.0))
+    walk = known["beam walk on the mirror"].columns({}, stops)[:, 0]
+    radius = 50.0
+    sagitta = radius - np.sqrt(radius**2 - np.sum(across**2, axis=1))
+    assert walk[here] / radius == pytest.approx(sagitta[here], rel=1e-6, abs=1e-12)
+    linear = stops.setup == stops.setups.index("x")
+    assert walk[linear] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_turn_of_an_axis_under_another_mirror_offset_is_the_abbe_offset(stops):
+    """ε(q)·offset at the mirror, exactly, in one setup: only the product of both can be told."""
+    offset, turn = np.array([0.0, 0.07, 0.0]), 20e-6
+    setup = stops.setups.index("ppp XYZ")
+    rows = stops.setup == setup
+    direction = stops.direction[rows][0]
+    angles = turn * stops.position[rows, 0] / TRAVEL[0]
+    moved = np.column_stack([-np.sin(angles), np.cos(angles) - 1.0, 0.0 * angles]) * offset[1]
+    size = -turn * offset[1] * direction[0]
+    column = catalogue()["Abbe offset"].columns({"setup": "ppp XYZ", "axis": "X"}, stops)[rows, 0]
+    assert size * column == pytest.approx(moved @ direction, abs=2e-11)
+
+
+def test_a_slip_stays_to_the_end_of_its_setup_and_a_break_to_the_end_of_its_pass(stops):
+    setting = {
+        "line": "npp",
+        "order": "YZX",
+        "repeat": 0,
+        "direction": "backward",
+        "from_stop": 5,
+    }
+    known = catalogue()
+    slip = known["fringe slip"].columns(setting, stops)[:, 0]
+    broken = known["beam-break jump"].columns(setting, stops)[:, 0]
+    for row in range(len(stops.time)):
+        line = stops.lines[stops.pass_index[row]]
+        same = line.name == "npp" and line.order == "YZX"
+        within = same and (line.repeat, line.direction) == (0, "backward")
+        assert broken[row] == (within and stops.number[row] >= 5)
+        assert slip[row] == ((within and stops.number[row] >= 5) or (same and line.repeat == 1))
+    assert known["fringe slip"].label(setting) == (
+        "fringe slip on npp YZX backward, repeat 0, from stop 5"
+    )
+    with pytest.raises(ValueError, match=r"no pass npp XZY backward, repeat 0"):
+        known["fringe slip"].columns({**setting, "order": "XZY"}, stops)
+    with pytest.raises(ValueError, match="has no stop 500"):
+        known["fringe slip"].columns({**setting, "from_stop": 500}, stops)
+    with pytest.raises(ValueError, match="no setup 'zzz'"):
+        known["cosine error"].columns({"setup": "zzz"}, stops)
+
+
+def test_sag_grows_with_the_product_of_two_positions(stops):
+    share = stops.position / TRAVEL
+    column = catalogue()["sag"].columns({"error": "Z", "over": "XY"}, stops)[:, 0]
+    assert column == pytest.approx(share[:, 0] * share[:, 1] * stops.direction[:, 2])
+
+
+def test_nonlinearity_follows_the_phase_of_the_light(stops):
+    """A reading that is a whole number of periods of the wavelength in air later swings alike."""
+    effect = catalogue()["interferometer nonlinearity"]
+    setting = {"setup": "ppp XYZ", "period_m": 632.99e-9 / 2}
+    rows = stops.setup == stops.setups.index("ppp XYZ")
+    columns = effect.columns(setting, stops)
+    assert np.all(columns[~rows] == 0.0) and np.ptp(columns[rows, 0]) > 1.5
+    assert columns[rows, 0] ** 2 + (columns[rows, 1] + 1.0) ** 2 == pytest.approx(1.0)
+    still = replace(stops, air_temperature=np.full(len(stops.time), 20.0))
+    air = 632.99e-9 / 2 / 1.00027
+    nearby = replace(still, displacement=still.displacement + air)
+    assert effect.columns(setting, nearby) == pytest.approx(
+        effect.columns(setting, still), abs=2e-4
+    )
+
+
+# --- what holds of all of them ---
+
+
+def test_every_effect_shows_itself_on_a_rich_run_under_a_label_of_its_own(stops):
+    known = catalogue()
+    assert len(known) >= 28
+    labels = []
+    for name, effect in known.items():
+        settings = list(effect.settings(stops))
+        assert settings, name
+        labels += [effect.label(setting) for setting in settings]
+        for setting in settings:
+            assert list(setting) == [key.name for key in effect.keys], name
+        for size in effect.sizes:
+            assert size.low < 0.0 < size.high and size.meaning and size.unit, name
+        assert effect.sentence.endswith(".") and effect.source, name
+    assert len(set(labels)) == len(labels)
+
+
+def test_every_effect_is_linear_in_its_sizes(stops):
+    rng = np.random.default_rng(5)
+    for effect, setting in each_name_once(stops):
+        columns = effect.columns(setting, stops)
+        assert columns.shape == (len(stops.time), len(effect.sizes))
+        assert np.all(np.isfinite(columns)) and np.all(np.any(columns != 0.0, axis=0)), effect.name
+        sizes = [rng.uniform(size.low, size.high) for size in effect.sizes]
+        named = {size.name: value for size, value in zip(effect.sizes, sizes, strict=True)}
+        made = ActiveEffect(effect, setting, named).readings(stops)
+        assert made == pytest.approx(columns @ sizes, rel=1e-9, abs=1e-18), effect.name
+
+
+def test_a_poor_run_offers_only_what_it_can_show():
+    """One linear axis, one way, chain and weather unknown."""
+    plan = make_plan(blocks=BLOCKS, diagonals=(), linear=("x",))
+    measurement = simulate(plan, make_cell(noise=0.0))
+    line = measurement.lines[0]
+    unknown = replace(line, environment=np.full_like(line.environment, np.nan))
+    stops = stops_of(replace(measurement, lines=(unknown,), chain=""))
+    offered = {effect.name for effect, _ in every_setting(stops)}
+    for name in (
+        "angular error", "wavy angular error", "squareness", "backlash", "servo lag", "dead path",
+        "thermal growth", "uncompensated air", "wrong expansion coefficient", "Abbe offset",
+        "sag", "beam walk on the mirror", "mirror tilt under travel", "beam-break jump",
+    ):  # fmt: skip
+        assert name not in offered, name
+    assert {"scale", "settling", "drift", "fringe slip", "cosine error"} <= offered
+
+
+def test_weather_that_never_leaves_the_reference_shows_nothing(measurement):
+    steady = np.array(Environment(20.0, 101325.0, 0.5, 20.0))
+    lines = tuple(
+        replace(line, environment=np.tile(steady, (len(line.time), 1)))
+        for line in measurement.lines
+    )
+    stops = stops_of(replace(measurement, lines=lines))
+    offered = {effect.name for effect, _ in every_setting(stops)}
+    assert not {name for name in offered if "uncompensated" in name or "dead path" in name}
+    assert not {"thermal growth", "wrong expansion coefficient"} & offered
+
+
+def test_one_temperature_is_not_called_by_two_names(stops):
+    """With steady pressure and humidity, all of the air is its temperature."""
+    count = len(stops.time)
+    steady = replace(stops, air_pressure=np.full(count, 1e5), relative_humidity=np.full(count, 0.4))
+    offered = {effect.name for effect, _ in every_setting(steady) if "air" in effect.name.split()}
+    assert "uncompensated air temperature" in offered and "uncompensated air" not in offered
+    # Pressure 1325 Pa below the standard shortens every reading: hidden, but it does something.
+    assert "uncompensated air pressure" in offered
+
+
+def test_a_pass_that_was_measured_again_is_later_than_its_place(measurement):
+    """Backlash goes by the order in which the machine moved, not by that of the plan."""
+    lines = list(measurement.lines)
+    plain = stops_of(measurement)
+    index = next(i for i, line in enumerate(lines) if str(line.line) == "x forward, repeat 0")
+    late = max(line.end_time for line in lines if line.setup == "x") + 10**9
+    lines[index] = replace(lines[index], end_time=late, attempt=2)
+    again = stops_of(replace(measurement, lines=tuple(lines)))
+    first = plain.pass_index == index
+    assert plain.last_sense[first][0, 0] == 0.0
+    # The backward pass before it has ended at its first stop, moving down.
+    assert again.last_sense[first][0, 0] == -1.0
+    assert np.all(again.last_sense[first][1:, 0] == 1.0)
+
+
+# --- effects of other packages ---
+
+
+class Foreign(Effect):
+    name = "a foreign effect"
+    sentence = "It comes from another package."
+    source = "this test"
+    sizes = (Size("size", "m", -1e-6, 1e-6, "of it"),)
+
+    def settings(self, stops):  # noqa: ARG002
+        yield {}
+
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"] * np.ones(len(stops.time)))
+
+
+def offer(monkeypatch, **objects):
+    module = sys.modules[__name__]
+    for name, value in objects.items():
+        monkeypatch.setattr(module, name, value, raising=False)
+    points = [EntryPoint(n, f"{__name__}:{n}", effects.ENTRY_POINTS) for n in objects]
+    where = sys.modules["stepdiag_ros.metrology.effects.catalogue"]
+    monkeypatch.setattr(where, "entry_points", lambda **_: points)
+
+
+def test_another_package_adds_an_effect(monkeypatch):
+    offer(monkeypatch, FOREIGN=Foreign())
+    assert catalogue()["a foreign effect"].label({}) == "a foreign effect"
+
+
+@pytest.mark.parametrize("broken", ["text", "nameless", "taken", "absent"])
+def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch, broken):
+    class Nameless(Foreign):
+        name = ""
+
+    class Taken(Foreign):
+        name = "backlash"
+
+    found = {"text": "no effect", "nameless": Nameless(), "taken": Taken(), "absent": Foreign()}
+    offer(monkeypatch, THE_POINT=found[broken])
+    if broken == "absent":
+        monkeypatch.delattr(sys.modules[__name__], "THE_POINT")
+    reason = {
+        "text": "is no object of a class",
+        "nameless": "does not tell its 'name'",
+        "taken": "is another effect's name",
+        "absent": "cannot be loaded",
+    }
+    with pytest.raises(ValueError, match=reason[broken]) as refused:
+        catalogue()
+    assert "THE_POINT" in str(refused.value) and "\n" not in str(refused.value)

@@ -1,0 +1,127 @@
+"""The model file: what it may say, the way there and back, and what is refused."""
+
+import copy
+
+import pytest
+import yaml
+
+from stepdiag_ros.configuration import available, find, load_model, model_from_text
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, ModelEffect, Provenance
+
+FULL = {
+    "name": "a mill",
+    "chain": "YXZ",
+    "curves": {"E_XX": [0.0, 1e-7, 3e-7]},
+    "effects": [
+        {
+            "effect": "backlash",
+            "setting": {"axis": "X"},
+            "sizes": {"lost_motion": 8e-7},
+            "standard_uncertainty": {"lost_motion": 2e-8},
+            "status": "fitted",
+            "provenance": {
+                "bag": "run.mcap",
+                "sha256": "0123456789abcdef" * 4,
+                "date": "2026-01-31",
+                "evidence": "it was seen",
+            },
+        }
+    ],
+}
+
+
+def model_of(mapping):
+    return model_from_text(yaml.safe_dump(mapping), "mill.yaml")
+
+
+def test_a_whole_model_is_read_and_written_back():
+    model = model_of(FULL)
+    assert (model.name, model.chain) == ("a mill", "YXZ")
+    assert model.curves == {"E_XX": (0.0, 1e-7, 3e-7)}
+    (effect,) = model.effects
+    assert effect.label == "backlash of X"
+    assert effect.active.sizes == {"lost_motion": 8e-7}
+    assert effect.standard_uncertainty == {"lost_motion": 2e-8}
+    assert effect.provenance == Provenance(
+        "run.mcap", "0123456789abcdef" * 4, "2026-01-31", "it was seen"
+    )
+    assert model.of_status(FITTED) == (effect.active,)
+    assert model.of_status(FIXED) == ()
+    assert model.to_mapping() == FULL
+    assert model_of(model.to_mapping()) == model
+
+
+def test_little_need_be_said():
+    model = model_of({"curves": "free"})
+    assert model == MachineModel()
+    assert model_of(model.to_mapping()) == model
+    short = copy.deepcopy(FULL)
+    for key in ("standard_uncertainty", "status", "provenance"):
+        del short["effects"][0][key]
+    (effect,) = model_of(short).effects
+    assert effect.status == FIXED and effect.provenance == Provenance()
+    # What is not told is not known, and says so when it is written.
+    written = model_of(short).to_mapping()["effects"][0]
+    assert written["standard_uncertainty"] == {"lost_motion": "unknown"}
+
+
+def test_a_date_without_quotes_is_a_date():
+    text = yaml.safe_dump(FULL).replace("'2026-01-31'", "2026-01-31")
+    assert "2026-01-31\n" in text
+    assert model_from_text(text, "mill.yaml").effects[0].provenance.date == "2026-01-31"
+
+
+def _changed(change):
+    mapping = copy.deepcopy(FULL)
+    change(mapping, mapping["effects"][0])
+    return mapping
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m, _: m.update(chain="XYX"), r"mill.yaml: 'chain' is 'XYX'; expected one of"),
+        (lambda m, _: m.update(cruves="free"), r"unknown key 'cruves'; did you mean 'curves'"),
+        (lambda m, _: m.update(curves=[1.0]), r"'curves' is \[1.0\]; expected 'free'"),
+        (lambda m, _: m.update(curves={"E_AX": [0.0, 1.0]}), r"curves: 'E_AX' is no translation"),
+        (lambda m, _: m.update(curves={"E_XX": [0.0]}), r"'E_XX' needs a value for each node"),
+        (lambda m, _: m.update(effects={"effect": "backlash"}), r"'effects' is .*expected a list"),
+        (lambda _, e: e.update(effect="backslash"), r"effects\[0\]: 'effect' is 'backslash'"),
+        (lambda _, e: e.update(setting={"axis": "W"}), r"setting: 'axis' is 'W'"),
+        (lambda _, e: e.update(sizes={"lost": 1.0}), r"sizes: unknown key 'lost'"),
+        (lambda _, e: e.update(status="free"), r"'status' is 'free'; expected one of fixed"),
+        (lambda _, e: e["standard_uncertainty"].update(lost_motion=-1.0), r"'lost_motion' is -1"),
+        (lambda _, e: e["provenance"].update(sha256="abc"), r"expected 64 hexadecimal digits"),
+        (lambda m, e: m["effects"].append(copy.deepcopy(e)), r"'backlash of X' is there twice"),
+    ],
+)
+def test_what_is_wrong_is_refused_with_its_place(change, words):
+    with pytest.raises(ValueError, match=words):
+        model_of(_changed(change))
+
+
+def test_an_effect_that_is_there_is_replaced_and_another_is_added():
+    model = model_of(FULL)
+    effect = catalogue()["backlash"]
+
+    def of(axis, size):
+        active = ActiveEffect(effect, {"axis": axis}, {"lost_motion": size})
+        return ModelEffect(active, {"lost_motion": 1e-8})
+
+    grown = model.with_effects([of("X", 5e-7), of("Z", 1e-7)])
+    assert [one.label for one in grown.effects] == ["backlash of X", "backlash of Z"]
+    assert grown.effects[0].active.sizes == {"lost_motion": 5e-7}
+    assert model.effects[0].active.sizes == {"lost_motion": 8e-7}
+
+
+def test_every_model_of_the_package_can_be_read():
+    assert {"free", "demo"} <= set(available("models"))
+    for name in available("models"):
+        assert load_model(name)[1]
+    free = load_model("free")[0]
+    assert free.effects == () and free.curves == {} and free.chain == ""
+    text = find("free", "models").read_text()
+    for key in ("chain", "curves", "effects", "standard_uncertainty", "status", "provenance"):
+        assert f"{key}:" in text

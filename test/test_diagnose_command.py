@@ -1,0 +1,165 @@
+"""``stepdiag diagnose`` on a run table in which a backlash was hidden by plain arithmetic."""
+
+import csv
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from stepdiag_ros.cli import main
+from stepdiag_ros.metrology import effects
+from stepdiag_ros.metrology.effects.backlash import EFFECT
+
+CASE = Path(__file__).parent / "data" / "cases" / "four_diagonals"
+LOST_MOTION = 6e-7
+FILES = ("diagnosis.json", "diagnosis.txt", "diagnosis.html", "gap_map.png", "candidates.png")
+
+
+@pytest.fixture(autouse=True)
+def small_catalogue(monkeypatch):
+    """Try backlash alone: what the whole catalogue finds is the engine's own test."""
+    monkeypatch.setattr(effects, "catalogue", lambda: {EFFECT.name: EFFECT})
+
+
+def _run(folder, lost_motion, repeats=2):
+    """Write a run table with a backlash of Y."""
+    folder.mkdir(exist_ok=True)
+    with (CASE / "run.csv").open(newline="") as table:
+        rows = [row for row in csv.DictReader(table) if int(row["repeat"]) < repeats]
+    sense, before, zeros = 0.0, None, {}
+    for row in rows:
+        y = float(row["y_m"])
+        if before is not None and y != before:
+            sense = np.sign(y - before)
+        before = y
+        line = row["line"]
+        along = {"x": 0.0, "y": 1.0, "z": 0.0}.get(line)
+        if along is None:
+            along = (-1.0 if line[1] == "n" else 1.0) / np.sqrt(3.0)
+        change = -0.5 * lost_motion * sense * along
+        zero = zeros.setdefault(line + row["order"], change)
+        row["reading_m"] = f"{float(row['reading_m']) + change - zero:.10f}"
+    path = folder / "run.csv"
+    with path.open("w", newline="") as table:
+        writer = csv.DictWriter(table, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    (folder / "case.yaml").write_text((CASE / "case.yaml").read_text())
+    return path
+
+
+@pytest.fixture
+def hidden(tmp_path):
+    return _run(tmp_path / "hidden", LOST_MOTION)
+
+
+def test_the_hidden_effect_is_named_proven_and_added(hidden, tmp_path, capsys):
+    out, model = tmp_path / "out", tmp_path / "grown.yaml"
+    assert main(["diagnose", str(hidden), "--output", str(out), "--extend", str(model)]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("NAMED: ")
+    assert all((out / name).stat().st_size > 1000 for name in FILES)
+    document = json.loads((out / "diagnosis.json").read_text())
+    (finding,) = document["findings"]
+    assert finding["label"] == "backlash of Y"
+    low, high = finding["sizes"][0]["band_95"]
+    assert low - 1e-8 < LOST_MOTION < high + 1e-8
+    proof = document["held_out"]
+    assert proof["named_by_the_other_readings_alone"]
+    before, after = (
+        proof[when]["chi_squared"] / proof[when]["degrees_of_freedom"]
+        for when in ("before", "after")
+    )
+    assert before > 2.0 and 0.8 < after < 1.25
+    assert proof["after"]["rms_m"] < 0.7 * proof["before"]["rms_m"]
+    assert [one["verdict"] for one in document["rounds"]] == ["CONSISTENT"]
+
+    grown = yaml.safe_load(model.read_text())
+    assert grown == document["extended_model"]
+    (effect,) = grown["effects"]
+    assert effect["sizes"]["lost_motion"] == finding["sizes"][0]["value"]
+    assert effect["standard_uncertainty"]["lost_motion"] > 0.0
+    digest = hashlib.sha256(hidden.read_bytes()).hexdigest()
+    assert effect["provenance"]["sha256"] == digest
+    assert effect["provenance"]["bag"] == "run.csv"
+    assert "chi-squared" in effect["provenance"]["evidence"]
+    assert grown["chain"] == "YXZ"
+
+    # The grown model explains the run, and a table is told from what is already known.
+    arguments = ["--model", str(model), "--output", str(out), "--pictures", "none", "--json"]
+    assert main(["diagnose", str(hidden), *arguments]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["verdict"] == "CONSISTENT" and again["findings"] == []
+    assert again["model"]["effects"][0]["setting"] == {"axis": "Y"}
+
+
+def test_a_model_with_the_wrong_size_fixed_leaves_the_rest_to_be_found(hidden, tmp_path, capsys):
+    model = tmp_path / "wrong.yaml"
+    entry = {"effect": "backlash", "setting": {"axis": "Y"}, "sizes": {"lost_motion": 2e-7}}
+    model.write_text(yaml.safe_dump({"effects": [{**entry, "status": "fixed"}]}))
+    arguments = ["--model", str(model), "--output", str(tmp_path), "--pictures", "none", "--json"]
+    assert main(["diagnose", str(hidden), *arguments]) == 0
+    (finding,) = json.loads(capsys.readouterr().out)["findings"]
+    assert finding["sizes"][0]["value"] == pytest.approx(LOST_MOTION - 2e-7, abs=3e-8)
+
+
+def test_a_bag_says_the_same_as_its_table(hidden, tmp_path, capsys):
+    bag = tmp_path / "run.mcap"
+    assert main(["import", str(hidden), str(bag)]) == 0
+    capsys.readouterr()
+    found = []
+    for run in (hidden, bag):
+        out = ["--output", str(tmp_path / "out"), "--pictures", "none", "--json"]
+        assert main(["diagnose", str(run), *out]) == 0
+        document = json.loads(capsys.readouterr().out)
+        found.append((document["verdict"], document["findings"][0]["sizes"][0]["value"]))
+    assert found[0][0] == found[1][0] == "NAMED"
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-9)
+
+
+def test_where_nothing_is_hidden_nothing_is_named_or_written(tmp_path, capsys):
+    run, model = _run(tmp_path / "null", 0.0), tmp_path / "none.yaml"
+    arguments = ["--output", str(tmp_path / "out"), "--pictures", "none"]
+    assert main(["diagnose", str(run), *arguments, "--extend", str(model)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("CONSISTENT: ")
+    assert "Smallest size that would have been seen" in told.out
+    assert "was not written: the verdict is CONSISTENT" in told.err
+    assert not model.exists()
+
+
+def _refused(arguments, capsys):
+    assert main(["diagnose", *map(str, arguments)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("stepdiag: error: ") and error.count("\n") == 1
+    return error
+
+
+def test_what_cannot_be_done_is_refused_in_a_sentence(hidden, tmp_path, capsys):
+    there = tmp_path / "there.yaml"
+    there.write_text("chain: XYZ\n")
+    assert "exists already" in _refused([hidden, "--extend", there], capsys)
+    assert "the chain YXZ, the model of one with XYZ" in _refused(
+        [hidden, "--model", there], capsys
+    )
+    there.write_text("effects: [{effect: backslash}]\n")
+    assert "effects[0]: 'effect' is 'backslash'" in _refused([hidden, "--model", there], capsys)
+    assert "no model 'nothing'" in _refused([hidden, "--model", "nothing"], capsys)
+    assert "nowhere.csv" in _refused([tmp_path / "nowhere.csv"], capsys)
+    unfinished = CASE.parents[1] / "bags" / "schema_1.mcap"
+    assert main(["diagnose", str(unfinished)]) == 1
+    assert "no line of this run was finished" in capsys.readouterr().err
+    nowhere = tmp_path / "no" / "new.yaml"
+    assert "does not exist" in _refused([hidden, "--extend", nowhere], capsys)
+    assert not (hidden.parent / "run_diagnosis").exists()
+
+
+def test_the_help_has_the_verdicts_and_examples(capsys):
+    with pytest.raises(SystemExit):
+        main(["diagnose", "--help"])
+    text = capsys.readouterr().out
+    for word in ("CONSISTENT", "UNEXPLAINED", "--extend", "stepdiag diagnose run.mcap"):
+        assert word in text
