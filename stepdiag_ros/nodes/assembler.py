@@ -36,8 +36,9 @@ class AssemblerNode(StepdiagNode):
         self._blocks = self.announce(topics.BLOCK)
         self._lines = self.announce(topics.LINE)
         self.follow_run()
-        self.listen(topics.MACHINE_COMMAND, self._on_command)
-        self.listen(topics.COMMAND_STATUS, self._on_status)
+        # A fast replay on a busy computer may be seconds ahead of this node.
+        self.listen(topics.MACHINE_COMMAND, self._on_command, keep_all=True)
+        self.listen(topics.COMMAND_STATUS, self._on_status, keep_all=True)
         self.listen(topics.READING, self._on_reading, keep_all=True)
 
     def on_run(self, description: Any) -> None:
