@@ -74,7 +74,8 @@ def _triple(values: Iterable[Any]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _doubles(values: Any) -> "array[float]":
+def doubles(values: Any) -> "array[float]":
+    """Return numbers of any shape as a float64[] field takes them, one after another."""
     # array.array is the one form that rclpy's setters, the embedded client and a bag all accept for
     # float64[]; it also makes sure that whole numbers become doubles.
     return array("d", np.asarray(values, dtype=np.float64).ravel().tolist())
@@ -374,12 +375,12 @@ def from_measured_line(line: MeasuredLine, run_id: str, new: NewMessage = new_me
     _set_line(message, line.line, line.line_index, line.attempt)
     message.kind = line.line.kind
     message.setup = line.setup
-    message.time = _doubles(line.time)
-    message.target = _doubles(line.target)
-    message.displacement = _doubles(line.displacement)
-    message.standard_uncertainty = _doubles(line.standard_uncertainty)
+    message.time = doubles(line.time)
+    message.target = doubles(line.target)
+    message.displacement = doubles(line.displacement)
+    message.standard_uncertainty = doubles(line.standard_uncertainty)
     for column, name in enumerate(Environment._fields):
-        setattr(message, name, _doubles(np.asarray(line.environment)[:, column]))
+        setattr(message, name, doubles(np.asarray(line.environment)[:, column]))
     return message
 
 
@@ -439,13 +440,13 @@ def from_volumetric_errors(
     message.method = result.method
     message.lines = int(result.lines)
     message.frame = result.frame
-    message.x, message.y, message.z = (_doubles(nodes) for nodes in result.nodes)
+    message.x, message.y, message.z = (doubles(nodes) for nodes in result.nodes)
     for name in result.curves:
-        setattr(message, name.lower(), _doubles(result.curves[name]))
-        setattr(message, f"u_{name.lower()}", _doubles(result.standard_uncertainty[name]))
+        setattr(message, name.lower(), doubles(result.curves[name]))
+        setattr(message, f"u_{name.lower()}", doubles(result.standard_uncertainty[name]))
     message.parameter = [figure.name for figure in result.figures]
-    message.value = _doubles([figure.value for figure in result.figures])
-    message.standard_uncertainty = _doubles(
+    message.value = doubles([figure.value for figure in result.figures])
+    message.standard_uncertainty = doubles(
         [figure.standard_uncertainty for figure in result.figures]
     )
     message.unit = [figure.unit for figure in result.figures]

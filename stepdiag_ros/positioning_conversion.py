@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.conversion import NewMessage, _doubles, new_message, set_header
+from stepdiag_ros.conversion import NewMessage, doubles, new_message, set_header
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 
 _TYPE = "stepdiag_ros/msg/PositioningTest"
@@ -65,10 +65,10 @@ def from_positioning_test(
     message.name, message.kind, message.setup = test.name, test.kind, test.setup
     message.runs_forward, message.runs_backward = test.runs
     for field, attribute in _COLUMNS.items():
-        setattr(message, field, _doubles(getattr(test, attribute)))
+        setattr(message, field, doubles(getattr(test, attribute)))
     message.parameter = list(test.parameters)
-    message.value = _doubles(list(test.parameters.values()))
-    message.expanded_uncertainty = _doubles(
+    message.value = doubles(list(test.parameters.values()))
+    message.expanded_uncertainty = doubles(
         [test.expanded_uncertainty[name] for name in test.parameters]
     )
     message.remarks = list(test.remarks)

@@ -9,9 +9,11 @@ the machine grows between laser and first stop cannot be known from the temperat
 """
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
 
 REFERENCE_TEMPERATURE = 20.0
@@ -19,16 +21,20 @@ REFERENCE_TEMPERATURE = 20.0
 LARGEST_COEFFICIENT = 100e-6
 """1/K: no material that machines are built of expands more."""
 
+Number = TypeVar("Number", float, Vector)
+
 _MATERIAL = Environment._fields.index("material_temperature")
 
 
-def at_reference_temperature(displacement: float, coefficient: float, temperature: float) -> float:
+def at_reference_temperature(
+    displacement: Number, coefficient: float, temperature: Number
+) -> Number:
     """Return what a displacement measured at a material temperature is at 20 degC, m.
 
     Args:
-        displacement: m, measured; corrected for the air already.
+        displacement: m, measured, any shape; corrected for the air already.
         coefficient: of linear thermal expansion, 1/K.
-        temperature: of the material, degC.
+        temperature: of the material, degC, of the same shape.
     """
     return displacement / (1.0 + coefficient * (temperature - REFERENCE_TEMPERATURE))
 
@@ -73,7 +79,7 @@ def _corrected(line: MeasuredLine, coefficient: float, temperature: float | None
             " nothing can be corrected to 20 degC; give the temperature, or leave the correction"
             " out"
         )
-    scale = 1.0 / (1.0 + coefficient * (material - REFERENCE_TEMPERATURE))
+    scale = at_reference_temperature(np.ones(len(material)), coefficient, material)
     return replace(
         line,
         displacement=line.displacement * scale,

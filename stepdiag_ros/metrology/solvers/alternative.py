@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.solvers.linear import (
     LinearMap,
     accumulate,
     apply,
-    unused_diagonals,
+    remarks_on_unused,
 )
 from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -57,16 +57,12 @@ def solve_alternative(measurement: Measurement) -> VolumetricErrors:
         ValueError: the lines contradict the volume.
     """
     observations = observe(measurement)
-    remarks = []
-    unused = unused_diagonals(observations)
-    if unused:
-        remarks.append(f"The alternative formulation cannot use {', '.join(unused)}.")
     return apply(
         "alternative",
         observations,
         alternative_map(observations),
         (*DIAGONALS, "x", "y", "z"),
-        remarks,
+        remarks_on_unused("alternative", observations),
     )
 
 

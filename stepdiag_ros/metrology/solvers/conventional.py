@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.solvers.linear import (
     LinearMap,
     accumulate,
     apply,
-    unused_diagonals,
+    remarks_on_unused,
 )
 from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -36,9 +36,7 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
         "The conventional formulation takes laser and mirror as perfectly aligned; its "
         "uncertainties do not contain setup errors."
     ]
-    unused = unused_diagonals(observations)
-    if unused:
-        remarks.append(f"The conventional formulation cannot use {', '.join(unused)}.")
+    remarks.extend(remarks_on_unused("conventional", observations))
     if any(not setup.diagonal for setup in observations.setups):
         remarks.append("The conventional formulation does not use the linear lines.")
     return apply(

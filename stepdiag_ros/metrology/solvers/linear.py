@@ -104,6 +104,7 @@ def accumulate(increments: Vector) -> Vector:
     return stacked
 
 
-def unused_diagonals(observations: Observations) -> list[str]:
-    """Return the names of step diagonals beyond the three that the equations use."""
-    return sorted({s.line for s in observations.setups if s.diagonal and s.line not in DIAGONALS})
+def remarks_on_unused(formulation: str, observations: Observations) -> list[str]:
+    """Say which step diagonals lie beyond the three that a formulation's equations use."""
+    unused = sorted({s.line for s in observations.setups if s.diagonal and s.line not in DIAGONALS})
+    return [f"The {formulation} formulation cannot use {', '.join(unused)}."] if unused else []

@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.solvers.linear import (
     LinearMap,
     accumulate,
     apply,
-    unused_diagonals,
+    remarks_on_unused,
 )
 from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -34,16 +34,12 @@ def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
         ValueError: the lines contradict the volume.
     """
     observations = observe(measurement)
-    remarks = []
-    unused = unused_diagonals(observations)
-    if unused:
-        remarks.append(f"The setup-robust formulation cannot use {', '.join(unused)}.")
     return apply(
         "setup_robust",
         observations,
         setup_robust_map(observations),
         (*DIAGONALS, "x", "y", "z"),
-        remarks,
+        remarks_on_unused("setup-robust", observations),
     )
 
 
