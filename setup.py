@@ -30,12 +30,14 @@ setup(
     ],
     package_dir={f"stepdiag_ros.share.{name}": name.replace(".", "/") for name in SHARED},
     package_data={
-        "": ["py.typed", "*.msg", "*.json", "*.yaml"],
+        "": ["py.typed", "*.msg", "*.srv", "*.action", "*.json", "*.yaml"],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [
             "interfaces/*/*/*.msg",
             "interfaces/*/*/*.srv",
+            "interfaces/*/*/*.action",
             "modules/rclpy/*.py",
+            "modules/rclpy/*/*.py",
         ],
     },
     install_requires=[

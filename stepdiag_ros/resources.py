@@ -1,14 +1,14 @@
-"""Where the files beside the code lie: message definitions and configuration."""
+"""Where the files beside the code lie: interface definitions and configuration."""
 
 from importlib import resources
 from pathlib import Path
 from typing import Literal
 
-Kind = Literal["msg", "config"]
+Kind = Literal["msg", "srv", "action", "config"]
 
 
 def directory(kind: Kind) -> Path:
-    """Return the folder of message definitions (``msg``) or of configuration (``config``).
+    """Return the folder of definitions (``msg``, ``srv``, ``action``) or of ``config``.
 
     Looked for in an installed wheel, in a source tree, then in a ROS 2 share folder.
 

@@ -1,4 +1,4 @@
-"""Interface definitions: parse ``.msg`` and ``.srv`` text into plain data.
+"""Interface definitions: parse ``.msg``, ``.srv`` and ``.action`` text into plain data.
 
 The grammar is the one of the ROS 2 interface definition documents; ``wstring`` is refused because
 no message of this package's world uses it.
@@ -70,7 +70,7 @@ class FieldType:
     def describe(self) -> str:
         """Return the type as rclpy writes it in ``get_fields_and_field_types``."""
         base = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet"}.get(
-            self.name, self.name.replace("/msg/", "/")
+            self.name, re.sub("/(msg|srv|action)/", "/", self.name)
         )
         if self.name == "char":
             base = "uint8"
@@ -149,12 +149,39 @@ def parse_service(name: str, text: str) -> tuple[Definition, Definition]:
     Raises:
         DefinitionError: The separating line ``---`` is missing, or a line cannot be understood.
     """
-    lines = text.splitlines()
-    marks = [index for index, line in enumerate(lines) if line.strip() == "---"]
-    if len(marks) != 1:
-        raise DefinitionError(f"{name} needs exactly one line '---' between request and response.")
-    request, response = "\n".join(lines[: marks[0]]), "\n".join(lines[marks[0] + 1 :])
+    request, response = _split(name, text, ("request", "response"))
     return parse_message(f"{name}_Request", request), parse_message(f"{name}_Response", response)
+
+
+def parse_action(name: str, text: str) -> tuple[Definition, Definition, Definition]:
+    """Parse the text of an action into its goal, its result and its feedback.
+
+    Raises:
+        DefinitionError: A separating line ``---`` is missing, or a line cannot be understood.
+    """
+    goal, result, feedback = _split(name, text, ("goal", "result", "feedback"))
+    return (
+        parse_message(f"{name}_Goal", goal),
+        parse_message(f"{name}_Result", result),
+        parse_message(f"{name}_Feedback", feedback),
+    )
+
+
+def _split(name: str, text: str, parts: tuple[str, ...]) -> list[str]:
+    """Return the text of each part, which lines ``---`` separate."""
+    pieces: list[list[str]] = [[]]
+    for line in text.splitlines():
+        if line.strip() == "---":
+            pieces.append([])
+        else:
+            pieces[-1].append(line)
+    if len(pieces) != len(parts):
+        count = "one line" if len(parts) == 2 else "two lines"
+        between = f"{', '.join(parts[:-1])} and {parts[-1]}"
+        raise DefinitionError(
+            f"{name} needs exactly {count} '---' between {between}; it has {len(pieces) - 1}."
+        )
+    return ["\n".join(lines) for lines in pieces]
 
 
 def parse_type(text: str, package: str, where: str) -> FieldType:

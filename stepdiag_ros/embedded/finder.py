@@ -1,4 +1,4 @@
-"""Import hook: serves ``std_msgs.msg``, ``std_srvs.srv``, ``stepdiag_ros.msg`` … as modules.
+"""Import hook: ``std_msgs.msg``, ``std_srvs.srv``, ``example_interfaces.action`` … as modules.
 
 The classes of a module are made when they are asked for, so an import costs next to nothing.
 """
@@ -14,11 +14,8 @@ from typing import Any
 
 from .packages import OWN, is_served
 
-#: Parts of the real rclpy which the embedded client does not have, with what to do instead.
-_ABSENT = {
-    "rclpy.action": "actions",
-    "rclpy.lifecycle": "lifecycle nodes",
-}
+#: Kinds of interfaces, which are the names of the modules that hold them.
+_KINDS = ("msg", "srv", "action")
 
 
 class InterfaceFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -30,15 +27,16 @@ class InterfaceFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         path: Sequence[str] | None,  # noqa: ARG002 - Python's signature
         target: ModuleType | None = None,  # noqa: ARG002
     ) -> importlib.machinery.ModuleSpec | None:
-        """Return the spec of a message package or of its ``msg`` or ``srv`` module."""
-        if fullname in _ABSENT:
+        """Return the spec of a message package or of its module of a kind."""
+        package, _, kind = fullname.partition(".")
+        if package == "rclpy" and kind:
+            # Python has looked for it already, so that this client does not have it.
             raise ModuleNotFoundError(
-                f"The embedded ROS 2 client has no {_ABSENT[fullname]} ({fullname});"
-                " source a ROS 2 installation to use them.",
+                f"The embedded ROS 2 client has no {fullname}; source a ROS 2 installation to use"
+                " it.",
                 name=fullname,
             )
-        package, _, kind = fullname.partition(".")
-        if kind not in ("", "msg", "srv"):
+        if kind not in ("", *_KINDS):
             return None
         if not is_served(package) or (not kind and package == OWN):
             return None
@@ -67,7 +65,11 @@ class _InterfaceModule(ModuleType):
         if name.startswith("_"):
             raise AttributeError(name)
         full = f"{self._package}/{self._kind}/{name}"
-        make = registry.message_class if self._kind == "msg" else registry.service_class
+        make = {
+            "msg": registry.message_class,
+            "srv": registry.service_class,
+            "action": registry.action_class,
+        }[self._kind]
         try:
             made = make(full)
         except registry.UnknownTypeError as error:

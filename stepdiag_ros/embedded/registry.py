@@ -1,7 +1,7 @@
-"""Registry: the message and service classes by name, each made once, when it is first needed.
+"""Registry: message, service and action classes by name, each made once, when first needed.
 
-Definitions come from the package's own ``msg`` and ``srv`` folders (``stepdiag_ros``), from the
-texts in ``interfaces/``, and for every other standard message from the rosbags type store.
+Definitions come from the package's own ``msg``, ``srv`` and ``action`` folders (``stepdiag_ros``),
+from the texts in ``interfaces/``, and for every other standard message from rosbags' type store.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 from .cdr import Deserializer, Serializer, make_deserializer, make_serializer
 from .classes import make_class
-from .definitions import Definition, Field, FieldType, parse_message, parse_service
+from .definitions import Definition, Field, FieldType, parse_action, parse_message, parse_service
 from .packages import FROM_ROSBAGS, OWN, TEXTS
 from .typehash import type_hash
 
@@ -21,6 +21,7 @@ _lock = threading.RLock()
 _definitions: dict[str, Definition] = {}
 _classes: dict[str, type] = {}
 _services: dict[str, type] = {}
+_actions: dict[str, type] = {}
 
 
 class UnknownTypeError(LookupError):
@@ -50,7 +51,9 @@ def message_class(name: str) -> type:
         if name not in _classes:
             package, kind, short = name.split("/")
             found = definition(name)
-            _classes[name] = make_class(found, message_class, f"{package}.{kind}", short)
+            # To find a part of a service or action makes all its classes, this one among them.
+            if name not in _classes:
+                _classes[name] = make_class(found, message_class, f"{package}.{kind}", short)
         return _classes[name]
 
 
@@ -67,19 +70,47 @@ def service_class(name: str) -> type:
                 raise UnknownTypeError(f"There is no service {name}; check its name and package.")
             for part in parse_service(name, path.read_text(encoding="utf-8")):
                 _definitions[part.name] = part
-            package, kind, short = name.split("/")
-            _services[name] = type(
-                short,
-                (),
-                {
-                    "__module__": f"{package}.{kind}",
-                    "__doc__": f"Service class '{short}' ({name}).",
-                    "_SERVICE": name,
-                    "Request": message_class(f"{name}_Request"),
-                    "Response": message_class(f"{name}_Response"),
-                },
-            )
+            _services[name] = _make_service(name)
         return _services[name]
+
+
+def action_class(name: str) -> type:
+    """Return the class of an action (``package/action/Name``).
+
+    It has ``Goal``, ``Result`` and ``Feedback``, and under ``Impl`` what goes over the wire.
+
+    Raises:
+        UnknownTypeError: There is no such action.
+    """
+    with _lock:
+        if name not in _actions:
+            path = _text_path(name)
+            if path is None:
+                raise UnknownTypeError(f"There is no action {name}; check its name and package.")
+            from . import actions
+
+            parts = parse_action(name, path.read_text(encoding="utf-8"))
+            for part in (*parts, *actions.wire_definitions(name)):
+                _definitions[part.name] = part
+            for service in actions.wire_services(name):
+                _services[service] = _make_service(service)
+            _actions[name] = actions.make_class(name, message_class, service_class)
+        return _actions[name]
+
+
+def _make_service(name: str) -> type:
+    package, kind, short = name.split("/")
+    return type(
+        short,
+        (),
+        {
+            "__module__": f"{package}.{kind}",
+            "__doc__": f"Service class '{short}' ({name}).",
+            "_SERVICE": name,
+            "Request": message_class(f"{name}_Request"),
+            "Response": message_class(f"{name}_Response"),
+        },
+    )
 
 
 def type_name(cls: type) -> str:
@@ -95,6 +126,12 @@ def type_name(cls: type) -> str:
     if isinstance(service, str):
         return service
     raise TypeError(f"{cls!r} is not a message or service class; import one from a .msg module.")
+
+
+def check_action(cls: Any) -> None:
+    """Raise :class:`TypeError` if this is not an action class."""
+    if not isinstance(getattr(cls, "_ACTION", None), str):
+        raise TypeError(f"{cls!r} is not an action class; import one from an .action module.")
 
 
 @cache
@@ -116,7 +153,7 @@ def hash_of(cls: type[Any]) -> str:
 
 
 def names(package: str, kind: str) -> list[str]:
-    """Return the short names of a package's interfaces of a kind (``msg`` or ``srv``)."""
+    """Return the short names of a package's interfaces of a kind (``msg``, ``srv``, ``action``)."""
     folder = _folder(package, kind)
     found = {path.stem for path in folder.glob(f"*.{kind}")} if folder else set()
     if kind == "msg" and package in FROM_ROSBAGS:
@@ -126,28 +163,35 @@ def names(package: str, kind: str) -> list[str]:
 
 
 def _load(name: str) -> None:
-    path = _text_path(name)
-    if path is not None:
-        _definitions[name] = parse_message(name, path.read_text(encoding="utf-8"))
-        return
-    if name.endswith(("_Request", "_Response")):
-        service_class(name.rsplit("_", 1)[0])
-        return
-    if name.split("/")[0] in FROM_ROSBAGS:
-        entry = _store().fielddefs.get(name)
-        if entry is not None:
+    package, kind, _ = name.split("/")
+    if kind == "msg":
+        path = _text_path(name)
+        if path is not None:
+            _definitions[name] = parse_message(name, path.read_text(encoding="utf-8"))
+        elif package in FROM_ROSBAGS and (entry := _store().fielddefs.get(name)) is not None:
             _definitions[name] = _from_rosbags(name, entry)
-            return
-    raise UnknownTypeError(f"There is no message {name}; check its name and package.")
+    elif kind == "action":
+        from . import actions
+
+        # Makes all definitions of the action, this one among them if there is such a part.
+        action_class(actions.action_of(name))
+    elif name.endswith(("_Request", "_Response")):
+        service_class(name.rsplit("_", 1)[0])
+    if name not in _definitions:
+        raise UnknownTypeError(f"There is no message {name}; check its name and package.")
 
 
 def _folder(package: str, kind: str) -> Path | None:
     if package == OWN:
-        if kind != "msg":
-            return None
         from stepdiag_ros import resources
 
-        return resources.directory("msg")
+        try:
+            return resources.directory(kind)  # type: ignore[arg-type]
+        except FileNotFoundError:
+            # A package need not have services or actions, but it has messages.
+            if kind == "msg":
+                raise
+            return None
     return TEXTS / package / kind
 
 

@@ -56,7 +56,8 @@ _global_executor: Executor | None = None
 
 def __getattr__(name: str) -> Any:
     # The real rclpy imports its submodules itself, so that "rclpy.qos" works after "import rclpy".
-    if name[:1] != "_" and (Path(__file__).parent / f"{name}.py").is_file():
+    here = Path(__file__).parent
+    if name[:1] != "_" and ((here / f"{name}.py").is_file() or (here / name).is_dir()):
         return importlib.import_module(f"rclpy.{name}")
     raise AttributeError(
         f"The embedded ROS 2 client has no rclpy.{name}; source a ROS 2 installation to use it."

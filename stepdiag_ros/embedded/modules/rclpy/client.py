@@ -6,14 +6,11 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from rclpy._endpoint import Decoder
+from rclpy._service_wire import ClientEnd
 from rclpy._source import Source
 from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import InvalidHandle, RCLError
 from rclpy.qos import QoSProfile
-from rclpy.service import Endpoints, join, split
 from rclpy.task import Future
-from stepdiag_ros.embedded import registry
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -50,12 +47,8 @@ class Client(Source):
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.qos_profile = qos_profile
-        self._decode = Decoder(node, srv_type.Response, f"service {srv_name}")
-        self._encode = registry.serializer(srv_type.Request)
-        self._endpoints = Endpoints(node, srv_type, srv_name, qos_profile, False)
-        self._identity = self._endpoints.writer.instance
+        self._end = ClientEnd(node, srv_type, srv_name, qos_profile)
         self._requests: dict[int, Future] = {}
-        self._number = 0
         self._lock = threading.Lock()
 
     @property
@@ -89,17 +82,13 @@ class Client(Source):
         """
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
-        if not self._endpoints.writer.handle:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        if not self.context.ok():
-            raise RCLError(f"Failed to call {self.srv_name}: client's context is invalid")
+        self._end.check()
         future = _RequestFuture(self, self._executor() or self._node.executor)
-        data = self._encode(request)
+        data = self._end.encode(request)
         with self._lock:
-            self._number += 1
-            number = self._number
+            number = self._end.next_number()
             self._requests[number] = future
-        self._endpoints.writer.write(join(self._identity, number, data))
+        self._end.send(number, data)
         return future
 
     def get_pending_request(self, sequence_number: int) -> Future:
@@ -119,9 +108,7 @@ class Client(Source):
 
     def service_is_ready(self) -> bool:
         """Return whether a service is there that can be called."""
-        if not self._endpoints.writer.handle:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self._endpoints.writer.matched() > 0 and self._endpoints.reader.matched() > 0
+        return self._end.is_ready()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until the service is there; return whether it is, after the given time at most."""
@@ -138,7 +125,7 @@ class Client(Source):
     def destroy(self) -> None:
         """End the client; requests without a response are cancelled."""
         super().destroy()
-        self._endpoints.close()
+        self._end.close()
         for future in list(self._requests.values()):
             future.cancel()
 
@@ -149,19 +136,15 @@ class Client(Source):
         self._node.destroy_client(self)
 
     def _conditions(self) -> list[int]:
-        return [self._endpoints.reader.condition]
+        return [self._end.condition]
 
     def _fetch(self) -> None:
-        for sample in self._endpoints.reader.take():
-            parts = split(sample.data)
-            # Replies to the service's other clients arrive here too.
-            if parts is not None and parts[0] == self._identity:
-                self._pending.append(parts)
+        self._pending.extend(self._end.take())
 
     def _run(self, item: Any) -> Any:
-        _, number, data = item
+        number, data = item
         with self._lock:
             future = self._requests.pop(number, None)
-        response = self._decode(data)
+        response = self._end.decode(data)
         if future is not None and response is not None:
             future.set_result(response)

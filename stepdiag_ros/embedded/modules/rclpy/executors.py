@@ -49,6 +49,13 @@ class ConditionReachedException(Exception):
     """The condition for which an executor was spun is reached."""
 
 
+async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
+    """Call a function, or run a coroutine function to its end, and return what it returns."""
+    if inspect.iscoroutinefunction(callback):
+        return await callback(*args)
+    return callback(*args)
+
+
 class _Work:
     """One callback to run: of a source with an item, or a task."""
 

@@ -179,7 +179,8 @@ class Node(NodeNames, NodeParameters, NodeGraph):
         return self._of(GuardCondition)
 
     def _of(self, kind: type) -> Any:
-        return iter([source for source in self._sources if isinstance(source, kind)])
+        # Not what is derived from it: parts of action servers are not the node's own.
+        return iter([source for source in self._sources if type(source) is kind])
 
     @property
     def executor(self) -> Executor | None:
@@ -308,7 +309,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             qos_profile,
         )
         self._add(service)
-        self._ros_graph.add_endpoints(self._graph_number, *service._endpoints.guids)
+        self._ros_graph.add_endpoints(self._graph_number, *service._end.guids)
         return service
 
     def create_client(
@@ -332,7 +333,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             qos_profile,
         )
         self._add(client)
-        self._ros_graph.add_endpoints(self._graph_number, *client._endpoints.guids)
+        self._ros_graph.add_endpoints(self._graph_number, *client._end.guids)
         return client
 
     def create_timer(
@@ -475,7 +476,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
     def _destroy_pair(self, source: Service | Client) -> bool:
         if not self._drop(source):
             return False
-        readers, writers = source._endpoints.guids
+        readers, writers = source._end.guids
         self._ros_graph.remove_endpoints(self._graph_number, readers + writers)
         source.destroy()
         return True

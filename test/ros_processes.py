@@ -1,0 +1,117 @@
+"""Fixtures for tests on live nodes: a ROS domain of one's own, a node, and processes as peers.
+
+Only rclpy's public interface is used, so that they serve tests on any client library.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+
+_ROOT = Path(__file__).parents[1]
+_domains = itertools.count(os.getpid())
+
+
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    number = next(_domains) % 100 + 1
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    # A sourced ROS 2 has its own entries there, which its processes need.
+    before = os.environ.get("PYTHONPATH")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (before, str(_ROOT)))))
+    return number
+
+
+@pytest.fixture
+def ros() -> Iterator[Any]:
+    import rclpy
+
+    rclpy.init(args=[])
+    yield rclpy
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def node(ros: Any) -> Iterator[Any]:
+    made = ros.create_node("tester")
+    yield made
+    made.destroy_node()
+
+
+class Peer:
+    """Another process that runs a piece of code."""
+
+    def __init__(self, code: str, arguments: tuple[str, ...]) -> None:
+        program = "import stepdiag_ros\nimport rclpy\n" + textwrap.dedent(code)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", program, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def wait_for_line(self, wanted: str) -> str:
+        """Return the next line on standard output that contains a text."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if wanted in line:
+                return line
+        raise AssertionError(f"'{wanted}' never came: {self.process.stderr.read()}")  # type: ignore[union-attr]
+
+    def finish(self, timeout: float = 20.0) -> tuple[int, str, str]:
+        """Return the exit code, standard output and standard error."""
+        out, err = self.process.communicate(timeout=timeout)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def peer() -> Iterator[Callable[..., Peer]]:
+    peers: list[Peer] = []
+
+    def start(code: str, *arguments: str) -> Peer:
+        peers.append(Peer(code, arguments))
+        return peers[-1]
+
+    yield start
+    for item in peers:
+        item.process.terminate()
+    for item in peers:
+        try:
+            item.process.communicate(timeout=5)
+        except subprocess.TimeoutExpired:
+            item.process.kill()
+            item.process.communicate()
+
+
+def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+    """Spin a node until a condition holds; return whether it does in time."""
+    import rclpy
+
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        rclpy.spin_once(node, timeout_sec=0.02)
+    return True
+
+
+def wait_until(condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+    """Wait without spinning until a condition holds; return whether it does in time."""
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.005)
+    return True
