@@ -127,8 +127,11 @@ def from_reading(
 
 def to_stop_command(message: Any) -> StopCommand | None:
     """Convert a ``StepCommand`` that ends at a stop; None for one that only travels."""
-    if int(message.purpose) != PURPOSE_STOP:
-        return None
+    return to_command(message) if int(message.purpose) == PURPOSE_STOP else None
+
+
+def to_command(message: Any) -> StopCommand:
+    """Convert any ``StepCommand``; the stop of one that only travels is 0."""
     return StopCommand(
         command_id=int(message.command_id),
         line_index=int(message.line_index),
@@ -364,6 +367,7 @@ def to_measured_line(message: Any) -> MeasuredLine:
         displacement=columns["displacement"],
         standard_uncertainty=columns["standard_uncertainty"],
         environment=np.column_stack([columns[name] for name in Environment._fields]),
+        overrun=float(message.overrun),
     )
 
 
@@ -375,6 +379,7 @@ def from_measured_line(line: MeasuredLine, run_id: str, new: NewMessage = new_me
     _set_line(message, line.line, line.line_index, line.attempt)
     message.kind = line.line.kind
     message.setup = line.setup
+    message.overrun = line.overrun
     message.time = doubles(line.time)
     message.target = doubles(line.target)
     message.displacement = doubles(line.displacement)

@@ -58,6 +58,7 @@ MEASURED = MeasuredLine(
     displacement=np.array([0.0, np.nan, -0.02]),
     standard_uncertainty=np.array([1e-8, np.nan, 3e-8]),
     environment=np.arange(12.0).reshape(3, 4) / 3.0,
+    overrun=0.0015,
 )
 RESULT = VolumetricErrors(
     method="least_squares",

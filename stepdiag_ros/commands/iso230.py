@@ -106,7 +106,7 @@ def report_of(
 
         with progress_bar(f"reading {source.name}"):
             recorded = load_run(source)
-        runs = all_runs(recorded.measurement, recorded.plan.overrun)
+        runs = all_runs(recorded.measurement)
         if not runs:
             raise ValueError(
                 f"{source}: no line of it is complete, so there is nothing to evaluate"

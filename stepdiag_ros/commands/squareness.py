@@ -87,7 +87,7 @@ def report_of(source: Path) -> "SquarenessReport":
 
     with progress_bar(f"reading {source.name}"):
         recorded = load_run(source)
-    measurement, overrun = recorded.measurement, recorded.plan.overrun
-    tests = [evaluate(runs) for runs in all_runs(measurement, overrun)]
-    result = squareness_of(measurement, overrun)
+    measurement = recorded.measurement
+    tests = [evaluate(runs) for runs in all_runs(measurement)]
+    result = squareness_of(measurement)
     return SquarenessReport(result, str(source), volumetric_warning(tests))

@@ -385,7 +385,8 @@ class Assembler:
         if decided.settled and before is not None and before.settled:
             events.append(_block(line, before, decided, self._plan))
         if command.stop == len(line.targets) - 1:
-            events.append(_finished(line, decided, self._start))
+            overrun = self._plan.overrun_of(line.line)
+            events.append(_finished(line, decided, self._start, overrun))
         self._stop = None
         self._decided_arrival = max(self._decided_arrival, stop.arrival.time)
         # No later stop can be reached before this one was.
@@ -459,7 +460,7 @@ def _block(
     )
 
 
-def _finished(line: _OpenLine, last: SettledStop, start: int) -> MeasuredLine:
+def _finished(line: _OpenLine, last: SettledStop, start: int, overrun: float) -> MeasuredLine:
     count = len(line.targets)
     time, displacement, uncertainty = (np.full(count, nan) for _ in range(3))
     environment = np.full((count, len(Environment._fields)), nan)
@@ -480,4 +481,5 @@ def _finished(line: _OpenLine, last: SettledStop, start: int) -> MeasuredLine:
         displacement=displacement,
         standard_uncertainty=uncertainty,
         environment=environment,
+        overrun=overrun,
     )

@@ -141,6 +141,8 @@ class MeasuredLine:
         standard_uncertainty: of each stop's own mean before zeroing, m, shape (stops,); NaN if
             unknown.
         environment: shape (stops, 4), columns as in Environment.
+        overrun: how far beyond its first stop the line was begun, so that this is approached in the
+            sense of the line too (``Plan.run_up``), m; 0 if it was not or if that is not known.
     """
 
     line: Line
@@ -153,6 +155,7 @@ class MeasuredLine:
     displacement: Vector
     standard_uncertainty: Vector
     environment: Vector
+    overrun: float = 0.0
 
     @property
     def complete(self) -> bool:

@@ -64,6 +64,8 @@ class Line:
         direction: ``forward`` or ``backward``; backward runs the forward stops the other way round.
         offset: shift from the box's first corner of a linear line, or of a face diagonal along the
             axis that stands, m.
+        run: number of the run, from 1, where several are looked at together
+            (``discrepancy.joint``); a plan knows of one.
     """
 
     kind: str
@@ -72,6 +74,7 @@ class Line:
     repeat: int
     direction: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    run: int = 1
 
     @property
     def setup(self) -> str:
@@ -88,7 +91,8 @@ class Line:
     @property
     def _words(self) -> str:
         # A body diagonal may be measured in one plan by steps and at once: two alignments.
-        return f"{self.name} {DIAGONAL if self.kind == DIAGONAL else self.order}".strip()
+        words = f"{self.name} {DIAGONAL if self.kind == DIAGONAL else self.order}".strip()
+        return of_run(words, self.run)
 
     def stops(self, volume: Volume) -> Vector:
         """Return the commanded positions of the stops in order, m, shape (stops, 3).
@@ -110,6 +114,11 @@ class Line:
             np.asarray(volume.origin) + node * np.asarray(volume.step) + np.asarray(self.offset)
         )
         return positions if self.direction == FORWARD else positions[::-1].copy()
+
+
+def of_run(words: str, run: int) -> str:
+    """Say of which run something is, for example ``run 2: ppp XYZ``; of the first, nothing."""
+    return words if run == 1 else f"run {run}: {words}"
 
 
 def kind_of(name: str, order: str) -> str:
@@ -184,17 +193,22 @@ class Plan:
             return line.name
         return line.setup
 
+    def overrun_of(self, line: Line) -> float:
+        """Return how far beyond its first stop a pass is begun, m; step diagonals never are."""
+        return 0.0 if line.kind == STEP_DIAGONAL else self.overrun
+
     def run_up(self, line: Line) -> Vector | None:
         """Return the place beyond a pass's first stop that it is begun from, m, shape (3,).
 
         None if the pass begins at its first stop. Source of the practice: Renishaw, laser diagonal
         testing, "backlash is eliminated by moving in the same direction before each reading".
         """
-        if self.overrun == 0.0 or line.kind == STEP_DIAGONAL:
+        overrun = self.overrun_of(line)
+        if overrun == 0.0:
             return None
         sense = 1.0 if line.direction == FORWARD else -1.0
         along = sense * beam_direction(line.name, np.asarray(self.volume.step))
-        place: Vector = line.stops(self.volume)[0] - self.overrun * along
+        place: Vector = line.stops(self.volume)[0] - overrun * along
         return place
 
     def way_back(self, line_index: int) -> Vector:

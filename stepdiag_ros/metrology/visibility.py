@@ -139,6 +139,7 @@ def visibility(
                 displacement=np.zeros(len(target)),
                 standard_uncertainty=np.full(len(target), stop_uncertainty),
                 environment=np.full((len(target), len(Environment._fields)), np.nan),
+                overrun=plan.overrun_of(line),
             )
         )
     return measured_visibility(Measurement(plan.volume, tuple(lines), chain), effects)

@@ -139,6 +139,7 @@ def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
                 displacement=(targets - first) @ beam_direction(line.name, step),
                 standard_uncertainty=np.full(count, stop_uncertainty),
                 environment=np.full((count, 4), np.nan),
+                overrun=plan.overrun_of(line),
             )
         )
     return Measurement(plan.volume, tuple(made))

@@ -206,7 +206,7 @@ def test_a_measurement_tells_the_squareness_of_its_machine(kind, names, overrun)
     plan = plan_of(kind, names, overrun)
     cell = make_cell(noise=0.0, tilt=0.0, mirror=200e-6 if kind == "step_diagonal" else 0.0)
     measurement = simulate(plan, cell)
-    result = squareness_of(measurement, plan.overrun)
+    result = squareness_of(measurement)
     truth = cell.truth(plan.volume)
     travel = np.asarray(plan.volume.step) * plan.volume.blocks
     assert result.values
@@ -224,7 +224,7 @@ def test_lengths_and_linear_errors_come_from_both_directions():
 
     plan = plan_of("diagonal", ["ppp", "np0"], 0.001)
     measurement = simulate(plan, make_cell(noise=0.2e-6, tilt=0.0))
-    first, second = lengths_of(measurement, plan.overrun)
+    first, second = lengths_of(measurement)
     assert first.start == (0.0, 0.0, 0.0)
     assert second.start == pytest.approx((0.048, 0.0, 0.0))
     assert second.finish == pytest.approx((0.0, 0.036, 0.0))

@@ -10,6 +10,7 @@ from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology import effects
 from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.backlash import Backlash
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
@@ -404,6 +405,34 @@ def test_a_pass_that_was_measured_again_is_later_than_its_place(measurement):
     # The backward pass before it has ended at its first stop, moving down.
     assert again.last_sense[first][0, 0] == -1.0
     assert np.all(again.last_sense[first][1:, 0] == 1.0)
+
+
+def test_a_run_up_tells_from_which_side_the_first_stop_is_approached(measurement):
+    """ISO 230-2 runs begin beyond their first target: the whole lost motion is at every stop."""
+    lines = tuple(
+        replace(line, overrun=0.002 if line.line.kind == "linear" else 0.0)
+        for line in measurement.lines
+    )
+    plain, stops = stops_of(measurement), stops_of(replace(measurement, lines=lines))
+    for index, line in enumerate(lines):
+        rows = stops.pass_index == index
+        if line.line.kind == "linear":
+            axis = "xyz".index(line.line.name)
+            sense = 1.0 if line.line.direction == "forward" else -1.0
+            expected = np.zeros(3)
+            expected[axis] = 0.002 * sense
+            np.testing.assert_allclose(stops.way[rows][0], expected, atol=1e-15)
+            assert np.all(stops.moved[rows][:, axis] == sense)
+            assert np.all(stops.last_sense[rows][:, axis] == sense)
+        else:
+            assert np.array_equal(stops.moved[rows], plain.moved[rows])
+            assert np.all(stops.way[rows][0] == 0.0)
+    backlash = Backlash()
+    change = backlash.change({"axis": "X"}, {"lost_motion": 1e-6}, stops).translation[:, 0]
+    for index, line in enumerate(lines):
+        if line.line.name == "x":
+            up = line.line.direction == "forward"
+            assert np.all(change[stops.pass_index == index] == (-0.5e-6 if up else 0.5e-6))
 
 
 # --- effects of other packages ---

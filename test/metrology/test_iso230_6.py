@@ -104,7 +104,7 @@ def truth_along(cell, plan, name):
 def test_the_deviations_are_the_true_ones_in_sign_and_size(name):
     plan = plan_of({"kind": "diagonal", "names": [name]})
     cell = make_cell(high=(0.1, 0.1, 0.1), noise=0.0, tilt=0.0)
-    (runs,) = all_runs(simulate(plan, cell), plan.overrun)
+    (runs,) = all_runs(simulate(plan, cell))
     assert runs.name == name
     assert len(runs.forward) == len(runs.backward) == 2
     assert not runs.remarks
@@ -120,8 +120,8 @@ def test_step_diagonals_tell_the_same_at_the_ends_of_their_blocks(name):
     tilted = make_cell(high=(0.1, 0.1, 0.1), noise=0.0, tilt=0.0, mirror=300e-6)
     at_once = plan_of({"kind": "diagonal", "names": [name]})
     by_steps = plan_of({"kind": "step_diagonal", "names": [name], "orders": ["YZX"]})
-    (one,) = all_runs(simulate(at_once, aligned), at_once.overrun)
-    (other,) = all_runs(simulate(by_steps, tilted), by_steps.overrun)
+    (one,) = all_runs(simulate(at_once, aligned))
+    (other,) = all_runs(simulate(by_steps, tilted))
     np.testing.assert_allclose(other.target, one.target)
     np.testing.assert_allclose(other.forward[0], one.forward[0] - one.forward[0][0], atol=3e-9)
     assert other.remarks == (ON_THE_DIAGONAL_BY_STEPS, NO_OVERRUN)
@@ -134,7 +134,7 @@ def test_step_diagonals_tell_the_same_at_the_ends_of_their_blocks(name):
 def test_a_linear_line_is_a_test_of_its_axis(axis):
     plan = plan_of({"kind": "linear", "names": [axis]})
     cell = make_cell(high=(0.1, 0.1, 0.1), noise=0.0, tilt=0.0)
-    (runs,) = all_runs(simulate(plan, cell), plan.overrun)
+    (runs,) = all_runs(simulate(plan, cell))
     number = "xyz".index(axis)
     assert runs.name == axis.upper()
     np.testing.assert_allclose(runs.target, plan.volume.nodes(number))
@@ -149,14 +149,14 @@ def test_a_run_with_a_rejected_stop_is_left_out_and_named():
     broken[3] = np.nan
     lines = list(measurement.lines)
     lines[2] = replace(lines[2], displacement=broken)
-    (runs,) = all_runs(replace(measurement, lines=tuple(lines)), plan.overrun)
+    (runs,) = all_runs(replace(measurement, lines=tuple(lines)))
     assert (len(runs.forward), len(runs.backward)) == (1, 2)
     assert runs.remarks == ("ppp diagonal forward, repeat 1 is left out: a stop has no value",)
 
 
 def test_without_overrun_the_reversal_at_the_ends_is_in_doubt():
     plan = plan_of({"kind": "linear", "names": ["x"]}, overrun=0.0)
-    (runs,) = all_runs(simulate(plan, make_cell()), plan.overrun)
+    (runs,) = all_runs(simulate(plan, make_cell()))
     assert runs.remarks == (NO_OVERRUN,)
 
 

@@ -62,7 +62,7 @@ def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
     finally:
         operator.destroy_node()
         rclpy.try_shutdown()
-    expected = [evaluate(runs) for runs in all_runs(measurement, plan.overrun)]
+    expected = [evaluate(runs) for runs in all_runs(measurement)]
     for message, test, last in zip(heard, expected, (3, 7), strict=True):
         assert same_test(to_positioning_test(message), test)
         assert message.run_id == RUN_ID

@@ -26,12 +26,13 @@ class Stops:
         position: m, shape (n, 3).
         direction: nominal unit vector of the beam, shape (n, 3).
         start: first stop of the line's forward direction, on the beam, m, shape (n, 3).
-        moved: sense (-1, 0, +1) of each axis in the move that led to the stop, shape (n, 3); zeros
-            at the first stop of a pass, whose approach the data do not tell.
+        way: the move that led to each stop, m, shape (n, 3); zeros at the first stop of a pass,
+            whose approach the data do not tell, unless the pass was begun beyond it.
+        moved: sense (-1, 0, +1) of each axis in that move, shape (n, 3).
         last_sense: sense of each axis's last move since its setup was begun, shape (n, 3); 0
             before its first move there, because what the machine does while the laser is aligned
             is not recorded.
-        time: s since the start of the run, shape (n,).
+        time: s since the start of the stop's own run, shape (n,).
         air_temperature: degC, shape (n,); NaN if unknown, likewise the following.
         air_pressure: Pa, shape (n,).
         relative_humidity: 0..1, shape (n,).
@@ -50,6 +51,7 @@ class Stops:
     position: Vector
     direction: Vector
     start: Vector
+    way: Vector
     moved: Vector
     last_sense: Vector
     time: Vector
@@ -83,15 +85,14 @@ class Stops:
         return share
 
     @property
-    def way(self) -> Vector:
-        """Return the move that led to each stop, m, shape (n, 3); zeros at a pass's first stop."""
-        change = np.diff(self.position, axis=0, prepend=self.position[:1])
-        made: Vector = np.where((self.number > 0)[:, None], change, 0.0)
-        return made
+    def run(self) -> NDArray[np.int64]:
+        """Return the number of each stop's run, from 1, shape (n,)."""
+        runs: NDArray[np.int64] = np.array([line.run for line in self.lines])[self.pass_index]
+        return runs
 
     @property
     def duration(self) -> float:
-        """Return the time from the first stop to the last, s."""
+        """Return the time from the first stop to the last, s; of the longest of several runs."""
         return float(np.max(self.time) - np.min(self.time))
 
     @property
@@ -125,14 +126,15 @@ def stops_of(measurement: Measurement) -> Stops:
     targets = [line.target - corner for line in measurement.lines]
     lengths = [len(target) for target in targets]
     environment = np.concatenate([line.environment for line in measurement.lines])
-    moved = np.concatenate([_moves(target) for target in targets])
+    way = np.concatenate([_way(line) for line in measurement.lines])
     return Stops(
         chain=measurement.chain,
         travel=np.asarray(measurement.volume.step) * measurement.volume.blocks,
         position=np.concatenate(targets),
         direction=_repeat([_direction(line, measurement) for line in measurement.lines], lengths),
         start=_repeat([_start(line, measurement) for line in measurement.lines], lengths),
-        moved=moved,
+        way=way,
+        moved=_senses(way),
         last_sense=_last_senses(measurement),
         time=np.concatenate([line.time for line in measurement.lines]),
         air_temperature=environment[:, 0],
@@ -162,10 +164,17 @@ def _start(line: MeasuredLine, measurement: Measurement) -> Vector:
     return start
 
 
-def _moves(target: Vector) -> Vector:
-    change = np.diff(target, axis=0, prepend=target[:1])
-    moves: Vector = np.where(np.abs(change) > _MOVED, np.sign(change), 0.0)
-    return moves
+def _way(line: MeasuredLine) -> Vector:
+    """Return the move that led to each stop of a line, m, shape (stops, 3)."""
+    way: Vector = np.diff(line.target, axis=0, prepend=line.target[:1])
+    if line.overrun > 0.0 and len(way) > 1:
+        way[0] = line.overrun * way[1] / np.linalg.norm(way[1])
+    return way
+
+
+def _senses(way: Vector) -> Vector:
+    senses: Vector = np.where(np.abs(way) > _MOVED, np.sign(way), 0.0)
+    return senses
 
 
 def _last_senses(measurement: Measurement) -> Vector:
@@ -178,11 +187,20 @@ def _last_senses(measurement: Measurement) -> Vector:
     latest: dict[str, tuple[Vector, Vector]] = {}
     for index in sorted(range(len(senses)), key=lambda one: measurement.lines[one].end_time):
         line = measurement.lines[index]
-        place, sense = latest.get(line.setup, (line.target[0], np.zeros(len(AXES))))
+        begun = line.target[0] - _way(line)[0]
+        place, sense = latest.get(line.setup, (begun, np.zeros(len(AXES))))
+        sense = _last(sense, begun - place)
+        place = begun
         for stop, target in enumerate(line.target):
-            change = target - place
-            sense = np.where(np.abs(change) > _MOVED, np.sign(change), sense)
+            sense = _last(sense, target - place)
             senses[index][stop] = sense
             place = target
         latest[line.setup] = (place, sense)
     return np.concatenate(senses)
+
+
+def _last(before: Vector, move: Vector) -> Vector:
+    """Return the sense of each axis's last move after one more move."""
+    moved = _senses(move)
+    last: Vector = np.where(moved == 0.0, before, moved)
+    return last

@@ -79,7 +79,7 @@ class BidirectionalRuns:
         return float(self.target[-1] - self.target[0])
 
 
-def all_runs(measurement: Measurement, overrun: float = 0.0) -> tuple[BidirectionalRuns, ...]:
+def all_runs(measurement: Measurement) -> tuple[BidirectionalRuns, ...]:
     """Return the tests in a measurement, one for each line that was measured in one setup.
 
     Linear lines are tests of an axis (ISO 230-2), diagonals those of ISO 230-6. A step diagonal
@@ -87,11 +87,6 @@ def all_runs(measurement: Measurement, overrun: float = 0.0) -> tuple[Bidirectio
     tilted mirror vanishes (d is perpendicular to the beam, see ``metrology.forward``), and every
     axis arrives there in the sense in which a move along the diagonal brings it. Runs with a
     rejected stop are left out and named.
-
-    Args:
-        measurement: the finished lines.
-        overrun: how far the passes began beyond their first stop (``Plan.overrun``), m; 0 if they
-            did not or if that is not known.
 
     Raises:
         ValueError: runs of one setup have different targets.
@@ -103,7 +98,7 @@ def all_runs(measurement: Measurement, overrun: float = 0.0) -> tuple[Bidirectio
     return tuple(
         test
         for lines in groups.values()
-        if (test := runs_of(lines, measurement.volume, overrun)) is not None
+        if (test := runs_of(lines, measurement.volume)) is not None
     )
 
 
@@ -126,18 +121,15 @@ def completed_by(
     passes = [line for line in latest_attempts(lines) if line.line_index in wanted]
     if not wanted or {line.line_index for line in passes} != wanted:
         return None
-    return runs_of(passes, plan.volume, plan.overrun)
+    return runs_of(passes, plan.volume)
 
 
-def runs_of(
-    lines: Iterable[MeasuredLine], volume: Volume, overrun: float = 0.0
-) -> BidirectionalRuns | None:
+def runs_of(lines: Iterable[MeasuredLine], volume: Volume) -> BidirectionalRuns | None:
     """Return the runs along one line in one setup; None if none of them is complete.
 
     Args:
         lines: at least one; all of the same kind, name, order and setup.
         volume: the measured box.
-        overrun: see ``all_runs``.
 
     Raises:
         ValueError: the lines have different targets.
@@ -172,7 +164,7 @@ def runs_of(
         name, along = line.name, (targets - targets[0]) @ direction
     if line.kind == STEP_DIAGONAL:
         remarks.append(ON_THE_DIAGONAL_BY_STEPS)
-    if forward and backward and not approached(line.kind, overrun):
+    if forward and backward and not all(one.overrun > 0.0 for one in lines):
         remarks.append(NO_OVERRUN)
     empty = np.empty((0, len(along)))
     return BidirectionalRuns(
@@ -184,18 +176,6 @@ def runs_of(
         setup=lines[0].setup,
         remarks=tuple(remarks),
     )
-
-
-def approached(kind: str, overrun: float) -> bool:
-    """Say whether every stop of a pass is approached in its direction, the first one included.
-
-    Step diagonals have no overrun: each of their moves ends at a stop.
-
-    Args:
-        kind: of the line.
-        overrun: see ``all_runs``.
-    """
-    return overrun > 0.0 and kind != STEP_DIAGONAL
 
 
 def is_diagonal(kind: str) -> bool:

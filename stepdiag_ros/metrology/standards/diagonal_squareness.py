@@ -45,7 +45,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD
-from stepdiag_ros.metrology.standards.axis_test import approached, is_diagonal
+from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 
 SAME_PLACE = 1e-6
 """Ends of diagonals that are further apart than this, m, are not the same corner."""
@@ -133,16 +133,11 @@ class SquarenessResult:
     remarks: tuple[str, ...] = ()
 
 
-def lengths_of(measurement: Measurement, overrun: float = 0.0) -> tuple[DiagonalLength, ...]:
+def lengths_of(measurement: Measurement) -> tuple[DiagonalLength, ...]:
     """Return the lengths of the diagonals in a measurement, one for each setup.
 
     The error is the mean over the passes; its standard uncertainty that of the readings at the two
     ends, or, if larger, that of the mean of the passes.
-
-    Args:
-        measurement: the finished lines.
-        overrun: how far the passes began beyond their first stop (``Plan.overrun``), m; 0 if they
-            did not or if that is not known.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLine]] = {}
     for line in measurement.lines:
@@ -171,7 +166,7 @@ def lengths_of(measurement: Measurement, overrun: float = 0.0) -> tuple[Diagonal
                 finish=(float(last[0]), float(last[1]), float(last[2])),
                 error=float(np.mean(errors)),
                 standard_uncertainty=_uncertainty_of_mean(errors, variances),
-                same_approach=True if approached(lines[0].line.kind, overrun) else None,
+                same_approach=True if all(line.overrun > 0.0 for line in lines) else None,
             )
         )
     return tuple(made)
@@ -350,20 +345,16 @@ def _weighted(design: Vector, values: Vector, spreads: Vector) -> tuple[Vector, 
     return estimate, covariance
 
 
-def squareness_of(measurement: Measurement, overrun: float = 0.0) -> SquarenessResult:
+def squareness_of(measurement: Measurement) -> SquarenessResult:
     """Return the squareness of the axes from all diagonals of a measurement.
 
     Faces need both diagonals; body diagonals all four, or three with linear tests. Pairs that are
     not of one box are left out, and the reason is among the remarks.
 
-    Args:
-        measurement: the finished lines.
-        overrun: see ``lengths_of``.
-
     Raises:
         ValueError: nothing can be said; names what is missing.
     """
-    return squareness_from(lengths_of(measurement, overrun), linear_errors_of(measurement))
+    return squareness_from(lengths_of(measurement), linear_errors_of(measurement))
 
 
 def squareness_from(
