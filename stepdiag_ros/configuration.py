@@ -4,6 +4,7 @@ Every refusal is one sentence that names the file, and the line or the key where
 text of a file is returned beside what was made from it, because a run records the text.
 """
 
+import hashlib
 import re
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
@@ -173,6 +174,30 @@ def cell_from_text(text: str, source: str) -> "SimulatedCell":
     from stepdiag_ros.metrology.cell import SimulatedCell
 
     return SimulatedCell.from_mapping(parse_yaml(text, source), source)
+
+
+def without_effects(cell_text: str, source: str) -> str:
+    """Return what a recorded run may tell of its simulated cell: all but the effects hidden in it.
+
+    A text without effects comes back as it is. Of any other its comments are left out too, since
+    they may tell what is hidden; its SHA-256 says which file it was.
+
+    Args:
+        cell_text: of the cell file; empty on a real machine.
+        source: what the user calls it; named in errors.
+
+    Raises:
+        ValueError: not YAML; names the source and the line.
+    """
+    parsed = parse_yaml(cell_text, source) if cell_text else None
+    if not isinstance(parsed, Mapping) or not parsed.get("effects"):
+        return cell_text
+    digest = hashlib.sha256(cell_text.encode()).hexdigest()
+    told = {key: value for key, value in parsed.items() if key != "effects"}
+    return (
+        f"# The effects of this cell are not recorded. SHA-256 of the whole file: {digest}\n"
+        + yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+    )
 
 
 def instrument_from_text(text: str, source: str) -> "Instrument":

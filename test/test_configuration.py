@@ -1,15 +1,19 @@
 """Plan, machine and cell files: those of the package, and every way in which one can be wrong."""
 
+from hashlib import sha256
+
 import pytest
 
 from stepdiag_ros.configuration import (
     available,
+    cell_from_text,
     find,
     load_cell,
     load_machine,
     load_plan,
     parse_yaml,
     plan_from_text,
+    without_effects,
 )
 
 GOOD = """\
@@ -119,3 +123,19 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_a_number_without_a_point_is_a_number():
     assert plan_from_text(GOOD, "plan").feed == 0.01
     assert parse_yaml("a: 1e-7", "x") == {"a": "1e-7"}
+
+
+def test_what_a_bag_tells_of_a_cell_holds_no_effect_and_no_comment():
+    open_cell, hidden = (find(name, "cells").read_text() for name in ("demo", "hidden_several"))
+    assert without_effects(open_cell, "cell") == open_cell
+    assert without_effects("", "cell") == ""
+    told = without_effects(hidden, "cell")
+    head, rest = told.split("\n", 1)
+    assert head.endswith(sha256(hidden.encode()).hexdigest()) and "#" not in rest
+    for word in ("effect: backlash", "lost_motion", "effect: settling", "thermal growth"):
+        assert word in hidden and word not in told
+    before, after = parse_yaml(hidden, "hidden"), parse_yaml(told, "told")
+    assert before.pop("effects") and after == before
+    assert cell_from_text(told, "told").effects == ()
+    with pytest.raises(ValueError, match="told, line 1"):
+        without_effects("effects: [", "told")

@@ -30,5 +30,21 @@ class SampleGrid:
             self.count += 1
         return taken
 
+    def first(self, time: int) -> int:
+        """Return the first instant at or after a time, ns, taken or not."""
+        return self._instant(self._number(time))
+
+    def within(self, begin: int, end: int) -> list[int]:
+        """Return the instants from one time until before another, ns, taken or not."""
+        numbers = range(self._number(begin), self._number(end))
+        return [self._instant(number) for number in numbers]
+
+    def _number(self, time: int) -> int:
+        """Return the number of the first instant at or after a time (ns)."""
+        number = max(int((time - self._start) * 1e-9 * self._rate) - 1, 0)
+        while self._instant(number) < time:
+            number += 1
+        return number
+
     def _instant(self, number: int) -> int:
         return self._start + round(number * 1e9 / self._rate)

@@ -63,18 +63,22 @@ class DriveModel:
 class WeatherModel:
     """Air and material as functions of time: a value, a steady drift and one slow wave.
 
-    The material affects nothing but its own reading: a simulated machine grows only by an effect.
+    The material may warm up besides, towards a limit, as a machine does that has been switched on.
+    It affects nothing but its own reading: a simulated machine grows only by an effect.
 
     Attributes:
         air_temperature: at time 0, degC.
         air_temperature_drift: K/s.
         air_temperature_wave: amplitude, K.
-        wave_period: s.
+        wave_period: of air and material, s.
         air_pressure: at time 0, Pa.
         air_pressure_drift: Pa/s.
         relative_humidity: 0..1.
         material_temperature: at time 0, degC.
         material_temperature_drift: K/s.
+        material_temperature_wave: amplitude, K; an eighth of a period behind that of the air.
+        material_warm_up: in the end, K.
+        warm_up_time: time constant of it, s.
     """
 
     air_temperature: float = 20.0
@@ -86,15 +90,24 @@ class WeatherModel:
     relative_humidity: float = 0.5
     material_temperature: float = 20.0
     material_temperature_drift: float = 0.0
+    material_temperature_wave: float = 0.0
+    material_warm_up: float = 0.0
+    warm_up_time: float = 1800.0
 
     def at(self, time_s: float) -> Environment:
         """Return the weather at a time since the cell's start, s."""
-        wave = self.air_temperature_wave * np.sin(2.0 * np.pi * time_s / self.wave_period)
+        warm = -self.material_warm_up * np.expm1(-max(time_s, 0.0) / self.warm_up_time)
+        phase = 2.0 * np.pi * time_s / self.wave_period
+        wave = self.air_temperature_wave * np.sin(phase)
+        # A mass follows its air late.
+        slow = self.material_temperature_wave * np.sin(phase - 0.25 * np.pi)
         return Environment(
             self.air_temperature + self.air_temperature_drift * time_s + float(wave),
             self.air_pressure + self.air_pressure_drift * time_s,
             self.relative_humidity,
-            self.material_temperature + self.material_temperature_drift * time_s,
+            self.material_temperature
+            + self.material_temperature_drift * time_s
+            + float(warm + slow),
         )
 
 
@@ -149,7 +162,7 @@ class SimulatedCell:
         weather: air and material over time.
         drive: of all axes.
         effects: of the catalogue that act beyond the error motions, on the readings at stops
-            (``simulation.simulate``); they are no part of ``truth``.
+            (``simulation``, ``live_effects``); they are no part of ``truth``.
     """
 
     name: str
@@ -305,6 +318,9 @@ def _weather(section: Section) -> WeatherModel:
         ),
         material_temperature_drift=section.number("material_temperature_drift_K_per_h", default=0.0)
         / 3600,
+        material_temperature_wave=section.number("material_temperature_wave_K", default=0.0),
+        material_warm_up=section.number("material_warm_up_K", low=-50, high=50, default=0.0),
+        warm_up_time=section.number("warm_up_time_s", low=1.0, default=standard.warm_up_time),
     )
     section.finish()
     return made

@@ -35,20 +35,21 @@ def simulate(
     """
     if readings_per_stop < 1:
         raise ValueError(f"readings_per_stop is {readings_per_stop}; expected 1 or more")
-    rng = np.random.default_rng(seed)
     noise = cell.reading_noise / np.sqrt(readings_per_stop)
-    alignments: dict[str, Alignment] = {}
+    return read_again(planned_run(plan, cell), cell, noise, seed)
+
+
+def planned_run(plan: Plan, cell: SimulatedCell) -> Measurement:
+    """Return a run as it would be made by a plan: every stop, its time and its air, read as zero.
+
+    Args:
+        plan: what is to be measured; travel at its feed, dwell at each stop.
+        cell: whose chain and weather these are.
+    """
     made = []
     time = 0.0
     for index, line in enumerate(plan.lines):
         targets = line.stops(plan.volume)
-        setup = plan.setup_of(line)
-        if setup not in alignments:
-            # The laser stands before the forward pass's first stop, whichever pass comes first.
-            start = replace(line, direction=FORWARD).stops(plan.volume)[0]
-            alignments[setup] = cell.alignment(setup, line.name, plan.volume.step, tuple(start))
-        readings = cell.displacement(targets, alignments[setup])
-        readings = readings + noise * rng.standard_normal(len(targets))
         times = stop_times(line, plan, time)
         time = float(times[-1]) + plan.sampling.dwell
         made.append(
@@ -56,31 +57,69 @@ def simulate(
                 line=line,
                 line_index=index,
                 attempt=1,
-                setup=setup,
+                setup=plan.setup_of(line),
                 time=times,
                 end_time=round(float(times[-1]) * 1e9),
                 target=targets,
-                displacement=readings,
-                standard_uncertainty=np.full(len(targets), noise),
+                displacement=np.zeros(len(targets)),
+                standard_uncertainty=np.zeros(len(targets)),
                 environment=np.array([cell.environment(float(moment)) for moment in times]),
+                overrun=plan.overrun_of(line),
             )
         )
-    measurement = Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
-    return _zeroed(_affected(_zeroed(measurement), cell) if cell.effects else measurement)
+    return Measurement(volume=plan.volume, lines=tuple(made), chain=cell.chain)
+
+
+def read_again(
+    run: Measurement, cell: SimulatedCell, noise: float = 0.0, seed: int = 0
+) -> Measurement:
+    """Return what a simulated cell would have read in a run: same stops, times and weather.
+
+    Args:
+        run: that was made or planned; a setup that lost its zero (``… (zero 2)``) keeps its
+            alignment. Stops without a value stay without.
+        cell: the truth; its effects act at the times and in the weather of the run.
+        noise: standard deviation of the reading of a stop, m.
+        seed: of the noise.
+
+    Returns:
+        the run with other readings, each setup's counted from its first, and their uncertainty.
+
+    Raises:
+        ValueError: an effect cannot act in this run; or the run has no line.
+    """
+    rng = np.random.default_rng(seed)
+    alignments: dict[str, Alignment] = {}
+    lines = []
+    for line in run.lines:
+        setup = line.setup.partition(" (zero ")[0]
+        if setup not in alignments:
+            # The laser stands before the forward pass's first stop, whichever pass comes first.
+            start = replace(line.line, direction=FORWARD).stops(run.volume)[0]
+            alignments[setup] = cell.alignment(setup, line.line.name, run.volume.step, tuple(start))
+        readings = cell.displacement(line.target, alignments[setup])
+        readings = readings + noise * rng.standard_normal(len(line.target))
+        lines.append(
+            replace(
+                line,
+                displacement=np.where(np.isfinite(line.displacement), readings, np.nan),
+                standard_uncertainty=np.full(len(line.target), noise),
+            )
+        )
+    measurement = _zeroed(replace(run, lines=tuple(lines)))
+    return _zeroed(_affected(measurement, cell)) if cell.effects else measurement
 
 
 def _zeroed(measurement: Measurement) -> Measurement:
     """Return the measurement with every setup's readings counted from its first."""
     zeros: dict[str, float] = {}
-    lines = tuple(
-        replace(
-            line,
-            displacement=line.displacement
-            - zeros.setdefault(line.setup, float(line.displacement[0])),
-        )
-        for line in measurement.lines
-    )
-    return replace(measurement, lines=lines)
+    lines = []
+    for line in measurement.lines:
+        read = line.displacement[np.isfinite(line.displacement)]
+        if read.size:
+            zeros.setdefault(line.setup, float(read[0]))
+        lines.append(replace(line, displacement=line.displacement - zeros.get(line.setup, np.nan)))
+    return replace(measurement, lines=tuple(lines))
 
 
 def _affected(measurement: Measurement, cell: SimulatedCell) -> Measurement:

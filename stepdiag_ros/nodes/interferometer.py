@@ -8,12 +8,19 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, plan_from_text
-from stepdiag_ros.conversion import from_reading, new_message, to_nanoseconds
+from stepdiag_ros.conversion import (
+    PURPOSE_STOP,
+    from_reading,
+    new_message,
+    to_command,
+    to_nanoseconds,
+)
 from stepdiag_ros.devices import Surroundings, create
-from stepdiag_ros.devices.interferometer import STATUS_OK, InterferometerDevice
+from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.run.sequence import Answer
 from stepdiag_ros.run.supervision import fact_of_run
 
 POLL_PERIOD = 0.002
@@ -84,6 +91,9 @@ class InterferometerNode(StepdiagNode):
     def _open(self) -> None:
         surroundings = Surroundings(self.now(), cell=self._cell)
         self._device = create("interferometer", self._driver, self._settings, surroundings)
+        if isinstance(self._device, FollowsRun):
+            self.listen(topics.MACHINE_COMMAND, partial(self._on_command, self._device))
+            self.listen(topics.COMMAND_STATUS, partial(self._on_answer, self._device))
         self.follow_run()
         self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
         for name, (topic, field) in WEATHER.items():
@@ -94,6 +104,8 @@ class InterferometerNode(StepdiagNode):
         """Take the plan, which says where the beam of each line is to go."""
         self._plan = plan_from_text(description.plan, "plan of the run")
         self._setup = ""
+        if isinstance(self._device, FollowsRun):
+            self._device.begin_run(self._plan, to_nanoseconds(description.header.stamp))
 
     def on_run_state(self, state: Any) -> None:
         """Set beam and zero up for the line that is to be measured."""
@@ -106,6 +118,16 @@ class InterferometerNode(StepdiagNode):
         x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
         self._setup, self._aligned = state.setup, self.now()
         self._device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
+
+    def _on_command(self, device: FollowsRun, message: Any) -> None:
+        if message.run_id == self.run_id:
+            device.update_command(to_command(message), int(message.purpose) == PURPOSE_STOP)
+
+    def _on_answer(self, device: FollowsRun, message: Any) -> None:
+        if message.run_id == self.run_id and message.status not in (Answer.ACCEPTED, Answer.MOVING):
+            in_position = message.status == Answer.IN_POSITION
+            time = to_nanoseconds(message.header.stamp)
+            device.update_answer(int(message.command_id), time, in_position)
 
     def _on_joints(self, message: Any) -> None:
         x, y, z = message.position

@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 
 import stepdiag_ros
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import load_cell, load_machine, load_plan
+from stepdiag_ros.configuration import load_cell, load_machine, load_plan, without_effects
 from stepdiag_ros.conversion import (
     from_stop_command,
     new_message,
@@ -63,7 +63,7 @@ class SequencerNode(StepdiagNode):
         beyond = beyond_machine(self._plan, model)
         if beyond:
             raise ValueError(f"plan '{plan}' cannot be executed on machine '{machine}': {beyond}")
-        self._cell_text = load_cell(cell)[1] if cell else ""
+        self._cell_text = without_effects(load_cell(cell)[1], cell) if cell else ""
         self._sequence: Sequence | None = None
         self._needed: tuple[str, ...] = REQUIRED
         self._waiting_since: float | None = None

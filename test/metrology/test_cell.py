@@ -180,12 +180,16 @@ def test_weather_drifts_and_waves():
             "air_pressure_Pa": 1e5,
             "air_pressure_drift_Pa_per_h": -36.0,
             "material_temperature_drift_K_per_h": 1.0,
+            "material_temperature_wave_K": 0.1,
+            "material_warm_up_K": 3.0,
+            "warm_up_time_s": 50.0,
         },
     }
     weather = SimulatedCell.from_mapping(mapping, "c").environment(100.0)
     assert weather.air_temperature == pytest.approx(20.0 + 0.5 * 100 / 3600 + 0.2)
     assert weather.air_pressure == pytest.approx(1e5 - 1.0)
-    assert weather.material_temperature == pytest.approx(20.0 + 100 / 3600)
+    wave, warm = 0.1 * np.sqrt(0.5), 3.0 * (1.0 - np.exp(-2.0))
+    assert weather.material_temperature == pytest.approx(20.0 + 100 / 3600 + wave + warm)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import yaml
 from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.configuration import load_cell, load_plan
-from stepdiag_ros.devices import Surroundings, create
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.effects import catalogue
@@ -146,10 +145,3 @@ def test_the_shipped_cell_hides_backlash():
     hidden = stops_of(simulate(plan, cell))
     assert np.max(np.abs(hidden.displacement - bare.displacement)) > 0.2e-6
     assert replace(cell, name=demo.name, effects=()).seed == demo.seed
-
-
-def test_a_live_instrument_refuses_effects_that_it_would_leave_out():
-    surroundings = Surroundings(start=0, cell=cell_with(BACKLASH))
-    with pytest.raises(ValueError, match="has effects, which act only where its stops alone"):
-        create("interferometer", "simulated", {}, surroundings)
-    create("interferometer", "simulated", {}, replace(surroundings, cell=cell_with())).close()

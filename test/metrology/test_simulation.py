@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.geometry import beam_direction
-from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.simulation import planned_run, read_again, simulate
 
 
 def test_lines_of_a_setup_share_one_zero_and_one_alignment():
@@ -54,3 +56,40 @@ def test_times_rise_and_weather_is_recorded():
     assert measured.lines[0].environment.shape == (7, 4)
     assert np.all(np.isfinite(measured.lines[-1].environment))
     assert measured.lines[-1].end_time == round(times[-1] * 1e9)
+
+
+def test_a_run_that_was_made_is_read_again_by_another_cell():
+    plan, cell = make_plan(repeats=2), make_cell(noise=0.1e-6)
+    run = simulate(plan, cell, seed=4)
+    same = read_again(run, cell, noise=0.1e-6, seed=4)
+    exact = read_again(run, cell)
+    for line, again, truth, planned in zip(
+        run.lines, same.lines, exact.lines, planned_run(plan, cell).lines, strict=True
+    ):
+        assert np.array_equal(again.displacement, line.displacement)
+        assert np.all(truth.standard_uncertainty == 0.0)
+        assert np.std(line.displacement - truth.displacement) < 0.4e-6
+        assert np.array_equal(planned.time, truth.time)
+        assert np.all(planned.displacement == 0.0)
+
+
+def test_what_was_not_read_is_not_read_again_and_a_lost_zero_keeps_its_alignment():
+    cell = make_cell(noise=0.0)
+    run = simulate(make_plan(repeats=2), cell)
+    first, second = (line for line in run.lines if line.setup == "ppp XYZ")
+    holed = first.displacement.copy()
+    holed[[0, 5]] = np.nan
+    changed = tuple(
+        replace(line, displacement=holed)
+        if line is first
+        else replace(line, setup="ppp XYZ (zero 2)")
+        if line is second
+        else line
+        for line in run.lines
+    )
+    again = read_again(replace(run, lines=changed), cell)
+    one, two = (line for line in again.lines if line.setup.startswith("ppp XYZ"))
+    assert np.flatnonzero(np.isnan(one.displacement)).tolist() == [0, 5]
+    # Counted from the first stop that was read; the other way round, no tilt has changed.
+    assert one.displacement[1] == 0.0 and two.displacement[0] == 0.0
+    assert two.displacement == pytest.approx(first.displacement, abs=1e-15)

@@ -25,7 +25,9 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
 class CellUnderTest:
     """All nodes of the simulated cell, and what they said."""
 
-    def __init__(self, folder: Path, plan: str, factor: float, rate: float = 0.0) -> None:
+    def __init__(
+        self, folder: Path, plan: str, factor: float, rate: float = 0.0, cell: str = "demo"
+    ) -> None:
         import rclpy
 
         from stepdiag_ros import topics
@@ -35,8 +37,7 @@ class CellUnderTest:
 
         self.folder = folder
         self.nodes = {
-            node.name: node
-            for node in simulated_cell(plan, "demo", "demo", folder, factor, rate, 1)
+            node.name: node for node in simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
         }
         self.processes = Processes(list(self.nodes.values()), folder / "logs")
         self.stops, self.lines, self.positions, self.statuses = [], [], [], []
@@ -126,7 +127,9 @@ class CellUnderTest:
 
 @pytest.fixture
 def make_cell(tmp_path: Path) -> Iterator[Callable[..., CellUnderTest]]:
-    def make(plan: str = "quick", factor: float = 10.0, rate: float = 0.0) -> CellUnderTest:
-        return CellUnderTest(tmp_path, plan, factor, rate)
+    def make(
+        plan: str = "quick", factor: float = 10.0, rate: float = 0.0, cell: str = "demo"
+    ) -> CellUnderTest:
+        return CellUnderTest(tmp_path, plan, factor, rate, cell)
 
     return make

@@ -1,8 +1,9 @@
 """Laser interferometers, as their node needs them."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
+from stepdiag_ros.metrology.plan import Plan
 
 Point = tuple[float, float, float]
 
@@ -47,4 +48,31 @@ class InterferometerDevice(Protocol):
 
     def close(self) -> None:
         """Let the instrument go."""
+        ...
+
+
+@runtime_checkable
+class FollowsRun(Protocol):
+    """An interferometer that is told the course of the run, beside all of ``InterferometerDevice``.
+
+    A real one reads what is there; a simulated one must know what the machine is asked to do.
+    """
+
+    def begin_run(self, plan: Plan, start_ns: int) -> None:
+        """Say which plan is to be measured, and when the run begins.
+
+        Raises:
+            ValueError: the device cannot be used with this plan; says why.
+        """
+        ...
+
+    def update_command(self, command: StopCommand, ends_at_stop: bool) -> None:
+        """Take a command to the machine; one to travel only (``ends_at_stop`` False) is for stop 0.
+
+        A command that was taken before, or is older, is left out.
+        """
+        ...
+
+    def update_answer(self, command_id: int, time_ns: int, in_position: bool) -> None:
+        """Take the controller's last word on a command: in position at that time, or failed."""
         ...

@@ -18,6 +18,7 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OVERSPEED,
     Point,
 )
+from stepdiag_ros.devices.interferometer.course import Course
 from stepdiag_ros.metrology.air import (
     DEFAULT_EQUATION,
     EQUATIONS,
@@ -29,7 +30,8 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.forward import Alignment
 from stepdiag_ros.metrology.geometry import Vector, beam_direction
-from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
+from stepdiag_ros.metrology.plan import Plan
 
 Instants = NDArray[np.int64]
 
@@ -87,11 +89,12 @@ class Behaviour:
 
 
 class SimulatedInterferometer:
-    """An interferometer on a simulated cell (protocol: ``InterferometerDevice``).
+    """An interferometer on a simulated cell (``InterferometerDevice`` and ``FollowsRun``).
 
     It is fed with actual positions and streams readings on its own grid, up to the last known
     position. The count is made in the cell's true air, the compensation with what the sensors say.
-    Before the first alignment there is no beam.
+    Before the first alignment there is no beam. Where the cell has effects, these act as the
+    course of the run has them (``course.Course``); outside a run they do not.
 
     Args:
         cell: the truth.
@@ -114,12 +117,32 @@ class SimulatedInterferometer:
         self._beam: _Beam | None = None
         self._coming: deque[_Beam] = deque()
         self._breaks: list[tuple[int, int]] = []
+        self._course: Course | None = None
+
+    def begin_run(self, plan: Plan, start_ns: int) -> None:
+        """Let the effects of the cell act in a run (see ``FollowsRun.begin_run``)."""
+        self._course = None
+        if self._cell.effects:
+            begins = self._behaviour.weather_begins
+            self._course = Course(plan, self._cell, start_ns, begins, self._grid)
+
+    def update_command(self, command: StopCommand, ends_at_stop: bool) -> None:
+        """Take a command to the machine (see ``FollowsRun.update_command``)."""
+        if self._course is not None:
+            self._course.command(command, ends_at_stop)
+
+    def update_answer(self, command_id: int, time_ns: int, in_position: bool) -> None:
+        """Take the last word on a command (see ``FollowsRun.update_answer``)."""
+        if self._course is not None:
+            self._course.answer(command_id, time_ns, in_position)
 
     def align(self, time_ns: int, setup: str, line: str, step: Point, start: Point) -> None:
         """Set up beam and mirror and zero the count (see ``InterferometerDevice.align``)."""
         last = self._coming[-1] if self._coming else self._beam
         if last is not None and last.setup == setup and last.status == STATUS_OK:
             return
+        if self._course is not None:
+            self._course.interrupt()
         self._coming.append(
             _Beam(
                 since=max(time_ns, last.since if last else time_ns),
@@ -161,6 +184,8 @@ class SimulatedInterferometer:
         if not self._position_times:
             return []
         known = self._position_times[-1]
+        if self._course is not None:
+            known = self._course.certain_until(self._now, self._position_times, self._positions)
         if self._now - known > self._behaviour.hold_after * 1e9:
             # The laser goes on streaming when the controller is dead.
             known = self._now
@@ -182,6 +207,8 @@ class SimulatedInterferometer:
     def _read(self, first: int, times: Instants) -> list[Reading]:
         """Return the readings of some instants, all with the same beam."""
         count = len(times)
+        positions = self._positions_at(times)
+        added = np.zeros(count) if self._course is None else self._course.added(times, positions)
         # Drawn for every reading, so that the noise does not depend on when the device is polled.
         noise = self._cell.reading_noise * self._random.standard_normal(count)
         known_index, environments = self._known_air(times)
@@ -190,18 +217,17 @@ class SimulatedInterferometer:
             statuses = [STATUS_BEAM_LOST] * count
             strengths = [0.0] * count
         else:
-            positions = self._positions_at(times)
             length = self._lengths(self._beam, positions)
             index = self._true_index(times)
             if not self._beam.zeroed:
-                self._set_zero(self._beam, length[0], index[0], positions[0])
+                self._set_zero(self._beam, length[0] + added[0], index[0], positions[0])
             beam = self._beam
             if isnan(beam.known_index_at_zero):
                 # A zero is arbitrary: the first known air after it serves as well as that at it.
                 known = known_index[~np.isnan(known_index)]
                 beam.known_index_at_zero = float(known[0]) if len(known) else nan
             raw = noise + raw_displacement(
-                length - beam.length_at_zero, beam.length_at_zero, index, beam.index_at_zero
+                length + added - beam.length_at_zero, beam.length_at_zero, index, beam.index_at_zero
             )
             compensated = compensated_displacement(
                 raw, beam.path_at_zero, known_index, beam.known_index_at_zero
@@ -332,17 +358,11 @@ def from_settings(
     compensation, edlen (default) or ciddor.
 
     Raises:
-        ValueError: a setting is wrong, there is no cell, or it has effects.
+        ValueError: a setting is wrong, or there is no cell.
     """
     cell = surroundings.cell
     if cell is None:
         raise ValueError("the simulated interferometer needs a simulated cell")
-    if cell.effects:
-        # Never silently without them: the run would not be that of the cell.
-        raise ValueError(
-            f"the cell '{cell.name}' has effects, which act only where its stops alone are"
-            " simulated; leave 'effects' empty to run it live"
-        )
     section = Section(settings, "settings of the simulated interferometer")
     behaviour = Behaviour(
         rate=section.number("rate_hz", low=0.1, high=1e5, default=cell.reading_rate),
