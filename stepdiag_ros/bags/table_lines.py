@@ -1,6 +1,7 @@
 """From the rows of a run table to measured lines; refuses what contradicts itself.
 
-A pass is a group of rows that belong together (line, order, repeat, direction). A setup is a group
+A pass is a group of rows that belong together (line, order, repeat, direction, and where the axes
+stand that do not move). A setup is a group
 of consecutive passes along the same line in the same order: they share alignment and zero.
 """
 
@@ -57,8 +58,8 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
         TableError: a stop is missing, out of order or there twice; names the row.
     """
     passes = []
-    for which, group in groupby(rows, key=lambda row: row.which):
-        stops = tuple(group)
+    for stops in _by_place(rows):
+        which = stops[0].which
         for expected, row in enumerate(stops):
             if row.stop == expected:
                 continue
@@ -90,6 +91,21 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
             )
         passes.append(stops)
     return passes
+
+
+def _by_place(rows: list[Row]) -> Iterator[tuple[Row, ...]]:
+    """Yield the rows of each pass: a line that begins again at another place is another pass."""
+    for which, group in groupby(rows, key=lambda row: row.which):
+        standing = line_signs(which.line) == 0
+        stops: list[Row] = []
+        for row in group:
+            if stops and row.stop == 0:
+                away = np.abs(np.subtract(row.position, stops[0].position))[standing]
+                if np.any(away > POSITION_TOLERANCE):
+                    yield tuple(stops)
+                    stops = []
+            stops.append(row)
+        yield tuple(stops)
 
 
 def _same(row: Row, other: Row) -> bool:

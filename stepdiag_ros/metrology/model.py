@@ -26,8 +26,9 @@ class Provenance:
     """Where an effect in a model comes from; empty texts where that is not told.
 
     Attributes:
-        bag: name of the file that holds the run.
-        sha256: of that file, 64 hexadecimal digits.
+        bag: name of the file that holds the run; of several that were diagnosed together, with
+            " + " between.
+        sha256: of that file, 64 hexadecimal digits; likewise.
         date: on which it was named, ISO 8601.
         evidence: in words and figures.
     """

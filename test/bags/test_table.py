@@ -141,6 +141,20 @@ def test_the_same_line_measured_again_later_is_a_setup_of_its_own(tmp_path):
     assert len(lines) == len(read_table(CASES[0] / "run.csv").lines) + 2
 
 
+def test_a_line_that_begins_again_at_another_place_is_another_pass(tmp_path):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    first = [row for row in rows[1:] if row[2] == "x" and row[4] == "0" and row[5] == "forward"]
+    y = rows[0].index("y_m")
+    aside = [[str(float(row[0]) - 1e6), *row[1:y], "0.05", *row[y + 1 :]] for row in first]
+    (tmp_path / "run.csv").write_text(
+        "\n".join(",".join(row) for row in rows[:1] + aside + rows[1:])
+    )
+    lines = load_table(tmp_path / "run.csv", CASES[0] / "case.yaml").measurement.lines
+    assert [line.setup for line in lines[:2]] == ["x@0,0.05,0", "x"]
+    assert lines[0].line.offset == (0.0, 0.05, 0.0)
+    assert len(lines) == len(read_table(CASES[0] / "run.csv").lines) + 1
+
+
 def test_importing_neither_overwrites_nor_leaves_halves(tmp_path):
     target = tmp_path / "a.mcap"
     target.write_bytes(b"precious")

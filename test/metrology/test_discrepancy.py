@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cells_for_tests import make_cell, make_plan
+from cells_for_tests import make_cell
+from hidden_runs import NOISE, hidden_run
 
 from stepdiag_ros.bags.table import read_table
 from stepdiag_ros.metrology.discrepancy import (
@@ -21,11 +22,8 @@ from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES
-from stepdiag_ros.metrology.simulation import simulate
 
 CASES = Path(__file__).parent.parent / "data" / "cases"
-NOISE = 0.1e-6
-BOTH = ("forward", "backward")
 
 
 class Creep(Effect):
@@ -67,26 +65,6 @@ class AxisScale(Creep):
 CATALOGUE = (BACKLASH, Creep())
 
 
-def hidden_run(*effects, seed=5, shape=None, **plan):
-    """Return a simulated run with hidden effects, and perhaps a shape that has no name."""
-    plan = {"blocks": 7, "repeats": 2, "directions": BOTH, "orders": ("XYZ", "YZX"), **plan}
-    run = simulate(make_plan(**plan), make_cell(seed=seed, noise=NOISE), seed)
-    stops = stops_of(run)
-    added = sum((effect.readings(stops) for effect in effects), np.zeros(len(stops.time)))
-    if shape is not None:
-        added = added + shape(stops)
-    return with_change(run, added)
-
-
-def with_change(run, added):
-    parts = np.split(added, np.cumsum([len(line.time) for line in run.lines])[:-1])
-    lines = tuple(
-        replace(line, displacement=line.displacement + part)
-        for line, part in zip(run.lines, parts, strict=True)
-    )
-    return replace(run, lines=lines)
-
-
 def backlash(axis, size):
     return ActiveEffect(BACKLASH, {"axis": axis}, {"lost_motion": size})
 
@@ -116,6 +94,19 @@ def test_the_hidden_effect_of_each_case_is_named(case):
         assert low <= float(truth[keys[0]]) <= high
     assert finding.probability > 0.95
     assert diagnosis.lack_of_fit_p_after > 0.001
+    uncertainty = np.sqrt(np.diag(finding.covariance))
+    assert uncertainty == pytest.approx(list(finding.standard_uncertainty.values()))
+    assert diagnosis.covariance == pytest.approx(finding.covariance)
+    if case == "effect_c":
+        # Neither part is told well by itself, the turn over the whole travel is.
+        whole, spread, expanded = finding.over_travel
+        assert (
+            abs(whole - (float(truth["linear_rad"]) + float(truth["quadratic_rad"]))) < 2.6 * spread
+        )
+        assert spread < 0.2 * min(uncertainty)
+        assert expanded == pytest.approx(1.96 * spread, rel=0.01)
+    else:
+        assert finding.over_travel is None
 
 
 def test_nothing_is_named_where_nothing_is_hidden():

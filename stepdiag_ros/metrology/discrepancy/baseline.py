@@ -1,8 +1,9 @@
 """What the machine model leaves free, fitted to a run: the gap, and what the fit cannot follow.
 
 Free are the nine translational curves at every node, two tilts for each diagonal setup and a zero
-for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one, and
-the sizes of effects that the model says are to be fitted. A smoother baseline makes false names
+for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one, a
+scale of each axis in each run after the first where several are joined (``joint``), and the sizes
+of effects that the model says are to be fitted. A smoother baseline makes false names
 (METROLOGY, "What a test plan can and cannot see").
 
 The exact model is fitted once; from there on everything is linear: what an effect of a micrometre
@@ -20,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.discrepancy.joint import run_scales
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
@@ -96,7 +98,10 @@ def fit_baseline(
     observations = observe(_without(measurement, taken))
     further, remarks = _pass_zeros(measurement, stops)
     untold = [active.effect.unknown(active.setting, stops) for active in known]
-    extra = np.column_stack([further, *untold, *([] if fitted is None else [fitted])])[good]
+    lengths = run_scales(stops)
+    extra = np.column_stack([further, *untold, *([] if fitted is None else [fitted]), lengths])[
+        good
+    ]
     design = Design(observations, "", extra)
     matrix = design.matrix
     fit = design.fit()
@@ -124,10 +129,13 @@ def fit_baseline(
     if design.tilt_column.size:
         parts["the tilts of the setups"] = slice(first, zeros)
     parts["the zeros of the setups"] = slice(zeros, zeros + len(observations.setups))
-    if extra.shape[1]:
+    end = design.count - lengths.shape[1]
+    if end > design.count - extra.shape[1]:
         parts["the zeros of the passes and the fitted effects"] = slice(
-            design.count - extra.shape[1], design.count
+            design.count - extra.shape[1], end
         )
+    if lengths.shape[1]:
+        parts["the lengths of the axes in later runs"] = slice(end, design.count)
     way = np.sum(stops.direction * (stops.position - stops.start), axis=1)[good]
     setup = stops.setup[good]
     scales = np.where(setup[:, None] == np.arange(len(stops.setups)), way[:, None], 0.0)

@@ -78,21 +78,6 @@ class Signatures:
             {n: self.unknown[one] for n, one in enumerate(chosen) if one in self.unknown},
         )
 
-    def beyond(self, span: Vector) -> "Signatures":
-        """Return the same with further columns (orthonormal) projected out."""
-        columns = self.columns - span @ (span.T @ self.columns)
-        return Signatures(
-            self.candidates,
-            columns,
-            self.first,
-            self.count,
-            _orthonormal(columns, self.first, self.count, np.linalg.norm(self.columns, axis=0)),
-            self.share,
-            self.not_testable,
-            self.names,
-            self.unknown,
-        )
-
 
 def signatures(
     catalogue: Iterable[Effect],
@@ -268,33 +253,6 @@ def _orthonormal(
     return made
 
 
-def gains(found: Signatures, gap: Vector) -> tuple[Vector, Vector]:
-    """Return what χ² loses by each candidate's first m sizes, and how many of them count.
-
-    Args:
-        found: the candidates.
-        gap: whitened and projected, shape (rows,).
-
-    Returns:
-        gains and numbers of columns, shape (candidates, most sizes); NaN beyond a candidate's
-        sizes and where a size tells nothing new.
-    """
-    squares = (found.units.T @ gap) ** 2
-    real = np.any(found.units != 0.0, axis=0)
-    most = int(np.max(found.count, initial=1))
-    gain = np.full((len(found.candidates), most), np.nan)
-    number = np.full((len(found.candidates), most), np.nan)
-    total, columns = np.zeros(len(found.candidates)), np.zeros(len(found.candidates))
-    for size in range(most):
-        rows = np.flatnonzero(found.count > size)
-        place = found.first[rows] + size
-        total[rows] += squares[place]
-        columns[rows] += real[place]
-        told = rows[real[place]]
-        gain[told, size], number[told, size] = total[told], columns[told]
-    return gain, number
-
-
 def alike(found: Signatures, index: int, others: Sequence[int]) -> list[int]:
     """Return which of the others show in this run just as a candidate does, whatever its sizes."""
     own = _real(found.units[:, found.of(index)])
@@ -332,9 +290,10 @@ def limits(found: Signatures, threshold: float) -> tuple[dict[str, float], dict[
         limit = float(needed / lengths[place][which])
         size = candidate.effect.sizes[which]
         if limit > max(abs(size.low), abs(size.high)):
+            unit = "" if size.unit == "1" else f" {size.unit}"
             hidden[candidate.label] = (
-                f"only a {size.name} beyond {limit:.2g} {size.unit} would be seen, "
-                f"larger than is plausible ({max(abs(size.low), abs(size.high)):.2g} {size.unit})"
+                f"it would be seen only beyond {limit:.2g}{unit} ({size.meaning}), larger than is "
+                f"plausible ({max(abs(size.low), abs(size.high)):.2g}{unit})"
             )
         else:
             seen[candidate.label] = limit

@@ -14,20 +14,26 @@ from stepdiag_ros.metrology.discrepancy.baseline import (
 )
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import (
+    CONSISTENT_LEVEL,
+    NAMED_LEVEL,
+    Diagnosis,
+    Finding,
+    Pattern,
+)
 from stepdiag_ros.metrology.discrepancy.gross import mislabelled
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFit, LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.locate import gap_map, sentences
 from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
+from stepdiag_ros.metrology.discrepancy.patterns import patterns
 from stepdiag_ros.metrology.discrepancy.selection import FALSE_NAME_LEVEL, Selection
+from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 
-CONSISTENT_LEVEL = 0.004
-"""Chance of a lack of fit below which there is a gap, all shapes of the test together."""
 _GROSS_LEVEL = 1e-6
 """A line under a wrong name is far off."""
 _SAME_NOISE = 0.03
@@ -122,7 +128,7 @@ def diagnose(
         tell("taking the noise anew, without what was found")
         result = _once(baseline, stops, again, effects, taken, seed, tell)
     diagnosis = _diagnosis(result, stops)
-    if diagnosis.verdict == verdicts.UNEXPLAINED and result.before.p_value < _GROSS_LEVEL:
+    if diagnosis.verdict == verdicts.UNEXPLAINED and result.after.p_value < _GROSS_LEVEL:
         tell("trying whether a line has a wrong name")
         names = mislabelled(measurement, known, noise)
         if names:
@@ -166,7 +172,7 @@ def _once(
     luck = look_elsewhere(found, noise.freedom, seed)
     tell("choosing")
     selection = Selection(found, problem.gap, luck, tell)
-    test = LackOfFitTest(problem, stops, noise.freedom)
+    test = LackOfFitTest(problem, stops, noise)
     none = np.zeros((len(problem.gap), 0))
     return _Result(
         noise,
@@ -182,21 +188,31 @@ def _once(
 def _diagnosis(result: _Result, stops: Stops) -> Diagnosis:
     problem, noise, selection = result.problem, result.noise, result.selection
     chosen = selection.findings()
-    misfit = result.after.p_value < CONSISTENT_LEVEL
-    gap_left = misfit or bool(selection.contrived)
-    verdict, sentence = _verdict(chosen, misfit, selection.contrived, result.after, noise)
+    misfit = result.after.p_value < (NAMED_LEVEL if chosen else CONSISTENT_LEVEL)
+    contrived = (
+        ""
+        if misfit
+        else selection.contrived
+        or better_variant(result.found, problem.gap, selection.sizes(), problem, stops)
+    )
+    gap_left = misfit or bool(contrived)
+    verdict, sentence = _verdict(chosen, misfit, contrived, result.after, noise)
     seen, hidden = limits(result.found, result.luck.threshold(FALSE_NAME_LEVEL))
     none = np.zeros((len(problem.gap), 0))
     freedom = noise.freedom
     shares = gap_map(problem, problem.gap, none, stops, freedom)
     where: tuple[str, ...] = ()
+    looks: tuple[Pattern, ...] = ()
     if verdict != verdicts.CONSISTENT:
-        where = sentences(shares, result.before.shape, noise.size)
+        looks = patterns(problem, problem.gap, none, stops, freedom)
+        where = sentences(shares, looks, result.before.shape, noise.size)
     left = selection.left()
     after: tuple[str, ...] = ()
+    looks_after: tuple[Pattern, ...] = ()
     if gap_left:
         rest = gap_map(problem, left, selection.span(), stops, freedom)
-        after = sentences(rest, result.after.shape, noise.size)
+        looks_after = patterns(problem, left, selection.span(), stops, freedom)
+        after = sentences(rest, looks_after, result.after.shape, noise.size)
     spread = problem.baseline.spread
     return Diagnosis(
         verdict=verdict,
@@ -221,7 +237,10 @@ def _diagnosis(result: _Result, stops: Stops) -> Diagnosis:
         stops=stops,
         where_after=after,
         map=shares,
+        patterns=looks,
+        patterns_after=looks_after,
         tested=len(result.found.candidates),
+        covariance=selection.covariance(),
     )
 
 
@@ -230,12 +249,12 @@ def _verdict(
 ) -> tuple[str, str]:
     if contrived and not misfit:
         return verdicts.UNEXPLAINED, (
-            f"Model and run disagree. Effects of the catalogue can be put together to close the "
-            f"gap, but {contrived}, which is no explanation."
+            f"Model and run disagree. {'; '.join(one.label for one in chosen)} would close the "
+            f"gap, but {contrived}."
         )
     if misfit:
         start = (
-            f"{', '.join(one.label for one in chosen)} would explain part of the gap, but"
+            f"{'; '.join(one.label for one in chosen)} would explain part of the gap, but"
             if chosen
             else "Model and run disagree, and"
         )

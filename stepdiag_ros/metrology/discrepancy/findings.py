@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
@@ -17,6 +19,14 @@ UNEXPLAINED = "UNEXPLAINED"
 """There is a gap that no effect of the catalogue closes."""
 NOT_TESTABLE = "NOT TESTABLE"
 """The run has no data left over that could contradict the model, or does not tell its noise."""
+
+CONSISTENT_LEVEL = 0.002
+"""Chance of a lack of fit below which there is a gap, all shapes of the test together."""
+NAMED_LEVEL = 0.0002
+"""The same once effects are named: that a further one is missing is rarer than that one is."""
+
+_LINE_AND_PARABOLA = ("linear", "quadratic")
+"""Names of sizes that a share of the travel, and its square, are multiplied by."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +87,8 @@ class Finding:
         probability: of this name among all, 0..1, by the evidence.
         group: labels of candidates that show the same in this run whatever its readings are.
         runners_up: the best candidates of other names, best first.
+        covariance: of the sizes, in the order of the effect's, SI, shape (sizes, sizes); NaN where
+            the run does not tell a size.
     """
 
     candidate: Candidate
@@ -88,6 +100,27 @@ class Finding:
     probability: float
     group: tuple[str, ...] = ()
     runners_up: tuple[RunnerUp, ...] = ()
+    covariance: Vector = field(default_factory=lambda: np.full((0, 0), np.nan))
+
+    @property
+    def over_travel(self) -> tuple[float, float, float] | None:
+        """Return the change over the whole measured travel, its standard uncertainty and U, SI.
+
+        U is half of the 95 % coverage interval.
+
+        It is the sum of a straight line's and a parabola's part, and often known well where a short
+        travel or few levers tell neither part by itself. None for effects of other shapes, and
+        where a part is not told.
+        """
+        if tuple(self.sizes) != _LINE_AND_PARABOLA or self.covariance.shape != (2, 2):
+            return None
+        variance = float(np.sum(self.covariance))
+        name = _LINE_AND_PARABOLA[0]
+        low, high = self.band[name]
+        if not variance >= 0.0 or not self.standard_uncertainty[name] > 0.0:
+            return None
+        coverage = 0.5 * (high - low) / self.standard_uncertainty[name]
+        return sum(self.sizes.values()), variance**0.5, coverage * variance**0.5
 
     @property
     def label(self) -> str:
@@ -128,6 +161,43 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Pattern:
+    """What a gap, or a part of it, looks like before it has a name.
+
+    Attributes:
+        place: in the run, in words, for example ``the Y moves``.
+        lines: names of the lines that it is on; empty if on all that have the place.
+        with_what: what it goes with, in words, for example ``growing with time``.
+        rms: of the pattern's part of the gap at the stops concerned, m.
+        share: of what the gap's χ² exceeds noise by, 0..1; NaN where that excess is itself unclear.
+        gain: what χ² loses by it.
+        p_value: chance of so clear a pattern, of all that were tried, by noise alone.
+        or_else: what else it may go with, or where else it may be, as far as this run tells.
+    """
+
+    place: str
+    lines: tuple[str, ...]
+    with_what: str
+    rms: float
+    share: float
+    gain: float
+    p_value: float
+
+    or_else: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """Return the whole in words: ``the Y moves of pnp and ppn, growing with time``."""
+        return f"{pattern_words(self.place, self.lines)}, {self.with_what}"
+
+
+def pattern_words(place: str, lines: tuple[str, ...]) -> str:
+    """Return where a pattern is, for example ``the Y moves of pnp and ppn``."""
+    ending = [" and ".join([", ".join(lines[:-1]), lines[-1]])] if len(lines) > 1 else [*lines]
+    return " of ".join([place, *ending])
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The result of comparing a run with a model.
 
@@ -153,6 +223,10 @@ class Diagnosis:
         where: sentences that say where the gap of the model as it was lies.
         where_after: likewise of the gap that is left, where UNEXPLAINED.
         map: the gap of the model as it was, split in several ways.
+        patterns: what that gap looks like, clearest first; none where it is CONSISTENT.
+        patterns_after: likewise of the gap that is left, where UNEXPLAINED.
+        covariance: of all sizes of the findings (where UNEXPLAINED, ``partial``), one finding's
+            after another's, SI, shape (sizes, sizes); NaN where the run does not tell a size.
         tested: number of candidates tried.
         stops: all stops, rows as of the residuals.
     """
@@ -179,4 +253,7 @@ class Diagnosis:
     stops: Stops
     where_after: tuple[str, ...] = ()
     map: tuple[Share, ...] = field(default=())
+    patterns: tuple[Pattern, ...] = ()
+    patterns_after: tuple[Pattern, ...] = ()
     tested: int = 0
+    covariance: Vector = field(default_factory=lambda: np.zeros((0, 0)))

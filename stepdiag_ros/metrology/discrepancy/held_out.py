@@ -157,6 +157,9 @@ def _columns(candidates: Sequence[Candidate], stops: Stops) -> Vector:
 
 def _splits(stops: Stops) -> Iterator[tuple[str, Booleans]]:
     """Yield ways of holding out a part of a run, the farthest from the rest first."""
+    run = stops.run
+    if run.max() > run.min():
+        yield f"run {run.max()}, the last", run == run.max()
     repeat = np.array([line.repeat for line in stops.lines])[stops.pass_index]
     if repeat.max() > repeat.min():
         yield f"the last repeat (number {repeat.max()}) of every line", repeat == repeat.max()

@@ -3,27 +3,34 @@
 The total of many readings is a blunt test: a gap that repeats its shape in every pass may be clear
 and yet small beside the sum of all noise. So the gap is also tested against shapes that need no
 name: each pass shifted and inclined, each stop of a setup off in all its passes, each axis that has
-just moved off in its sense, everything changing slowly with time.
+just moved off in its sense, something smooth over the volume, everything changing slowly with time.
+
+Every test is an F test. Where the noise was taken from differences of passes, these are a part of
+the readings' own freedom: what they hold is taken out of the total, so that only what they do not
+tell is tested against them (lack of fit against pure error). The memory of the noise from stop to
+stop is estimated too; a shape that is slow in time suffers more from its error than one that jumps,
+which each shape's own degrees of freedom of the noise take into account.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
+from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import FORWARD
 
 ALL = "all readings"
 _RANK_LIMIT = 1e-6
-_SLOW_NOISE = 3.0
-"""The variance of slow noise, (1+ρ)/(1-ρ) times that of a reading, is less well known by that: the
-relative variance 2/ν of the estimate, and 4/ν more by that of ρ, 1/ν."""
 _SLOW = 8
 """Cosines over the time of the run that count as slow."""
+_SMOOTH = 3
+"""Degree up to which products of positions count as smooth over the volume."""
 
 
 @dataclass(frozen=True)
@@ -45,22 +52,40 @@ class LackOfFit:
     by_shape: dict[str, float]
 
 
+@dataclass(frozen=True)
+class _Shape:
+    """A shape as orthonormal columns beyond the baseline.
+
+    Attributes:
+        span: shape (rows, k).
+        noise_freedom: of the noise as this shape suffers from it.
+    """
+
+    span: Vector
+    noise_freedom: float
+
+
 class LackOfFitTest:
     """The test for one run; the shapes are made once.
 
     Args:
         problem: whitened, the baseline projected out.
         stops: of the run.
-        noise_freedom: degrees of freedom of the noise.
+        noise: that the problem was whitened with.
     """
 
-    def __init__(self, problem: Whitened, stops: Stops, noise_freedom: float) -> None:
+    def __init__(self, problem: Whitened, stops: Stops, noise: Noise) -> None:
         self._problem = problem
-        self._noise_freedom = noise_freedom
-        good = problem.baseline.good
-        self._shapes = {
-            words: problem.projected(problem.of(columns[good])) for words, columns in _shapes(stops)
-        }
+        self._noise = noise
+        self._pure = 0.0 if noise.source == STATED else noise.freedom
+        passes = problem.baseline.passes
+        self._follows = np.flatnonzero(passes[1:] == passes[:-1]) + 1
+        self._shapes = {words: self._shape(columns) for words, columns in _shapes(stops)}
+
+    @property
+    def noise_freedom(self) -> dict[str, float]:
+        """Return the degrees of freedom of the noise as each shape suffers from it."""
+        return {words: shape.noise_freedom for words, shape in self._shapes.items()}
 
     def __call__(self, gap: Vector, span: Vector) -> LackOfFit:
         """Test a gap.
@@ -71,26 +96,63 @@ class LackOfFitTest:
         """
         freedom = self._problem.freedom - span.shape[1]
         total = float(gap @ gap)
-        chances = {ALL: self._chance(total, freedom, self._noise_freedom)}
-        for words, columns in self._shapes.items():
-            left = columns - span @ (span.T @ columns)
-            values, vectors = np.linalg.eigh(left.T @ left)
-            real = values > _RANK_LIMIT * max(float(values[-1]), 1e-300)
+        chances = {ALL: self._of_all(total, freedom)}
+        for words, shape in self._shapes.items():
+            squares, count = _squares(shape.span, gap, span)
             # As many shapes as there is freedom left are no test of their own.
-            count = int(np.count_nonzero(real))
-            if not 0 < count < 0.9 * freedom:
-                continue
-            parts = vectors[:, real].T @ (left.T @ gap)
-            squares = float(np.sum(parts**2 / values[real]))
-            chances[words] = self._chance(squares, count, self._noise_freedom / _SLOW_NOISE)
+            if 0 < count < 0.9 * freedom:
+                chances[words] = _chance(squares, count, shape.noise_freedom)
         worst = min(chances, key=lambda words: chances[words])
         combined = float(-np.expm1(len(chances) * np.log1p(-min(chances[worst], 1.0 - 1e-16))))
         return LackOfFit(total, freedom, combined, worst, chances)
 
-    def _chance(self, squares: float, freedom: int, noise_freedom: float) -> float:
-        if freedom < 1:
-            return 1.0
-        return float(tail(np.array(squares), float(freedom), noise_freedom))
+    def _of_all(self, total: float, freedom: int) -> float:
+        """Return the chance of what the total has beyond the differences that told the noise."""
+        pure = self._pure if self._pure < freedom else 0.0
+        # In units of the noise, these have as much as they have degrees of freedom.
+        return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)
+
+    def _shape(self, columns: Vector) -> _Shape:
+        left = self._problem.projected(self._problem.of(columns[self._problem.baseline.good]))
+        lengths = np.linalg.norm(left, axis=0)
+        left = left[:, lengths > 0.0] / lengths[lengths > 0.0]
+        values, vectors = np.linalg.eigh(left.T @ left)
+        real = values > _RANK_LIMIT * max(float(values.max(initial=0.0)), 1e-300)
+        span: Vector = left @ (vectors[:, real] / np.sqrt(values[real]))
+        if not span.shape[1]:
+            return _Shape(span, self._noise.freedom)
+        # A memory larger by δ makes the mean square of the shape larger by slowness·δ; relative
+        # variances add: 2/ν of the noise's square, 1/ν of its memory.
+        neighbours = float(np.sum(span[self._follows] * span[self._follows - 1]))
+        slowness = 2.0 * neighbours / span.shape[1]
+        return _Shape(span, self._noise.freedom / (1.0 + 0.5 * slowness**2))
+
+
+def _chance(squares: float, freedom: float, noise_freedom: float) -> float:
+    if freedom < 1.0:
+        return 1.0
+    return float(tail(np.array(squares), freedom, noise_freedom))
+
+
+def _squares(shape: Vector, gap: Vector, span: Vector) -> tuple[float, int]:
+    """Return the gap's square within a shape that findings leave over, and the shape's rank.
+
+    Args:
+        shape: orthonormal columns.
+        gap: beyond the findings.
+        span: orthonormal columns of the findings.
+    """
+    parts = shape.T @ gap
+    squares, count = float(parts @ parts), shape.shape[1]
+    if not span.shape[1] or not count:
+        return squares, count
+    # The inverse of 1 - a·aᵀ, where what lies in the findings altogether is lost.
+    left, values, _ = np.linalg.svd(shape.T @ span, full_matrices=False)
+    beyond = 1.0 - values**2
+    lost = beyond < _RANK_LIMIT
+    within = (left.T @ parts) ** 2
+    squares += float(np.sum(within[~lost] * values[~lost] ** 2 / beyond[~lost]))
+    return squares, count - int(np.count_nonzero(lost))
 
 
 def _shapes(stops: Stops) -> Iterator[tuple[str, Vector]]:
@@ -117,11 +179,49 @@ def _shapes(stops: Stops) -> Iterator[tuple[str, Vector]]:
     setups = stops.setup[:, None] == np.arange(len(stops.setups))
     moved = np.column_stack([setups * stops.moved[:, axis][:, None] for axis in range(3)])
     yield "the axis that has just moved", moved
-    span = float(stops.time.max() - stops.time.min())
-    u = (stops.time - stops.time.min()) / span if span > 0.0 else np.zeros(len(stops.time))
-    slow = np.column_stack([np.cos(np.pi * order * u) for order in range(1, _SLOW + 1)])
     scaled = stops.position / np.where(stops.travel > 0.0, stops.travel, 1.0)
+    yield "smooth over the volume", _smooth(scaled, stops.direction)
+    yield (
+        "the sense in which an axis came, with its place",
+        np.column_stack(
+            [
+                (stops.direction * stops.last_sense)[:, axis][:, None]
+                * np.column_stack([np.ones(len(scaled)), scaled])
+                for axis in range(len(AXES))
+            ]
+        ),
+    )
+    slow = _slow(stops)
     yield (
         "slow changes with time",
-        np.column_stack([slow, *(slow * scaled[:, axis][:, None] for axis in range(3))]),
+        np.column_stack([slow, *(slow * scaled[:, axis][:, None] for axis in range(len(AXES)))]),
+    )
+
+
+def _slow(stops: Stops) -> Vector:
+    """Return cosines over the time of each run, whose clocks have nothing to do with each other."""
+    parts = []
+    for run in np.unique(stops.run):
+        here = stops.run == run
+        since = stops.time - stops.time[here].min()
+        span = float(since[here].max())
+        u = since / span if span > 0.0 else np.zeros(len(since))
+        parts += [np.cos(np.pi * order * u) * here for order in range(1, _SLOW + 1)]
+    return np.column_stack(parts)
+
+
+def _smooth(share: Vector, direction: Vector) -> Vector:
+    """Return displacements along X, Y, Z by products of the positions of several axes."""
+    u = 2.0 * share - 1.0
+    powers = [
+        degrees
+        for degrees in product(range(_SMOOTH + 1), repeat=len(AXES))
+        if sum(degrees) <= _SMOOTH and np.count_nonzero(degrees) > 1
+    ]
+    return np.column_stack(
+        [
+            direction[:, axis] * np.prod(u ** np.array(degrees), axis=1)
+            for degrees in powers
+            for axis in range(len(AXES))
+        ]
     )

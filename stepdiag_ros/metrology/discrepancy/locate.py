@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
-from stepdiag_ros.metrology.discrepancy.findings import Share
+from stepdiag_ros.metrology.discrepancy.findings import Pattern, Share
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.plan import BACKWARD
 
 _LEVEL = 0.001
 """Chance, times the number of parts, below which a part is called conspicuous."""
@@ -85,6 +86,9 @@ def _parts(stops: Stops) -> Iterator[Part]:
     for axes in sorted(set(moved) - {""}):
         for name in dict.fromkeys(names.tolist()):
             yield "moved axis and line", f"{axes} of {name}", (after == axes) & (names == name)
+    block = _blocks(stops)
+    for number in range(1, int(block.max()) + 1):
+        yield "block", str(number), block == number
     along = np.sum(stops.direction * (stops.position - stops.start), axis=1)
     length = np.array([np.ptp(along[of_pass == i]) for i in range(len(lines))])[of_pass]
     third = np.minimum(3.0 * along / np.maximum(length, 1e-9) + 1e-6, 2.0).astype(np.int64)
@@ -94,6 +98,19 @@ def _parts(stops: Stops) -> Iterator[Part]:
         yield from _in_thirds("material temperature", _ranks(stops.material_temperature))
     if np.all(np.isfinite(stops.air_temperature)) and np.ptp(stops.air_temperature) > 0.0:
         yield from _in_thirds("air temperature", _ranks(stops.air_temperature))
+
+
+def _blocks(stops: Stops) -> NDArray[np.int64]:
+    """Return the block that each stop ends, counted from its line's start; 0 at that start."""
+    block = np.zeros(len(stops.number), dtype=np.int64)
+    for index, line in enumerate(stops.lines):
+        rows = np.flatnonzero(stops.pass_index == index)
+        moves = {tuple(row) for row in np.abs(stops.moved[rows]).tolist() if any(row)}
+        stop = stops.number[rows] - stops.number[rows].min()
+        if line.direction == BACKWARD:
+            stop = stop.max() - stop
+        block[rows] = -(-stop // max(len(moves), 1))
+    return block
 
 
 def _ranks(values: Vector) -> NDArray[np.int64]:
@@ -107,28 +124,30 @@ def _in_thirds(split: str, third: NDArray[np.int64]) -> Iterator[Part]:
         yield split, words, third == number
 
 
-def sentences(shares: tuple[Share, ...], shape: str, noise: float) -> tuple[str, ...]:
+def sentences(
+    shares: tuple[Share, ...], looks: tuple[Pattern, ...], shape: str, noise: float
+) -> tuple[str, ...]:
     """Say where a gap is.
 
     Args:
         shares: of ``gap_map``.
+        looks: of ``patterns``.
         shape: in which the fit is worst, from the lack-of-fit test.
         noise: standard deviation of a reading, m.
     """
+    words = [_pattern_sentence(number, look) for number, look in enumerate(looks)]
+    if not looks:
+        words.append(f"The gap is clearest in: {shape}.")
     bad = [share for share in shares if share.p_value * len(shares) < _LEVEL]
-    words = [f"The gap is clearest in: {shape}."]
     if not bad:
         return (*words, "It is spread thinly: no part of the run stands out by itself.")
     single = _single_pass(shares)
     if single:
         return (*words, single)
-    for split in ("line", "moved axis", "direction"):
+    for split in ("line", "moved axis", "block", "direction", "repeat"):
         found = _sentence(split, shares, noise)
         if found:
             words.append(found)
-    pairs = _sentence("moved axis and line", shares, noise)
-    if pairs:
-        words.append(pairs)
     words.extend(_trends(shares))
     worst = max(bad, key=lambda share: share.rms)
     words.append(
@@ -136,6 +155,13 @@ def sentences(shares: tuple[Share, ...], shape: str, noise: float) -> tuple[str,
         f"beside a noise of {noise * 1e6:.2f} µm."
     )
     return tuple(words)
+
+
+def _pattern_sentence(number: int, look: Pattern) -> str:
+    start = "The gap is in" if number == 0 else "Beside that it is in"
+    share = f", {100.0 * look.share:.0f} % of what exceeds noise" if look.share > 0.0 else ""
+    other = f"; or as well: {'; '.join(look.or_else)}" if look.or_else else ""
+    return f"{start} {look.words} ({look.rms * 1e6:.2f} µm rms{share}){other}."
 
 
 def _single_pass(shares: tuple[Share, ...]) -> str:

@@ -1,0 +1,88 @@
+"""Who else may be the cause of a gap: a finding, what the run cannot rule out, and what lost by it.
+
+A candidate that lost by odds of 1 to 50 need not be named beside the winner, but readings that are
+still to be taken may bring it near again. An extra plan has to reckon with it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
+from stepdiag_ros.metrology.discrepancy.candidates import signatures
+from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.ranking import Ranker
+from stepdiag_ros.metrology.discrepancy.rivals import Rival, is_bound
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.measurement import Measurement
+
+_BEHIND = 9.0
+"""Evidence behind the finding up to which a name is reckoned with: odds of 1 to 8000."""
+_UNLIKELY = 1e-4
+"""Probability of a rival that only looks alike and is far behind by the evidence."""
+
+
+class Contenders:
+    """The candidates of a run, judged once more beside the findings.
+
+    Args:
+        measurement: the runs so far.
+        diagnosis: of them.
+        known: as given to ``diagnose``; likewise the following.
+        catalogue: effects that were tried.
+        fitted: effects of the model whose sizes are free.
+        curves: that the model has fixed.
+    """
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        diagnosis: Diagnosis,
+        known: Sequence[ActiveEffect],
+        catalogue: Iterable[Effect],
+        fitted: Sequence[ActiveEffect],
+        curves: Mapping[str, Sequence[float]],
+    ) -> None:
+        stops = diagnosis.stops
+        free = [
+            part
+            for one in fitted
+            for part in (
+                one.effect.columns(one.setting, stops),
+                one.effect.unknown(one.setting, stops),
+            )
+        ]
+        baseline = fit_baseline(
+            measurement, stops, known, np.column_stack(free) if free else None, curves
+        )
+        problem = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation)
+        taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
+        self._found = signatures(catalogue, stops, problem, taken)
+        self._findings = diagnosis.findings
+        self._place = {one.label: place for place, one in enumerate(self._found.candidates)}
+        luck = LookElsewhere(1.0, diagnosis.noise_degrees_of_freedom)
+        self._ranker = Ranker(self._found, problem.gap, luck)
+
+    def rivals(self, finding: Finding) -> list[Rival]:
+        """Return a finding and what else may be the cause, one of each name, the finding first."""
+        own = self._place[finding.label]
+        beside = [self._place[one.label] for one in self._findings if one is not finding]
+        evidence = self._ranker.ranking(beside).evidence
+        chances = {one.label: one.probability for one in finding.runners_up}
+        best: dict[str, int] = {}
+        for place in np.argsort(-evidence):
+            if np.isfinite(evidence[place]):
+                best.setdefault(self._found.names[place], int(place))
+        made = {self._found.names[own]: Rival(finding.candidate, finding.probability)}
+        for label in dict.fromkeys((*finding.ambiguous, *chances)):
+            place = self._place[label]
+            rival = Rival(self._found.candidates[place], max(chances.get(label, 0.0), _UNLIKELY))
+            made.setdefault(self._found.names[place], rival)
+        top = evidence[best[self._found.names[own]]]
+        for name, place in best.items():
+            candidate = self._found.candidates[place]
+            if evidence[place] > top - _BEHIND and not is_bound(candidate):
+                chance = finding.probability * float(np.exp(min(evidence[place] - top, 0.0)))
+                made.setdefault(name, Rival(candidate, max(chance, _UNLIKELY)))
+        return list(made.values())
