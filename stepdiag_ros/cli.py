@@ -31,6 +31,7 @@ COMMANDS = (
     "export",
     "recover",
     "info",
+    "schema",
     "selftest",
     "node",
 )

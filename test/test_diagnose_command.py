@@ -163,3 +163,95 @@ def test_the_help_has_the_verdicts_and_examples(capsys):
     text = capsys.readouterr().out
     for word in ("CONSISTENT", "UNEXPLAINED", "--extend", "stepdiag diagnose run.mcap"):
         assert word in text
+
+
+def test_several_runs_are_diagnosed_together(hidden, tmp_path, capsys):
+    again = _run(tmp_path / "again", LOST_MOTION, repeats=1)
+    out, model = tmp_path / "both", tmp_path / "both.yaml"
+    arguments = [str(hidden), str(again), "--output", str(out), "--pictures", "none", "--json"]
+    assert main(["diagnose", *arguments, "--extend", str(model)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == "NAMED"
+    (further,) = document["further_runs"]
+    assert further["sha256"] == hashlib.sha256(again.read_bytes()).hexdigest()
+    assert {stop["run"] for stop in document["gap"]["stops"]} == {1, 2}
+    assert document["held_out"]["split"] == "run 2, the last"
+    assert document["held_out"]["named_by_the_other_readings_alone"]
+    (effect,) = yaml.safe_load(model.read_text())["effects"]
+    assert effect["provenance"]["sha256"] == f"{document['sha256']} + {further['sha256']}"
+    assert "Run 2:" in (out / "diagnosis.txt").read_text()
+
+
+def test_runs_over_different_boxes_are_refused_by_name(hidden, tmp_path, capsys):
+    other = _run(tmp_path / "other", LOST_MOTION)
+    case = yaml.safe_load((other.parent / "case.yaml").read_text())
+    case["chain"] = ["X", "Y", "Z"]
+    (other.parent / "case.yaml").write_text(yaml.safe_dump(case))
+    assert main(["diagnose", str(hidden), str(other)]) == 1
+    error = capsys.readouterr().err
+    assert str(other) in error
+    assert "the chain XYZ" in error
+
+
+def test_an_extra_plan_is_not_written_where_nothing_is_open(hidden, tmp_path, capsys):
+    plan = tmp_path / "more.yaml"
+    out = str(tmp_path / "out")
+    asked = ["diagnose", str(hidden), "--propose", str(plan), "--output", out, "--pictures", "none"]
+    assert main(asked) == 0
+    assert not plan.exists()
+    assert "Nothing is open" in capsys.readouterr().err
+    plan.write_text("mine")
+    assert main(asked) == 1
+    assert "exists already" in capsys.readouterr().err
+    assert plan.read_text() == "mine"
+
+
+def test_an_extra_plan_is_written_and_can_be_checked(tmp_path, capsys, monkeypatch):
+    from stepdiag_ros.metrology.effects import servo_lag, trigger_delay
+
+    both = (servo_lag.EFFECT, trigger_delay.EFFECT)
+    monkeypatch.setattr(effects, "catalogue", lambda: {one.name: one for one in both})
+    table, plan = _late(tmp_path / "late"), tmp_path / "more.yaml"
+    out = tmp_path / "out"
+    asked = ["diagnose", str(table), "--propose", str(plan), "--output", str(out)]
+    assert main(asked) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("AMBIGUOUS: ")
+    assert "What to measure next" in text
+    document = json.loads((out / "diagnosis.json").read_text())["proposal"]
+    assert document["plan_file"] == str(plan)
+    assert document["certainty"] >= 0.95
+    assert {label for pair in document["pairs"] for label in pair["labels"]} == {
+        "servo lag",
+        "position-trigger delay",
+    }
+    assert "What to measure next" in (out / "diagnosis.html").read_text()
+    assert main(["plan", "--check", str(plan), "--machine", "demo"]) == 0
+    assert f"{len(document['passes'])} passes" in capsys.readouterr().out
+
+
+def _late(folder):
+    """Write a run table in which every stop is read 0.4 µm short of its move."""
+    path = _run(folder, 0.0, repeats=2)
+    with path.open(newline="") as table:
+        rows = list(csv.DictReader(table))
+    before = None
+    for row in rows:
+        place = np.array([float(row[f"{axis}_m"]) for axis in "xyz"])
+        if before is not None and int(row["stop"]):
+            way = place - before
+            beam = _beam(row["line"])
+            short = -4e-7 * float(beam @ way) / np.linalg.norm(way)
+            row["reading_m"] = f"{float(row['reading_m']) + short:.10f}"
+        before = place
+    with path.open("w", newline="") as table:
+        writer = csv.DictWriter(table, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def _beam(line):
+    if len(line) == 1:
+        return np.array([float(line == axis) for axis in "xyz"])
+    return np.array([-1.0 if sign == "n" else 1.0 for sign in line]) / np.sqrt(3.0)

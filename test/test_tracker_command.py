@@ -8,7 +8,7 @@ import pytest
 
 from stepdiag_ros import cli
 from stepdiag_ros.configuration import available, load_tracker
-from stepdiag_ros.report.documents import schema
+from stepdiag_ros.schemas import schema
 
 PLACE = ["--station", "-0.2", "0.1", "0.05"]
 FOUR = [
@@ -106,7 +106,7 @@ def test_multilateration_from_plan_to_curves(tmp_path, capsys):
     )
     assert code == 0
     document = json.loads(out)
-    jsonschema.validate(document, schema())
+    jsonschema.validate(document, schema("result"))
     found = document["methods"]["multilateration"]
     assert found["comparison_with_truth"]["rms"] < 5e-9
     assert found["curves"]["E_CZ"][1] is None

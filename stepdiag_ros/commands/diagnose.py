@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from stepdiag_ros.commands.output import HelpFormatter, Progress, number, progress_bar, say
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
@@ -14,7 +14,9 @@ from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
+    from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.measurement import Measurement
+    from stepdiag_ros.metrology.plan import Plan
     from stepdiag_ros.report.diagnosis import DiagnosisReport
 
 _EXAMPLES = """\
@@ -29,7 +31,10 @@ examples:
   stepdiag diagnose run.mcap                     what do the error curves not explain?
   stepdiag diagnose run.csv --model mill.yaml    compared with what is known of the machine
   stepdiag diagnose run.mcap --extend mill.yaml  writes a model that has the named effects
-  stepdiag diagnose later.mcap --model mill.yaml does it still hold?"""
+  stepdiag diagnose later.mcap --model mill.yaml does it still hold?
+  stepdiag diagnose run.mcap --propose more.yaml AMBIGUOUS: writes the shortest plan that would tell
+  stepdiag run --plan more.yaml                  measures it
+  stepdiag diagnose run.mcap more.mcap           both runs together: which effect it is"""
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -45,6 +50,15 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag (.mcap) or run table (.csv)")
+    parser.add_argument(
+        "further",
+        type=Path,
+        nargs="*",
+        metavar="FURTHER",
+        help="further runs of the same machine over the same box, diagnosed together with the"
+        " first: error curves and effects are shared, alignments, zeros and the lengths of the axes"
+        " are not; times count from the start of each run",
+    )
     parser.add_argument(
         "--model",
         metavar="MODEL",
@@ -65,6 +79,13 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         " (default); fixed, the size holds",
     )
     parser.add_argument(
+        "--propose",
+        type=Path,
+        metavar="PLAN",
+        help="where several effects may be the cause: write the shortest extra plan (YAML) that"
+        " tells them apart, with the run's own box, feed and dwell",
+    )
+    parser.add_argument(
         "--seed",
         type=lambda text: int(number(text, 0, 2**31 - 1)),
         default=0,
@@ -81,13 +102,16 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables import make_console
 
-    if arguments.extend is not None and arguments.extend.exists():
-        raise ValueError(f"{arguments.extend} exists already; give the new model another name")
-    if arguments.extend is not None and not arguments.extend.parent.is_dir():
-        raise ValueError(f"{arguments.extend}: the folder {arguments.extend.parent} does not exist")
+    for path, what in ((arguments.extend, "model"), (arguments.propose, "plan")):
+        if path is not None and path.exists():
+            raise ValueError(f"{path} exists already; give the new {what} another name")
+        if path is not None and not path.parent.is_dir():
+            raise ValueError(f"{path}: the folder {path.parent} does not exist")
     report = report_of(arguments)
     if arguments.extend is not None:
         report = _written(report, arguments.extend)
+    if arguments.propose is not None:
+        report = _plan_written(report, arguments)
     formats = () if arguments.pictures == "none" else (arguments.pictures,)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_diagnosis"
     document = diagnosis_json(report)
@@ -113,6 +137,9 @@ def run(arguments: Namespace) -> int:
             f"stepdiag: {arguments.extend} was not written: the verdict is"
             f" {report.diagnosis.verdict}, and only effects that were NAMED go into a model"
         )
+    if arguments.propose is not None and report.proposal_path is None:
+        why = "" if report.proposal is None else f": {report.proposal.sentence}"
+        say(f"stepdiag: {arguments.propose} was not written{why}")
     return 0
 
 
@@ -124,7 +151,7 @@ def report_of(arguments: Namespace) -> "DiagnosisReport":
     """
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
-    from stepdiag_ros.report.diagnosis_build import build_diagnosis
+    from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis
 
     model, source = MachineModel(), ""
     if arguments.model is not None:
@@ -132,8 +159,17 @@ def report_of(arguments: Namespace) -> "DiagnosisReport":
 
         model, _ = load_model(arguments.model)
         source = str(arguments.model)
-    with progress_bar(f"reading {arguments.bag.name}") as progress:
-        measurement, run_id, remarks = _run_of(arguments.bag, progress)
+    runs = []
+    paths = [arguments.bag, *arguments.further]
+    for path in paths:
+        with progress_bar(f"reading {path.name}") as progress:
+            runs.append(_run_of(path, progress))
+    first = runs[0]
+    measurement = first.measurement
+    if len(runs) > 1:
+        from stepdiag_ros.metrology.discrepancy.joint import joined
+
+        measurement = joined([run.measurement for run in runs], [str(path) for path in paths])
     with progress_bar("comparing") as progress:
         return build_diagnosis(
             measurement,
@@ -141,32 +177,67 @@ def report_of(arguments: Namespace) -> "DiagnosisReport":
             catalogue(),
             bag=arguments.bag,
             date=datetime.now(timezone.utc).date().isoformat(),
-            run_id=run_id,
+            run_id=first.run_id,
             model_source=source,
             status=arguments.status,
             again=arguments.extend is not None,
             seed=arguments.seed,
             tell=lambda text: progress(0.5, text),
-            remarks=remarks,
+            remarks=tuple(remark for run in runs for remark in run.remarks),
+            further=[(path, run.run_id) for path, run in zip(paths[1:], runs[1:], strict=True)],
+            ask=Ask(first.conditions, first.machine) if arguments.propose is not None else None,
         )
 
 
-def _run_of(path: Path, progress: Progress) -> "tuple[Measurement, str, tuple[str, ...]]":
-    """Return a run's lines, its identity, and in words where the lines come from."""
-    if is_bag(path):
-        from stepdiag_ros.bags.run import load_run
-        from stepdiag_ros.commands.solve import measurement_of
+class _Run(NamedTuple):
+    """A run as it was read.
 
-        recorded = load_run(path)
-        measurement, remark = measurement_of(recorded, False, progress)
-        if not measurement.lines:
-            raise ValueError(
-                f"{path}: no line of this run was finished; there is nothing to compare"
-            )
-        return measurement, recorded.run_id, (remark,)
-    from stepdiag_ros.bags.table import load_table
+    Attributes:
+        measurement: its lines.
+        run_id: its identity; empty if it has none.
+        remarks: in words where the lines come from.
+        conditions: its plan, if that tells the feed.
+        machine: that measured it; None if not told.
+    """
 
-    return load_table(path).measurement, "", ()
+    measurement: "Measurement"
+    run_id: str = ""
+    remarks: tuple[str, ...] = ()
+    conditions: "Plan | None" = None
+    machine: "Machine | None" = None
+
+
+def _run_of(path: Path, progress: Progress) -> _Run:
+    """Read a run."""
+    if not is_bag(path):
+        from stepdiag_ros.bags.table import load_table
+
+        return _Run(load_table(path).measurement)
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.solve import measurement_of
+    from stepdiag_ros.configuration import machine_from_text
+
+    recorded = load_run(path)
+    measurement, remark = measurement_of(recorded, False, progress)
+    if not measurement.lines:
+        raise ValueError(f"{path}: no line of this run was finished; there is nothing to compare")
+    known = recorded.plan.feed > 0.0
+    machine = machine_from_text(recorded.machine_text, f"{path}: machine") if known else None
+    return _Run(measurement, recorded.run_id, (remark,), recorded.plan if known else None, machine)
+
+
+def _plan_written(report: "DiagnosisReport", arguments: Namespace) -> "DiagnosisReport":
+    """Write the extra plan, if there is one."""
+    from stepdiag_ros.planning.separation import proposal_text
+    from stepdiag_ros.report.publish import whole_file
+
+    if report.proposal is None or report.proposal.plan is None:
+        return report
+    names = " ".join(path.name for path in (arguments.bag, *arguments.further))
+    text = proposal_text(report.proposal, names)
+    with whole_file(arguments.propose) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return replace(report, proposal_path=arguments.propose)
 
 
 def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":

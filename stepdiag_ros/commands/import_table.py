@@ -1,9 +1,9 @@
 """``stepdiag import``: make a bag from a run table (CSV)."""
 
-import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter
 
 _COLUMNS = """\
@@ -62,7 +62,7 @@ def run(arguments: Namespace) -> int:
             "step_m": list(measurement.volume.step),
             "blocks": measurement.volume.blocks,
         }
-        print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+        print(schemas.json_text(schemas.document("import", document)))
     else:
         print(
             f"{target}: {len(measurement.lines)} lines with {stops} stops,"

@@ -1,10 +1,10 @@
 """``stepdiag recover``: make a clean bag from one that was cut off or damaged."""
 
-import json
 import math
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
 
 
@@ -57,7 +57,7 @@ def run(arguments: Namespace) -> int:
         "duration_s": duration if math.isfinite(duration) else None,
         "losses": report.losses,
     }
-    print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    print(schemas.json_text(schemas.document("recovery", document)))
     for loss in report.losses:
         say(loss)
     return 0

@@ -1,12 +1,12 @@
 """``stepdiag tracker``: measurements with an autotracking laser interferometer."""
 
-import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_result_options,
@@ -259,7 +259,8 @@ def run_plan(arguments: Namespace) -> int:
             formats,
         )
     if arguments.json:
-        print(json.dumps({"files": [str(path) for path in files], "places": len(readings)}))
+        content = {"files": [str(path) for path in files], "places": len(readings)}
+        print(schemas.json_text(schemas.document("tracker_plan", content)))
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
     return 0
@@ -287,7 +288,8 @@ def run_simulate(arguments: Namespace) -> int:
     _refuse_overwriting([target], arguments.force)
     write_results(target.parent, {target.name: table_text(readings)}, dict, ())
     if arguments.json:
-        print(json.dumps({"table": str(target), "readings": len(readings)}))
+        content = {"table": str(target), "readings": len(readings)}
+        print(schemas.json_text(schemas.document("tracker_readings", content)))
     else:
         print(f"{target}: {len(readings)} readings")
     return 0

@@ -1,6 +1,5 @@
 """An uncertainty budget as tables and as JSON; the physics is in ``metrology.uncertainty``."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
@@ -19,8 +18,6 @@ from stepdiag_ros.report.content import method_title
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import PlainConsole, new_table
-
-SCHEMA_VERSION = 1
 
 _UNITS = {
     "m": ("µm", MICRO),
@@ -275,9 +272,7 @@ def print_budget(report: BudgetReport, console: PlainConsole) -> None:
 def budget_document(report: BudgetReport) -> dict[str, Any]:
     """Return a budget as a mapping that ``json`` can write: SI, unknown is null."""
     budget = report.budget
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
+    content = {
         "run_id": report.run_id or None,
         "bag": None if report.bag is None else str(report.bag),
         "method": budget.method,
@@ -291,11 +286,12 @@ def budget_document(report: BudgetReport) -> dict[str, Any]:
         "monte_carlo": None if report.check is None else _check_document(report.check),
         "remarks": [*report.remarks, *budget.remarks],
     }
+    return schemas.document("budget", content)
 
 
 def budget_json(report: BudgetReport) -> str:
     """Return a budget as JSON text; see ``budget_document``."""
-    return json.dumps(budget_document(report), indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(budget_document(report))
 
 
 def _source_document(source: Source) -> dict[str, Any]:

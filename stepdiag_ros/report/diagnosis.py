@@ -4,36 +4,50 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import (
+    Diagnosis,
+    Finding,
+)
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
-from stepdiag_ros.metrology.effects.effect import Effect, Size
+from stepdiag_ros.metrology.discrepancy.proposal import Proposal
+from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposal_sentences
+from stepdiag_ros.report.diagnosis_words import chance, readable, size_rows, two_digits
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
 _MOST_SETTINGS = 4
 """Settings of one effect that are listed one by one; of more, only the range is printed."""
+_LIMIT_COLUMNS = ("effect", "smallest size", "unit", "of")
 _MOST_LABELS = 4
 _MOST_RUNNERS_UP = 5
-_SMALL = 0.01
-"""A number without unit that is plausible up to this is relative: it is read in µm/m."""
-_PER_HOUR, _PER_HECTOPASCAL = 3600.0, 100.0
-_READABLE = {
-    "1/K": ("µm/(m K)", MICRO),
-    "1/s": ("µm/(m h)", MICRO * _PER_HOUR),
-    "m/s": ("µm/h", MICRO * _PER_HOUR),
-    "1/Pa": ("µm/(m hPa)", MICRO * _PER_HECTOPASCAL),
-    "m/Pa": ("µm/hPa", MICRO * _PER_HECTOPASCAL),
-    "s": ("ms", 1e3),
-}
+_NARROW, _WIDE = 80, 120
+"""Fewest and most columns of a terminal that the tables are made for."""
 _LENGTH_IN_WORDS = re.compile(r"(\d[\d.]*(?:e[+-]?\d+)?) m\b")
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """A further run that was diagnosed together with the first.
+
+    Attributes:
+        path: of the file.
+        sha256: of the file.
+        run_id: identity of the run; empty if it has none.
+    """
+
+    path: Path
+    sha256: str
+    run_id: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,10 @@ class DiagnosisReport:
         held_out: proof on data that took no part in the fit; None if there is none.
         curves: error curves before and after the effects were taken off; None if not solved.
         remarks: about the run as a whole.
+        further: runs that were diagnosed together with that of ``bag``; the second run of what is
+            shown is the first of these.
+        proposal: of an extra plan for what is left open; None if none was asked for.
+        proposal_path: file that the plan was written to; None if it was not.
     """
 
     diagnosis: Diagnosis
@@ -69,55 +87,20 @@ class DiagnosisReport:
     held_out: HeldOut | None = None
     curves: tuple[VolumetricErrors, VolumetricErrors] | None = None
     remarks: tuple[str, ...] = ()
+    further: tuple[RunFile, ...] = ()
+    proposal: Proposal | None = None
+    proposal_path: Path | None = None
+
+    @property
+    def proposed(self) -> list[str]:
+        """Return what to measure next, in sentences; empty if that was not asked."""
+        path = "" if self.proposal_path is None else str(self.proposal_path)
+        return proposal_sentences(self.proposal, path)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Return what was found, or where the gap is unexplained what closes a part of it."""
         return self.diagnosis.findings or self.diagnosis.partial
-
-
-def readable(size: Size) -> tuple[str, float]:
-    """Return the unit in which people read a size, and the factor from SI."""
-    unit = size.unit
-    if unit in _READABLE:
-        return _READABLE[unit]
-    if unit == "1":
-        relative = max(abs(size.low), abs(size.high)) <= _SMALL
-        return ("µm/m", MICRO) if relative else ("", 1.0)
-    if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
-        return f"µ{unit}", MICRO
-    return unit, 1.0
-
-
-def size_words(finding: Finding, size: Size) -> str:
-    """Write a size with its 95 % band, for example ``0.800 ± 0.021 µm``."""
-    unit, factor = readable(size)
-    value = finding.sizes[size.name]
-    low, high = finding.band[size.name]
-    half = 0.5 * (high - low) * factor
-    if not math.isfinite(half) or half <= 0.0:
-        return f"{value * factor:.4g} {unit} ± {UNKNOWN}".rstrip()
-    written, uncertainty = with_uncertainty(value * factor, half)
-    return f"{written} ± {uncertainty} {unit}".rstrip()
-
-
-def sizes_words(finding: Finding) -> str:
-    """Write all sizes of a finding in one line."""
-    sizes = finding.candidate.effect.sizes
-    if len(sizes) == 1:
-        return size_words(finding, sizes[0])
-    return ", ".join(f"{size.name.replace('_', ' ')} {size_words(finding, size)}" for size in sizes)
-
-
-def chance(probability: float) -> str:
-    """Write a probability: never as 0 or 1, which no evidence gives."""
-    if not math.isfinite(probability):
-        return UNKNOWN
-    if probability < 1e-4:
-        return "< 0.0001"
-    if probability > 0.9999:
-        return "> 0.9999"
-    return f"{probability:.2g}" if probability < 0.01 else f"{probability:.4f}".rstrip("0")
 
 
 def gap_figures(residual: Vector) -> tuple[float, float]:
@@ -130,46 +113,51 @@ def gap_figures(residual: Vector) -> tuple[float, float]:
 
 def findings_table(findings: Sequence[Finding], title: str) -> Table:
     """Return what is missing in the model, strongest first."""
-    table = new_table(
-        title, "effect", "size ± U (95 %)", "Δχ²", "p", "probability", "sentence of the physics"
-    )
-    table.columns[5].justify = "left"
-    table.columns[5].no_wrap = False
+    table = new_table(title, "effect", "size ± U (95 %)", "Δχ²", "p", "probability")
+    table.columns[0].no_wrap = False
     for finding in findings:
         table.add_row(
             finding.label,
-            "\n".join(_size_rows(finding)),
+            "\n".join(size_rows(finding)),
             f"{finding.gain:,.1f}",
             chance(finding.p_value),
             chance(finding.probability),
-            finding.candidate.effect.sentence,
         )
     return table
 
 
-def _size_rows(finding: Finding) -> list[str]:
-    sizes = finding.candidate.effect.sizes
-    if len(sizes) == 1:
-        return [size_words(finding, sizes[0])]
-    return [f"{size.name.replace('_', ' ')} {size_words(finding, size)}" for size in sizes]
+def physics_sentences(findings: Sequence[Finding]) -> list[str]:
+    """Say what each effect does in the machine, once for each kind, and where that is described."""
+    effects = {one.candidate.effect.name: one.candidate.effect for one in findings}
+    return [
+        f"{name[0].upper()}{name[1:]}: {effect.sentence.rstrip('.')} ({effect.source})."
+        for name, effect in effects.items()
+    ]
 
 
-def runners_up_table(findings: Sequence[Finding]) -> Table | None:
-    """Return what else was tried and why it lost; None if there was nothing else."""
-    table = new_table("Runners-up", "candidate", "instead of", "Δχ²", "probability", "why it lost")
-    table.columns[1].justify = "left"
-    table.columns[4].justify = "left"
-    table.columns[4].no_wrap = False
+def runners_up_tables(findings: Sequence[Finding]) -> list[Table]:
+    """Return what else was tried and why it lost, a table for each finding."""
+    tables = []
     for finding in findings:
+        table = new_table(
+            f"Instead of '{finding.label}' these were tried",
+            "candidate",
+            "Δχ²",
+            "probability",
+            "why it lost",
+        )
+        table.columns[0].no_wrap = table.columns[3].no_wrap = False
+        table.columns[3].justify = "left"
         for other in finding.runners_up[:_MOST_RUNNERS_UP]:
             table.add_row(
                 other.label,
-                finding.label,
                 f"{other.gain:,.1f}",
                 chance(other.probability),
                 f"NOT RULED OUT: {other.why}" if other.ambiguous else other.why,
             )
-    return table if table.row_count else None
+        if table.row_count:
+            tables.append(table)
+    return tables
 
 
 def gap_table(report: DiagnosisReport) -> Table:
@@ -195,6 +183,8 @@ def gap_table(report: DiagnosisReport) -> Table:
         "rms / µm",
         "largest / µm",
     )
+    for column in table.columns:
+        column.no_wrap = False
     for row, name in enumerate(names):
         table.add_row(name, *(column[row] for column in cells))
     return table
@@ -232,21 +222,34 @@ def _cells(squares: float, freedom: int, fit: float, rms: float, largest: float)
 def limits_table(report: DiagnosisReport) -> Table | None:
     """Return the smallest sizes that this run would have shown, 19 times in 20, one row a kind."""
     limits = report.diagnosis.detection_limits
-    table = new_table(
-        "Smallest size that would have been seen (95 % power)", "effect", "size", "unit", "of"
-    )
+    table = new_table("Smallest size that would have been seen (95 % power)", *_LIMIT_COLUMNS)
     table.columns[2].justify = table.columns[3].justify = "left"
+    for column in table.columns:
+        column.no_wrap = column.header == "unit"
     for name, labels in _by_effect(report, limits).items():
         first = report.catalogue[name].sizes[0]
         unit, factor = readable(first)
-        seen = {label: abs(limits[label]) * factor for label in labels}
-        rows = {label: f"{size:.3g}" for label, size in seen.items()}
-        if len(rows) > _MOST_SETTINGS:
-            least, most = min(seen.values()), max(seen.values())
-            rows = {f"{name} ({len(rows):,} settings)": f"{least:.3g} .. {most:.3g}"}
-        for label, text in rows.items():
-            table.add_row(label, text, unit, first.meaning)
+        sizes = [two_digits(abs(limits[label]) * factor) for label in labels]
+        if len(set(sizes)) == 1:
+            text = sizes[0]
+        elif len(labels) > _MOST_SETTINGS:
+            ordered = sorted(abs(limits[label]) * factor for label in labels)
+            text = f"{two_digits(ordered[0])} .. {two_digits(ordered[-1])}"
+        else:
+            text = ", ".join(sizes)
+        table.add_row(_settings_words(name, labels), text, unit, first.meaning)
     return table if table.row_count else None
+
+
+def _settings_words(name: str, labels: Sequence[str]) -> str:
+    """Name several settings of one effect in one label: ``backlash of X, Y, Z``."""
+    if len(labels) > _MOST_SETTINGS:
+        return f"{name} ({len(labels):,} settings)"
+    words = [label.split(" ") for label in labels]
+    same = len(list(takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))))
+    if len(labels) == 1 or not same:
+        return ", ".join(labels)
+    return " ".join([*words[0][:same], ", ".join(" ".join(one[same:]) for one in words)])
 
 
 def _by_effect(report: DiagnosisReport, labels: Collection[str]) -> dict[str, list[str]]:
@@ -276,7 +279,7 @@ def not_testable_sentences(report: DiagnosisReport) -> list[str]:
         lengths = np.array([_LENGTH_IN_WORDS.findall(reasons[label]) for label in labels], float)
         words = kind
         for column in lengths.T * MICRO:
-            low, high = f"{column.min():.2g}", f"{column.max():.2g}"
+            low, high = two_digits(column.min()), two_digits(column.max())
             words = words.replace("{}", f"{low if low == high else f'{low} .. {high}'} µm", 1)
         sentences.append(f"{shown}: {words.rstrip('.')}.")
     return sentences
@@ -298,7 +301,7 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
     if not math.isfinite(diagnosis.noise):
         return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
     text = (
-        f"Noise of a reading: {diagnosis.noise * MICRO:.3g} µm"
+        f"Noise of a reading: {two_digits(diagnosis.noise * MICRO)} µm"
         f" ({diagnosis.noise_degrees_of_freedom:,.0f} degrees of freedom;"
         f" {diagnosis.noise_source.rstrip('.')})"
     )
@@ -348,16 +351,20 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
     def sentence(text: str) -> None:
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
 
+    # Wide terminals get no wider tables than can be read, narrow ones wrap the words in them.
+    width = min(max(console.text_width or _WIDE, _NARROW), _WIDE)
+
     def table(one: Table | None) -> None:
         if one is not None:
             console.print()
-            console.print(one)
+            console.print(one, width=width)
 
     sentence(f"{diagnosis.verdict}: {diagnosis.sentence}")
     console.print()
     for name, text in (
         ("Run", report.run_id),
         ("Bag", "" if report.bag is None else str(report.bag)),
+        *((f"Run {number}", str(one.path)) for number, one in enumerate(report.further, 2)),
         ("Model", model_words(report)),
     ):
         if text:
@@ -370,9 +377,12 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
             "Closes a part of the gap; not to be believed alone" if partly else "What is missing"
         )
         table(findings_table(report.findings, title))
-        for text in group_sentences(report.findings):
+        for text in (*physics_sentences(report.findings), *group_sentences(report.findings)):
             sentence(text)
-        table(runners_up_table(report.findings))
+        for one in runners_up_tables(report.findings):
+            table(one)
+    _list(sentence, console, "What to measure next", report.proposed)
+    table(pairs_table(report.proposal))
     table(gap_table(report))
     for text in extension_sentences(report):
         sentence(text)
@@ -390,7 +400,7 @@ def _list(
     console.print()
     sentence(f"{title}:")
     for text in texts:
-        sentence(f"  {text}")
+        sentence(f"- {text}")
 
 
 def model_words(report: DiagnosisReport) -> str:

@@ -1,8 +1,8 @@
 """From a measurement and a model to everything that is shown of their comparison."""
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from threadpoolctl import ThreadpoolController
@@ -15,13 +15,30 @@ from stepdiag_ros.metrology.discrepancy.extension import (
 )
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
 from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
+from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, Provenance
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
-from stepdiag_ros.report.diagnosis import DiagnosisReport
+from stepdiag_ros.planning.separation import propose_extra
+from stepdiag_ros.report.diagnosis import DiagnosisReport, RunFile
 
+NO_CHAIN = "The machine's kinematic chain is not known: angular errors were not tried."
 _CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Conditions of an extra plan.
+
+    Attributes:
+        conditions: a plan with the feed and sampling of the run; None: its times tell.
+        machine: that will measure it; None if not known.
+    """
+
+    conditions: Plan | None = None
+    machine: Machine | None = None
 
 
 def sha256_of(path: Path) -> str:
@@ -51,11 +68,13 @@ def build_diagnosis(
     seed: int = 0,
     tell: Callable[[str], None] | None = None,
     remarks: tuple[str, ...] = (),
+    further: Sequence[tuple[Path, str]] = (),
+    ask: Ask | None = None,
 ) -> DiagnosisReport:
     """Compare a run with a model, extend the model by what is named, and prove it.
 
     Args:
-        measurement: the run.
+        measurement: the run, or several (``discrepancy.joint``).
         model: what is taken as known.
         catalogue: effects to try, by name.
         bag: the file, whose SHA-256 goes into the provenance of what is added.
@@ -67,6 +86,8 @@ def build_diagnosis(
         seed: of the draws that tell what chance does.
         tell: told what is being done.
         remarks: about the run as a whole.
+        further: file and identity of each run that is joined to that of ``bag``.
+        ask: under which conditions an extra plan is sought for what is left open; None: none is.
 
     Raises:
         ValueError: run and model contradict each other, or the run cannot be compared.
@@ -74,21 +95,38 @@ def build_diagnosis(
     measured = with_chain(measurement, model)
     model = replace(model, chain=measured.chain)
     sha256 = "" if bag is None else sha256_of(bag)
+    others = tuple(RunFile(path, sha256_of(path), identity) for path, identity in further)
     # One thread gives the same numbers on every machine, and is the fastest for these matrices.
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         made = extend(
             Comparison(measured, tuple(catalogue.values()), seed, tell),
             model,
-            Provenance(bag="" if bag is None else bag.name, sha256=sha256, date=date),
+            Provenance(
+                bag=" + ".join(
+                    [*([] if bag is None else [bag.name]), *(one.path.name for one in others)]
+                ),
+                sha256=" + ".join([sha256, *(one.sha256 for one in others)]),
+                date=date,
+            ),
             status,
             again,
         )
         curves = _curves(measured, model, made.diagnosis)
-    further = (
-        ("The machine's kinematic chain is not known: angular errors were not tried.",)
-        if not measured.chain
-        else ()
-    )
+        proposal = None
+        if ask is not None:
+            if tell is not None:
+                tell("seeking an extra plan")
+            proposal = propose_extra(
+                measured,
+                made.diagnosis,
+                ask.conditions,
+                ask.machine,
+                model.of_status(FIXED),
+                tuple(catalogue.values()),
+                model.of_status(FITTED),
+                model.curves,
+            )
+    chainless = () if measured.chain else (NO_CHAIN,)
     return DiagnosisReport(
         diagnosis=made.diagnosis,
         model=model,
@@ -101,7 +139,9 @@ def build_diagnosis(
         rounds=made.rounds,
         held_out=made.held_out,
         curves=curves,
-        remarks=(*remarks, *further),
+        remarks=(*remarks, *chainless),
+        further=others,
+        proposal=proposal,
     )
 
 

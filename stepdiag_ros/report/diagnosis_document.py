@@ -1,49 +1,54 @@
 """A diagnosis as JSON: SI units, unknown is null, gaps in the order of the stops."""
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from stepdiag_ros import __version__
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros import schemas
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Pattern
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, Prediction
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures
-
-SCHEMA_VERSION = 1
+from stepdiag_ros.report.diagnosis_proposal import proposal_document
 
 
 def diagnosis_json(report: DiagnosisReport) -> str:
     """Return a diagnosis as JSON text; see ``diagnosis_document``."""
-    return json.dumps(diagnosis_document(report), indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(diagnosis_document(report))
 
 
 def diagnosis_document(report: DiagnosisReport) -> dict[str, Any]:
     """Return a diagnosis as a mapping that ``json`` can write."""
     diagnosis = report.diagnosis
     proof = report.held_out
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
+    content = {
         "run_id": report.run_id or None,
         "bag": None if report.bag is None else str(report.bag),
         "sha256": report.sha256 or None,
-        "model": {"file": report.model_source or None, **report.model.to_mapping()},
+        "further_runs": [
+            {"run_id": one.run_id or None, "bag": str(one.path), "sha256": one.sha256}
+            for one in report.further
+        ],
+        "model": {"file": report.model_source or None, **_model(report.model)},
         **verdict_document(diagnosis),
         "gap": {
             "stops": _stops(diagnosis),
             "before_m": _numbers(diagnosis.residual_before),
             "after_m": _numbers(diagnosis.residual_after),
         },
+        "proposal": proposal_document(
+            report.proposal, "" if report.proposal_path is None else str(report.proposal_path)
+        ),
         "held_out": None if proof is None else _proof(proof),
         "rounds": [verdict_document(one) for one in report.rounds],
-        "extended_model": None if report.extended is None else report.extended.to_mapping(),
+        "extended_model": None if report.extended is None else _model(report.extended),
         "extended_model_file": None if report.extended_path is None else str(report.extended_path),
         "remarks": list(report.remarks),
     }
+    return schemas.document("diagnosis", content)
 
 
 def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -74,6 +79,8 @@ def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
         ),
         "where": list(diagnosis.where),
         "where_after": list(diagnosis.where_after),
+        "patterns": [_pattern(look) for look in diagnosis.patterns],
+        "patterns_after": [_pattern(look) for look in diagnosis.patterns_after],
         "map": [
             {
                 "split": share.split,
@@ -88,6 +95,16 @@ def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "detection_limits": _mapping(diagnosis.detection_limits),
         "not_testable": dict(diagnosis.not_testable),
     }
+
+
+def _model(model: MachineModel) -> dict[str, Any]:
+    """Return the model as its file has it, but null where that says ``unknown``."""
+    mapping = model.to_mapping()
+    for made, effect in zip(mapping["effects"], model.effects, strict=True):
+        made["standard_uncertainty"] = {
+            name: _number(value) for name, value in effect.standard_uncertainty.items()
+        }
+    return mapping
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -109,6 +126,16 @@ def _finding(finding: Finding) -> dict[str, Any]:
             }
             for size in candidate.effect.sizes
         ],
+        "covariance": [_numbers(row) for row in finding.covariance],
+        "over_travel": None
+        if finding.over_travel is None
+        else dict(
+            zip(
+                ("value", "standard_uncertainty", "expanded_uncertainty"),
+                finding.over_travel,
+                strict=True,
+            )
+        ),
         "gain": _number(finding.gain),
         "p_value": _number(finding.p_value),
         "probability": _number(finding.probability),
@@ -124,6 +151,20 @@ def _finding(finding: Finding) -> dict[str, Any]:
             }
             for other in finding.runners_up
         ],
+    }
+
+
+def _pattern(look: Pattern) -> dict[str, Any]:
+    return {
+        "words": look.words,
+        "place": look.place,
+        "lines": list(look.lines),
+        "with_what": look.with_what,
+        "rms_m": _number(look.rms),
+        "share": _number(look.share),
+        "gain": _number(look.gain),
+        "p_value": _number(look.p_value),
+        "or_else": list(look.or_else),
     }
 
 
@@ -160,6 +201,7 @@ def _stops(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     stops = diagnosis.stops
     return [
         {
+            "run": stops.lines[index].run,
             "line": stops.lines[index].name,
             "order": stops.lines[index].order or None,
             "repeat": stops.lines[index].repeat,

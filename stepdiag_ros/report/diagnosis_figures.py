@@ -75,6 +75,7 @@ def map_picture(report: DiagnosisReport) -> "Picture":
         )
         axes.set_xlabel("stop along the pass", fontsize=9)
         axes.tick_params(labelsize=7)
+        axes.locator_params(axis="x", integer=True)
         for border in np.flatnonzero(np.diff(_setups_of_passes(stops))):
             axes.axhline(border + 0.5, color="0.35", linewidth=0.5)
     ticks, labels = _pass_ticks(stops)
@@ -270,6 +271,8 @@ def _draw_passes(
             gap[rows] * MICRO,
             color=colour,
             linewidth=0.7,
+            # Told apart by the kind of line too: not every printer and eye has colours.
+            linestyle="--" if colour == _BEFORE else "-",
             alpha=0.8,
             label=label if number == 0 else None,
         )

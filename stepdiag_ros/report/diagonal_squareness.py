@@ -1,13 +1,12 @@
 """Squareness from diagonals as a person and a program read it: tables, JSON, the graph of RL."""
 
-import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.forward import SQUARENESS_DEFINITIONS
 from stepdiag_ros.metrology.standards.diagonal_squareness import (
     SquarenessResult,
@@ -21,7 +20,6 @@ from stepdiag_ros.report.tables import PlainConsole, new_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-DOCUMENT_VERSION = 1
 SHIFTS_OF_RL = (1e-6, 5e-6)
 """Relative shifts of the laser's reading in the graph of RL."""
 _RATIOS = (1.0, 1.5, 2.0, 3.0, 5.0)
@@ -170,9 +168,7 @@ def _number(value: float) -> float | None:
 def squareness_json(report: SquarenessReport) -> str:
     """Return the report as JSON text; SI, ``null`` where not known."""
     result = report.result
-    document = {
-        "document_version": DOCUMENT_VERSION,
-        "software_version": __version__,
+    content = {
         "source": report.source,
         "sign_definitions": {
             name: dict(SQUARENESS_DEFINITIONS[words]) for name, words in SIGN_DEFINITIONS.items()
@@ -197,4 +193,4 @@ def squareness_json(report: SquarenessReport) -> str:
         "remarks": list(result.remarks),
         "warnings": [report.warning],
     }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(schemas.document("squareness", content))

@@ -1,32 +1,16 @@
-"""The JSON of a report; its schema is ``report/result.schema.json`` (JSON Schema 2020-12).
+"""The JSON of a report, whose schema is ``result``: SI everywhere, unknown is ``null``."""
 
-SI everywhere. What is not known is ``null``, never 0.
-"""
-
-import json
 import math
-from importlib import resources as package_files
 from typing import Any
 
 import numpy as np
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.content import Comparison, Report, Truth, compare_with_truth
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
-
-SCHEMA_VERSION = 1
-
-
-def schema() -> dict[str, Any]:
-    """Return the JSON Schema of the document."""
-    text = (
-        package_files.files("stepdiag_ros.report").joinpath("result.schema.json").read_text("utf-8")
-    )
-    loaded: dict[str, Any] = json.loads(text)
-    return loaded
 
 
 def _number(value: float) -> float | None:
@@ -123,9 +107,7 @@ def report_document(report: Report) -> dict[str, Any]:
     Raises:
         ValueError: the truth does not fit the results.
     """
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
+    content = {
         "run": {
             "run_id": report.run_id or None,
             "plan": report.plan or None,
@@ -144,8 +126,9 @@ def report_document(report: Report) -> dict[str, Any]:
         "visibility": None if report.visibility is None else visibility_document(report.visibility),
         "truth": None if report.truth is None else _truth_document(report.truth),
     }
+    return schemas.document("result", content)
 
 
 def report_json(report: Report) -> str:
     """Return the whole report as JSON text; see ``report_document``."""
-    return json.dumps(report_document(report), indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(report_document(report))

@@ -6,7 +6,6 @@ with directly measured errors. SI in the JSON; what is not known is ``null``.
 """
 
 import io
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.comparison import (
     COVERAGE,
     CurveComparison,
@@ -37,7 +37,6 @@ from stepdiag_ros.metrology.table_one import Entry, Row, table_one
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, sign
 
-DOCUMENT_VERSION = 1
 ENOUGH_REPEATS = 3
 """So many repeats have a spread that is worth solving and drawing each alone."""
 
@@ -160,15 +159,12 @@ def experiment_texts(experiment: Experiment) -> dict[str, str]:
 
 def experiment_json(experiment: Experiment) -> str:
     """Return the evaluation as JSON text."""
-    return json.dumps(
-        experiment_document(experiment), indent=2, ensure_ascii=False, allow_nan=False
-    )
+    return schemas.json_text(experiment_document(experiment))
 
 
 def experiment_document(experiment: Experiment) -> dict[str, Any]:
     """Return the evaluation as a mapping that ``json`` can write."""
-    return {
-        "document_version": DOCUMENT_VERSION,
+    content = {
         "run_id": experiment.report.run_id or None,
         "squareness_definitions": dict(SIGN_DEFINITIONS),
         "table_1": [_row(row) for row in experiment.table],
@@ -198,6 +194,7 @@ def experiment_document(experiment: Experiment) -> dict[str, Any]:
         },
         "comparisons": [_comparison(one) for one in experiment.comparisons],
     }
+    return schemas.document("comparison", content)
 
 
 def _row(row: Row) -> dict[str, Any]:

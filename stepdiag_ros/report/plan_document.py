@@ -1,18 +1,15 @@
 """The JSON of a plan before it is run: SI everywhere, ``null`` for what is not determined."""
 
-import json
 import math
 from typing import Any
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.duration import PlanDuration
 from stepdiag_ros.planning.expectation import Expectation
 from stepdiag_ros.planning.proposal import Candidate, Proposal
 from stepdiag_ros.report.documents import visibility_document
-
-SCHEMA_VERSION = 1
 
 
 def _number(value: float) -> float | None:
@@ -112,9 +109,7 @@ def assessment_document(assessment: Assessment, proposal: Proposal | None = None
     the key says expanded (95 %).
     """
     rotating = assessment.rotating
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "software_version": __version__,
+    content = {
         "plan": _plan_document(assessment.plan),
         "machine": assessment.machine.name,
         "chain": assessment.machine.chain or None,
@@ -132,9 +127,9 @@ def assessment_document(assessment: Assessment, proposal: Proposal | None = None
         "warnings": list(assessment.warnings),
         "proposal": None if proposal is None else _proposal_document(proposal),
     }
+    return schemas.document("plan", content)
 
 
 def assessment_json(assessment: Assessment, proposal: Proposal | None = None) -> str:
     """Return the JSON text; see ``assessment_document``."""
-    document = assessment_document(assessment, proposal)
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(assessment_document(assessment, proposal))

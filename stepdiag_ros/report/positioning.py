@@ -4,7 +4,6 @@ The JSON is SI; what is not known is ``null``. The text gives µm, with U for k 
 state it.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
 from stepdiag_ros.metrology.standards.iso230_6 import (
@@ -25,7 +24,6 @@ from stepdiag_ros.metrology.standards.iso230_6 import (
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
-DOCUMENT_VERSION = 1
 MEANINGS = {
     "A": "bidirectional accuracy of positioning",
     "A↑": "unidirectional accuracy, forward",
@@ -342,9 +340,7 @@ def entry_of(test: PositioningTest, report: PositioningReport) -> dict[str, Any]
 
 def positioning_json(report: PositioningReport) -> str:
     """Return the report as JSON text; SI, ``null`` where not known."""
-    document = {
-        "document_version": DOCUMENT_VERSION,
-        "software_version": __version__,
+    content = {
         "source": report.source,
         "run_id": report.run_id or None,
         "coverage_factor": 2.0,
@@ -367,4 +363,4 @@ def positioning_json(report: PositioningReport) -> str:
         "uncertainty_not_known": list(report.unknown),
         "warnings": list(report.warnings),
     }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(schemas.document("iso230", content))

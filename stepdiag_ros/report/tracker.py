@@ -1,6 +1,5 @@
 """A seven-line test with a tracker as tables, sentences and JSON."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineResult
@@ -22,7 +21,6 @@ from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, with
 from stepdiag_ros.report.positioning import decimals_of, target_table, written
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
-DOCUMENT_VERSION = 1
 _MILLI = 1e3
 _PARAMETERS = ("E", "B", "M", "R", "A")
 
@@ -274,8 +272,6 @@ def print_test(
 def tracker_json(report: TrackerReport) -> str:
     """Return the report as JSON text; SI, ``null`` where not known."""
     document: dict[str, Any] = {
-        "document_version": DOCUMENT_VERSION,
-        "software_version": __version__,
         "source": report.source,
         "station": report.station,
         "location": _location_document(report.location),
@@ -295,7 +291,7 @@ def tracker_json(report: TrackerReport) -> str:
             },
         }
     document["sentences"] = sentences_of(report)
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(schemas.document("tracker_result", document))
 
 
 def figures_json(four: FigureFour, five: FigureFive) -> str:
@@ -305,8 +301,6 @@ def figures_json(four: FigureFour, five: FigureFive) -> str:
         "figure_5": (five.located, five.true_place),
     }
     document: dict[str, Any] = {
-        "document_version": DOCUMENT_VERSION,
-        "software_version": __version__,
         "location_of_figure_5": _location_document(five.location),
         "shift_of_figure_5": _numbers(five.shift),
     }
@@ -319,7 +313,7 @@ def figures_json(four: FigureFour, five: FigureFive) -> str:
             }
             for one in pair
         ]
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(schemas.document("tracker_figures", document))
 
 
 def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:

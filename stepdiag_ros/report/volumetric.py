@@ -1,6 +1,5 @@
 """Volumetric accuracy as a person and a program read it, with the examples of RL beside it."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros import __version__
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.standards.iso230_6 import DIAGONALS_ALONE
 from stepdiag_ros.metrology.standards.volumetric import (
@@ -26,7 +25,6 @@ from stepdiag_ros.report.tables import PlainConsole, new_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-DOCUMENT_VERSION = 1
 DEFINITION = (
     "Volumetric accuracy: length of the worst error vector between the target and the actual"
     " position anywhere in the measured volume (RL), in the frame of the error curves; zero at the"
@@ -175,9 +173,7 @@ def _accuracy(found: VolumetricAccuracy) -> dict[str, Any]:
 
 def volumetric_json(report: VolumetricReport) -> str:
     """Return the report as JSON text; SI, ``null`` where not known."""
-    document = {
-        "document_version": DOCUMENT_VERSION,
-        "software_version": __version__,
+    content = {
         "source": report.source or None,
         "run_id": report.run_id or None,
         "definition": DEFINITION,
@@ -191,4 +187,4 @@ def volumetric_json(report: VolumetricReport) -> str:
             for one in (*MACHINES_OF_RL, PLANAR_MACHINE_OF_RL)
         },
     }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return schemas.json_text(schemas.document("volumetric", content))

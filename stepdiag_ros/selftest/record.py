@@ -1,6 +1,5 @@
 """The record of a self-test: every comparison with its limit, and on what it was made."""
 
-import json
 import math
 import platform
 import sys
@@ -9,9 +8,8 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stepdiag_ros import __version__
+from stepdiag_ros import __version__, schemas
 
-SCHEMA_VERSION = 1
 PASSED, FAILED = "pass", "FAIL"
 
 
@@ -91,8 +89,7 @@ class Record:
 
     def document(self) -> dict[str, Any]:
         """Return the record as a mapping for JSON; what is no number is ``null``."""
-        return {
-            "schema_version": SCHEMA_VERSION,
+        content = {
             "passed": self.passed,
             "date": self.date,
             "seed": self.seed,
@@ -121,10 +118,11 @@ class Record:
                 for problem in self.problems
             ],
         }
+        return schemas.document("selftest", content)
 
     def json(self) -> str:
         """Return the record as JSON text."""
-        return json.dumps(self.document(), indent=2, ensure_ascii=False, allow_nan=False)
+        return schemas.json_text(self.document())
 
 
 def _number(value: float) -> float | None:

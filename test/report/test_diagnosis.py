@@ -19,6 +19,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Candidate,
     Diagnosis,
     Finding,
+    Pattern,
     RunnerUp,
     Share,
 )
@@ -31,16 +32,14 @@ from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.report.diagnosis import (
     DiagnosisReport,
-    chance,
     gap_figures,
     not_testable_sentences,
     print_diagnosis,
-    readable,
-    size_words,
 )
 from stepdiag_ros.report.diagnosis_document import diagnosis_document, diagnosis_json
 from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
 from stepdiag_ros.report.diagnosis_page import diagnosis_page
+from stepdiag_ros.report.diagnosis_words import MEANING, chance, readable, size_words, two_digits
 from stepdiag_ros.report.tables import make_console
 
 VOLUME = Volume((0.0, 0.0, 0.0), (0.01, 0.01, 0.01), 2)
@@ -133,7 +132,7 @@ def test_the_verdict_comes_first_then_where_then_what():
     assert text.startswith("NAMED: The sentence.\n")
     places = [
         text.index(words)
-        for words in ("The X moves of x.", "What is missing", "Runners-up", "run before")
+        for words in ("The X moves of x.", "What is missing", "Instead of", "run before")
     ]
     assert places == sorted(places)
     row = next(line for line in text.splitlines() if "0.812 ± 0.020 µm" in line)
@@ -339,3 +338,70 @@ def test_the_bag_is_told_by_name_only_on_the_page():
     report = _report(_diagnosis(CONSISTENT), bag=Path("/somewhere/secret/run.mcap"))
     page = diagnosis_page(report, {})
     assert "run.mcap" in page and "secret" not in page
+
+
+LOOK = Pattern(
+    "the Y moves", ("pnp", "ppn"), "growing with time", 3e-7, 0.9, 400.0, 1e-9, ("repeat",)
+)
+
+
+def test_what_the_gap_looks_like_is_in_the_document():
+    document = diagnosis_document(_report(_diagnosis(UNEXPLAINED, patterns=(LOOK,))))
+    (look,) = document["patterns"]
+    assert look["words"] == "the Y moves of pnp and ppn, growing with time"
+    assert (look["lines"], look["rms_m"], look["share"]) == (["pnp", "ppn"], 3e-7, 0.9)
+    unclear = replace(LOOK, share=float("nan"))
+    document = diagnosis_document(_report(_diagnosis(UNEXPLAINED, patterns_after=(unclear,))))
+    assert document["patterns"] == []
+    assert document["patterns_after"][0]["share"] is None
+
+
+@pytest.mark.parametrize("verdict", MEANING)
+def test_the_head_of_the_page_tells_the_verdict_what_it_means_and_the_figures(verdict):
+    found = (FOUND,) if verdict in (NAMED, AMBIGUOUS) else ()
+    page = diagnosis_page(_report(_diagnosis(verdict, found), held_out=_proof()), {})
+    head = page[page.index("<header>") : page.index("</header>")]
+    assert f"<h1>{verdict}</h1>" in head
+    assert MEANING[verdict] in head
+    assert "The X moves of x." in head
+    assert ("0.812 ± 0.020 µm" in head) == bool(found)
+    assert "<dt>noise of a reading</dt><dd>0.1 µm</dd>" in head
+    ratio = "4.95 → 1.00" if found else "4.95"
+    assert f"<dt>χ² per degree of freedom</dt><dd>{ratio}</dd>" in head
+    assert "<dt>the same, held out</dt><dd>10.00 → 0.90</dd>" in head
+
+
+def test_the_story_of_the_page_is_in_order_and_empty_chapters_are_left_out():
+    report = _report(_diagnosis(NAMED, (FOUND,)), held_out=_proof())
+    page = diagnosis_page(report, draw_diagnosis(report))
+    titles = re.findall(r"<h2>(\d+) ([^<]*)</h2>", page)
+    assert [int(number) for number, _ in titles] == list(range(1, len(titles) + 1))
+    order = ("Before", "Where it is", "Candidates", "Named", "After", "The proof", "What this run")
+    places = [next(i for i, (_, t) in enumerate(titles) if t.startswith(o)) for o in order]
+    assert places == sorted(places)
+    bare = diagnosis_page(_report(_diagnosis(CONSISTENT, where=())), {})
+    assert "The proof" not in bare and ">Named<" not in bare
+
+
+def test_tables_fit_a_terminal_of_80_and_one_of_120():
+    report = _report(_diagnosis(NAMED, (FOUND,)), held_out=_proof())
+    for width in (80, 120):
+        stream = io.StringIO()
+        console = make_console(stream)
+        console.text_width = width
+        print_diagnosis(report, console)
+        longest = max(len(line) for line in stream.getvalue().splitlines())
+        assert 0.7 * width < longest <= width
+        assert "…" not in stream.getvalue()
+
+
+def test_settings_with_one_limit_are_one_row_and_digits_are_two():
+    limits = {f"backlash of {axis}": 4.512e-8 for axis in "X"}
+    text = _text(_report(_diagnosis(CONSISTENT, detection_limits=limits)))
+    assert "0.045 " in text and "0.0451" not in text
+    assert [two_digits(value) for value in (0.0123, 1234.0, 2.0, float("nan"))] == [
+        "0.012",
+        "1,200",
+        "2",
+        "unknown",
+    ]

@@ -22,13 +22,14 @@ from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.visibility import visibility
 from stepdiag_ros.report.content import Truth
-from stepdiag_ros.report.documents import report_document, report_json, schema
+from stepdiag_ros.report.documents import report_document, report_json
+from stepdiag_ros.schemas import schema
 
 
 @pytest.fixture(scope="module")
 def validator():
-    jsonschema.Draft202012Validator.check_schema(schema())
-    return jsonschema.Draft202012Validator(schema())
+    jsonschema.Draft202012Validator.check_schema(schema("result"))
+    return jsonschema.Draft202012Validator(schema("result"))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,100 @@
+"""How the figures of a diagnosis are written, and what its verdicts mean."""
+
+import math
+
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+    Finding,
+)
+from stepdiag_ros.metrology.effects.effect import Size
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN, with_uncertainty
+
+_SMALL = 0.01
+"""A number without unit that is plausible up to this is relative: it is read in µm/m."""
+_PER_HOUR, _PER_HECTOPASCAL = 3600.0, 100.0
+_READABLE = {
+    "1/K": ("µm/(m K)", MICRO),
+    "1/s": ("µm/(m h)", MICRO * _PER_HOUR),
+    "m/s": ("µm/h", MICRO * _PER_HOUR),
+    "1/Pa": ("µm/(m hPa)", MICRO * _PER_HECTOPASCAL),
+    "m/Pa": ("µm/hPa", MICRO * _PER_HECTOPASCAL),
+    "s": ("ms", 1e3),
+}
+MEANING = {
+    CONSISTENT: "The model explains this run to within its noise. Below is how large each effect"
+    " would have had to be to show.",
+    NAMED: "The run shows more than the model explains, and the effects named here, and no others"
+    " of the catalogue, close the gap.",
+    AMBIGUOUS: "The run shows more than the model explains. Several effects would close the gap,"
+    " and this run alone does not tell which of them it is.",
+    UNEXPLAINED: "The run shows more than the model explains, and no effect of the catalogue"
+    " closes the gap. Do not correct the machine by this run before the cause is found.",
+    NOT_TESTABLE: "This run has nothing that could contradict the model. That is neither a"
+    " confirmation nor a fault: to be tested, the machine must be measured differently.",
+}
+"""What a verdict means, for somebody who has read nothing else."""
+
+
+def readable(size: Size) -> tuple[str, float]:
+    """Return the unit in which people read a size, and the factor from SI."""
+    unit = size.unit
+    if unit in _READABLE:
+        return _READABLE[unit]
+    if unit == "1":
+        relative = max(abs(size.low), abs(size.high)) <= _SMALL
+        return ("µm/m", MICRO) if relative else ("", 1.0)
+    if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
+        return f"µ{unit}", MICRO
+    return unit, 1.0
+
+
+def size_words(finding: Finding, size: Size) -> str:
+    """Write a size with its 95 % band, for example ``0.800 ± 0.021 µm``."""
+    unit, factor = readable(size)
+    value = finding.sizes[size.name]
+    low, high = finding.band[size.name]
+    half = 0.5 * (high - low) * factor
+    if not math.isfinite(half) or half <= 0.0:
+        return f"{value * factor:.4g} {unit} ± {UNKNOWN}".rstrip()
+    written, uncertainty = with_uncertainty(value * factor, half)
+    return f"{written} ± {uncertainty} {unit}".rstrip()
+
+
+def sizes_words(finding: Finding) -> str:
+    """Write all sizes of a finding in one line."""
+    return ", ".join(size_rows(finding))
+
+
+def size_rows(finding: Finding) -> list[str]:
+    """Write each size of a finding in a line of its own."""
+    sizes = finding.candidate.effect.sizes
+    if len(sizes) == 1:
+        return [size_words(finding, sizes[0])]
+    rows = [f"{size.name.replace('_', ' ')} {size_words(finding, size)}" for size in sizes]
+    over_travel = finding.over_travel
+    if over_travel is not None:
+        value, _, expanded = over_travel
+        unit, factor = readable(sizes[0])
+        written, uncertainty = with_uncertainty(value * factor, expanded * factor)
+        rows.append(f"over the travel {written} ± {uncertainty} {unit}")
+    return rows
+
+
+def chance(probability: float) -> str:
+    """Write a probability: never as 0 or 1, which no evidence gives."""
+    if not math.isfinite(probability):
+        return UNKNOWN
+    if probability < 1e-4:
+        return "< 0.0001"
+    if probability > 0.9999:
+        return "> 0.9999"
+    return f"{probability:.2g}" if probability < 0.01 else f"{probability:.4f}".rstrip("0")
+
+
+def two_digits(value: float) -> str:
+    """Write a positive number to two significant digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):,.10g}" if math.isfinite(value) else UNKNOWN

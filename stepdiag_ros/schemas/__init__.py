@@ -1,0 +1,79 @@
+"""The JSON documents that commands print and write, each with its schema beside this module.
+
+Every document begins with ``schema``, the name and version of its schema, and ``software_version``.
+Numbers are in SI units; what is not known is ``null``, never 0. A schema (JSON Schema 2020-12) has
+an entry, with meaning and unit, for every field that a document may have. A version grows when a
+field changes its meaning or goes; new fields do not change it.
+"""
+
+import json
+from collections.abc import Mapping
+from importlib import resources as package_files
+from typing import Any
+
+from stepdiag_ros import __version__
+
+VERSIONS = {
+    "result": 1,
+    "diagnosis": 1,
+    "budget": 1,
+    "comparison": 1,
+    "iso230": 1,
+    "squareness": 1,
+    "volumetric": 1,
+    "plan": 1,
+    "tracker_plan": 1,
+    "tracker_readings": 1,
+    "tracker_result": 1,
+    "tracker_figures": 1,
+    "info": 1,
+    "recovery": 1,
+    "replay": 1,
+    "import": 1,
+    "export": 1,
+    "selftest": 1,
+}
+"""Name of every document → version of its schema."""
+
+
+def identifier(name: str) -> str:
+    """Return what a document names its schema by, which is the schema's ``$id``."""
+    return f"urn:stepdiag_ros:{name}:{VERSIONS[name]}"
+
+
+def schema_text(name: str) -> str:
+    """Return a schema as JSON text.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if name not in VERSIONS:
+        raise ValueError(f"there is no schema '{name}'; there are {', '.join(VERSIONS)}")
+    return package_files.files(__name__).joinpath(f"{name}.schema.json").read_text("utf-8")
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return a schema.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    loaded: dict[str, Any] = json.loads(schema_text(name))
+    return loaded
+
+
+def document(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document: its content, and before it what it is and which software made it."""
+    return {"schema": identifier(name), "software_version": __version__, **content}
+
+
+def json_text(made: Mapping[str, Any]) -> str:
+    """Return a document as JSON text.
+
+    Args:
+        made: of ``document``.
+
+    Raises:
+        ValueError: a number is NaN or infinite.
+    """
+    return json.dumps(made, indent=2, ensure_ascii=False, allow_nan=False)

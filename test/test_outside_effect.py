@@ -1,0 +1,242 @@
+"""An effect of another package, as ``docs/effects.md`` has it: installed, hidden, named, modelled.
+
+The two files are taken from that page, and installed as a distribution of their own in a folder on
+the path; every command runs in a process of its own, which finds the effect by its entry point.
+"""
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+SETTING = {"axis": "Z", "period_s": 300.0}
+SIZES = {"sine": 0.6e-6, "cosine": 0.3e-6}
+LABEL = "cooler cycle of Z, period 300 s"
+
+SIMULATE = """
+import sys, yaml
+sys.path.insert(0, {tests!r})
+from test_outside_effect import write_run
+write_run({folder!r}, yaml.safe_load(open({cell!r})))
+"""
+
+
+def _block(language):
+    (text,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    return text
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Install what the page shows: a module, and the record of its distribution."""
+    folder = tmp_path_factory.mktemp("site")
+    project = tomllib.loads(_block("toml"))
+    described = project["project"]
+    for module in project["tool"]["setuptools"]["py-modules"]:
+        (folder / f"{module}.py").write_text(_block("python"), encoding="utf-8")
+    name = described["name"].replace("-", "_")
+    record = folder / f"{name}-{described['version']}.dist-info"
+    record.mkdir()
+    (record / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {described['name']}\nVersion: {described['version']}\n"
+    )
+    points = "".join(
+        f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
+        for group, entries in described["entry-points"].items()
+    )
+    (record / "entry_points.txt").write_text(points)
+    return folder
+
+
+def _python(*arguments, site=None):
+    """Run Python in a process of its own, with or without the other package on its path."""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join(str(part) for part in (site, ROOT) if part)
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=120,
+    )
+
+
+def _stepdiag(*arguments, site=None):
+    return _python("-m", "stepdiag_ros.cli", *arguments, site=site)
+
+
+def write_run(folder, cell_file):
+    """Simulate a cell at the stops of a small plan, and write the run table."""
+    from stepdiag_ros.metrology.cell import SimulatedCell
+    from stepdiag_ros.metrology.plan import Plan
+    from stepdiag_ros.metrology.simulation import simulate
+
+    groups = [
+        {"kind": "linear", "names": ["x", "y", "z"]},
+        {"kind": "step_diagonal", "names": ["ppp", "npp", "pnp", "ppn"], "orders": ["XYZ"]},
+    ]
+    plan = Plan.from_mapping(
+        {
+            "step_m": [0.01, 0.01, 0.01],
+            "blocks": 6,
+            "repeats": 2,
+            "directions": ["forward", "backward"],
+            "feed_m_per_s": 0.05,
+            "sampling": {"dwell_s": 4.0},
+            "lines": groups,
+        },
+        "plan",
+    )
+    run = simulate(plan, SimulatedCell.from_mapping(cell_file, "cell"), seed=3)
+    folder = Path(folder)
+    names = (
+        "time_s,kind,line,order,repeat,direction,stop,x_m,y_m,z_m,reading_m,air_temperature_degC,"
+        "air_pressure_Pa,relative_humidity,material_temperature_degC"
+    )
+    with (folder / "run.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(names.split(","))
+        for line in run.lines:
+            of = line.line
+            for stop in range(len(line.time)):
+                table.writerow(
+                    [
+                        line.time[stop],
+                        *(of.kind, of.name, of.order, of.repeat, of.direction, stop),
+                        *line.target[stop],
+                        line.displacement[stop],
+                        *line.environment[stop],
+                    ]
+                )
+    case = {
+        "chain": run.chain,
+        "origin_m": [0.0, 0.0, 0.0],
+        "step_m": [0.01, 0.01, 0.01],
+        "blocks": 6,
+        "reading_noise_m": 1e-7,
+    }
+    (folder / "case.yaml").write_text(yaml.safe_dump(case))
+
+
+@pytest.fixture(scope="module")
+def hidden(installed, tmp_path_factory):
+    """Return a run table of a simulated machine whose cell file names the outside effect."""
+    folder = tmp_path_factory.mktemp("hidden")
+    cell = {
+        "seed": 5,
+        "chain": "YXZ",
+        "reading_noise_m": 1e-7,
+        "misalignment": {"beam_sigma_rad": 1e-4},
+        "errors": {
+            "travel_low_m": [0.0, 0.0, 0.0],
+            "travel_high_m": [0.06, 0.06, 0.06],
+            "positioning_m": 2e-6,
+            "straightness_m": 1e-6,
+        },
+        **yaml.safe_load(_block("yaml")),
+    }
+    (folder / "cell.yaml").write_text(yaml.safe_dump(cell))
+    script = SIMULATE.format(
+        tests=str(ROOT / "test"), folder=str(folder), cell=str(folder / "cell.yaml")
+    )
+    done = _python("-c", script, site=installed)
+    assert done.returncode == 0, done.stderr
+    return folder / "run.csv"
+
+
+@pytest.fixture(scope="module")
+def named(installed, hidden):
+    """Diagnose the run with the package installed; return the document and the folder."""
+    folder = hidden.parent / "out"
+    done = _stepdiag(
+        *("diagnose", hidden, "--json", "--extend", hidden.parent / "mine.yaml"),
+        *("--output", folder),
+        site=installed,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), folder
+
+
+def test_it_is_named_with_its_setting_and_sizes(named):
+    document, _ = named
+    assert document["verdict"] == "NAMED"
+    (finding,) = document["findings"]
+    assert finding["effect"] == "cooler cycle"
+    assert finding["setting"] == SETTING
+    assert finding["label"] == LABEL
+    assert finding["source"].startswith("manual of the cooling unit")
+    for size in finding["sizes"]:
+        low, high = size["band_95"]
+        assert low < SIZES[size["name"]] < high
+        assert 0.0 < high - low < 0.3e-6
+
+
+def test_it_shows_in_the_report_like_any_other(named):
+    _, folder = named
+    for name in ("diagnosis.html", "diagnosis.txt"):
+        text = (folder / name).read_text(encoding="utf-8")
+        assert LABEL in text
+        assert "The column bends to and fro" in " ".join(text.split())
+
+
+def test_a_model_holds_it_and_the_run_agrees_with_the_model(hidden, named):
+    document, _ = named
+    model = yaml.safe_load((hidden.parent / "mine.yaml").read_text())
+    (part,) = model["effects"]
+    assert (part["effect"], part["setting"]) == ("cooler cycle", SETTING)
+    assert [one["verdict"] for one in document["rounds"]] == ["CONSISTENT"]
+    assert document["extended_model"]["effects"][0]["sizes"] == part["sizes"]
+
+
+@pytest.mark.usefixtures("named")
+def test_without_the_package_nothing_is_named_and_its_model_is_refused(hidden):
+    done = _stepdiag(
+        *("diagnose", hidden, "--json", "--pictures", "none", "--output", hidden.parent / "bare")
+    )
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["verdict"] == "UNEXPLAINED"
+    assert document["findings"] == []
+    refused = _stepdiag("diagnose", hidden, "--model", hidden.parent / "mine.yaml")
+    assert refused.returncode == 1
+    assert "cooler cycle" in refused.stderr
+    assert len(refused.stderr.strip().splitlines()) == 1
+
+
+def test_a_package_that_is_broken_is_named_in_one_sentence(installed, hidden, tmp_path):
+    broken = tmp_path / "site"
+    broken.mkdir()
+    for path in installed.rglob("*"):
+        if path.is_file() and path.suffix != ".pyc":
+            copy = broken / path.relative_to(installed)
+            copy.parent.mkdir(exist_ok=True)
+            copy.write_text(path.read_text())
+    (broken / "cooler_cycle.py").write_text("import a_module_that_is_not_there\n")
+    done = _stepdiag("diagnose", hidden, "--output", tmp_path / "none", site=broken)
+    assert done.returncode == 1
+    assert "of the package cooler-cycle" in done.stderr
+    assert "a_module_that_is_not_there" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_example_is_clean(tmp_path):
+    source = tmp_path / "cooler_cycle.py"
+    source.write_text(_block("python"))
+    settings = ROOT / "pyproject.toml"
+    for check in (("ruff", "check"), ("ruff", "format", "--check")):
+        done = _python("-m", *check, "--config", settings, source)
+        assert done.returncode == 0, done.stdout

@@ -1,0 +1,105 @@
+"""The schemas themselves: complete, closed, and the only way in which JSON leaves the package.
+
+That real documents fit is checked wherever a test makes one (``conftest.py``).
+"""
+
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+import stepdiag_ros
+from stepdiag_ros import schemas
+from stepdiag_ros.cli import main
+
+PACKAGE = Path(stepdiag_ros.__file__).parent
+WRITERS_OF_OTHER_JSON = {"schemas/__init__.py", "embedded/typehash.py"}
+"""The second makes what ROS 2 hashes."""
+
+
+def _objects(part, path="$"):
+    """Yield every schema of an object in a schema, with its place."""
+    if isinstance(part, dict):
+        if "properties" in part and part.get("type") == "object":
+            yield path, part
+        for key, value in part.items():
+            yield from _objects(value, f"{path}.{key}")
+    elif isinstance(part, list):
+        for number, value in enumerate(part):
+            yield from _objects(value, f"{path}[{number}]")
+
+
+def test_there_is_one_file_for_every_document_and_no_other():
+    files = {path.name for path in (PACKAGE / "schemas").glob("*.json")}
+    assert files == {f"{name}.schema.json" for name in schemas.VERSIONS}
+    assert not list((PACKAGE / "report").glob("*.json"))
+
+
+@pytest.mark.parametrize("name", schemas.VERSIONS)
+def test_a_schema_is_valid_and_says_which_it_is(name):
+    schema = schemas.schema(name)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert schema["$id"] == schemas.identifier(name)
+    assert schema["properties"]["schema"]["const"] == schema["$id"]
+    assert list(schema["properties"])[:2] == ["schema", "software_version"]
+    assert schema["title"]
+    assert "SI units" in schema["description"] and "null" in schema["description"]
+
+
+@pytest.mark.parametrize("name", schemas.VERSIONS)
+def test_a_schema_has_room_for_nothing_that_it_does_not_explain(name):
+    for place, part in _objects(schemas.schema(name)):
+        assert part.get("additionalProperties") is not None, f"{name} {place} is open"
+        if "methods" not in place and place != "$.properties.methods":
+            known = set(part["properties"])
+            assert set(part.get("required", ())) <= known, f"{name} {place}"
+
+
+@pytest.mark.parametrize("name", schemas.VERSIONS)
+def test_a_document_without_identity_or_with_a_further_field_is_refused(name):
+    validator = jsonschema.Draft202012Validator(schemas.schema(name))
+    assert not validator.is_valid({})
+    errors = list(validator.iter_errors({**schemas.document(name, {}), "extra": 1}))
+    assert any("extra" in error.message for error in errors)
+    other = {**schemas.document(name, {}), "schema": "urn:stepdiag_ros:other:1"}
+    assert any(list(error.path) == ["schema"] for error in validator.iter_errors(other))
+
+
+def test_json_is_written_in_one_place():
+    """So that no command prints a document which the fixture of all tests does not see."""
+    found = {
+        str(path.relative_to(PACKAGE))
+        for path in PACKAGE.rglob("*.py")
+        if re.search(r"\bjson\.dumps?\(", path.read_text())
+    }
+    assert found == WRITERS_OF_OTHER_JSON
+    options = {
+        path.name for path in (PACKAGE / "commands").glob("*.py") if '"--json"' in path.read_text()
+    }
+    assert options, "no command prints JSON any more"
+
+
+def test_what_is_no_number_is_refused_not_written(monkeypatch):
+    monkeypatch.undo()  # the check of all tests, which would refuse it first
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        schemas.json_text(schemas.document("info", {"duration": float("nan")}))
+
+
+def test_the_command_prints_and_lists(capsys):
+    assert main(["schema", "diagnosis"]) == 0
+    assert json.loads(capsys.readouterr().out) == schemas.schema("diagnosis")
+    assert main(["schema"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(schemas.VERSIONS)
+    assert main(["schema", "nonsense"]) == 1
+    error = capsys.readouterr().err
+    assert "there is no schema 'nonsense'; there are result, diagnosis" in error
+
+
+def test_the_readme_names_the_command():
+    readme = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
+    assert "stepdiag schema" in readme
+    assert "result.schema.json" not in readme
