@@ -13,6 +13,7 @@ ARGUMENTS = {
     "plan": ("demo", "test plan: YAML file, or a name in config/plans"),
     "machine": ("demo", "machine: YAML file, or a name in config/machines"),
     "cell": ("demo", "simulated cell: YAML file, or a name in config/cells"),
+    "model": ("free", "model that the run is compared with: YAML file, or a name in config/models"),
     "folder": (".", "where the bag is written"),
     "factor": ("1.0", "simulated seconds in a real second"),
 }
@@ -46,6 +47,7 @@ def generate_launch_description() -> LaunchDescription:
             node("assembler"),
             node("solver"),
             node("evaluator"),
+            node("diagnosis", model=text("model")),
             node("weather", **weather),
             node("bridge", device="simulated", machine=text("machine"), cell=text("cell")),
             node("interferometer", **weather),

@@ -40,6 +40,8 @@ class Topic:
         recorded: the recorder keeps it.
         derived: follows from the other topics; a replay publishes it only where the bag lacks the
             readings that it is derived from.
+        conclusive: field of the message that is true in what follows from the recording alone; how
+            many others come before it depends on the speed of the computer. Empty: all messages do.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Topic:
     qos: Qos
     recorded: bool = True
     derived: bool = False
+    conclusive: str = ""
 
 
 RUN_DESCRIPTION = Topic("run/description", "stepdiag_ros/msg/RunDescription", Qos.LATCHED)
@@ -73,6 +76,13 @@ VOLUMETRIC_ERRORS = Topic(
 POSITIONING_TEST = Topic(
     "result/positioning_test", "stepdiag_ros/msg/PositioningTest", Qos.HISTORY, derived=True
 )
+DIAGNOSIS = Topic(
+    "result/diagnosis",
+    "stepdiag_ros/msg/Diagnosis",
+    Qos.LATCHED,
+    derived=True,
+    conclusive="run_over",
+)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Qos.COMMAND)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", Qos.STREAM, recorded=False)
 
@@ -93,6 +103,7 @@ TOPICS = (
     LINE,
     VOLUMETRIC_ERRORS,
     POSITIONING_TEST,
+    DIAGNOSIS,
     DIAGNOSTICS,
     CLOCK,
 )

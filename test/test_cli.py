@@ -28,7 +28,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import moved_axes
-from stepdiag_ros.report.documents import schema
+from stepdiag_ros.schemas import schema
 from stepdiag_ros.solving import solve_reproducibly
 
 START = 1_000_000_000
@@ -175,7 +175,7 @@ def test_solve_prints_json_and_nothing_else(bag, capsys, tmp_path):
     )
     assert code == 0
     document = json.loads(out)
-    jsonschema.validate(document, schema())
+    jsonschema.validate(document, schema("result"))
     assert document == json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert document["run"]["run_id"] == RUN_ID
     assert document["run"]["chain"] == "YXZ"
@@ -318,7 +318,7 @@ def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
     assert document["messages"] > 1000
     code, out, _ = stepdiag(capsys, "solve", document["target"], "--json", "--pictures", "none")
     assert code == 0
-    jsonschema.validate(json.loads(out), schema())
+    jsonschema.validate(json.loads(out), schema("result"))
     assert "exists already" in refused(capsys, "recover", cut)
 
 

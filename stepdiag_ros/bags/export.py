@@ -4,7 +4,7 @@ import csv
 import importlib.util
 import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import isnan
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +16,7 @@ from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table import case_of_run
 from stepdiag_ros.bags.table_rows import COLUMNS, ENVIRONMENT_COLUMNS
+from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, latest_attempts
 from stepdiag_ros.metrology.plan import Line
@@ -25,6 +26,7 @@ Row = Sequence[Any]
 
 LINE_COLUMNS = ("line_index", "attempt", "kind", "line", "order", "repeat", "direction")
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+_GAP_COLUMNS = ("chi_squared", "degrees_of_freedom", "p_value", "rms_m", "largest_m")
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,9 @@ def export_bag(
 
     ``run`` is a run table again (with ``case.yaml`` beside it) of all complete lines, each with its
     last attempt; ``lines``, ``stops``, ``blocks`` hold every attempt; ``results`` the error curves
-    with standard uncertainties and ``figures`` the single figures, each solver's last. Unknown
-    numbers are empty cells.
+    with standard uncertainties and ``figures`` the single figures, each solver's last;
+    ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the effects that the last
+    one found. Unknown numbers are empty cells.
 
     Args:
         bag: the bag.
@@ -135,6 +138,9 @@ def _tables(
                 for figure in result.figures
             ],
         )
+    if run.diagnoses:
+        yield _diagnoses_table(run.diagnoses)
+        yield _findings_table(run.diagnoses[-1])
     if readings:
         yield _readings_table(run)
 
@@ -292,6 +298,77 @@ def _results_table(latest: dict[str, Any]) -> Table:
             for method, result in latest.items()
             for name in result.curves
             for node, position in enumerate(result.nodes[moving_axis(name)])
+        ],
+    )
+
+
+def _diagnoses_table(diagnoses: Sequence[DiagnosisSummary]) -> Table:
+    return Table(
+        "diagnoses",
+        (
+            "time_ns",
+            "lines",
+            "run_over",
+            "verdict",
+            "sentence",
+            "noise_m",
+            *(f"{name}_{when}" for when in ("before", "after") for name in _GAP_COLUMNS),
+            "model",
+            "model_sha256",
+        ),
+        [
+            (
+                one.time,
+                one.lines,
+                one.run_over,
+                one.verdict,
+                one.sentence,
+                one.noise,
+                *(value for gap in (one.before, one.after) for value in astuple(gap)),
+                one.model.name,
+                one.model.sha256,
+            )
+            for one in diagnoses
+        ],
+    )
+
+
+def _findings_table(diagnosis: DiagnosisSummary) -> Table:
+    return Table(
+        "findings",
+        (
+            "label",
+            "effect",
+            "closes",
+            "size",
+            "value",
+            "standard_uncertainty",
+            "band_95_low",
+            "band_95_high",
+            "unit",
+            "gain",
+            "p_value",
+            "probability",
+            "ambiguous_with",
+        ),
+        [
+            (
+                found.label,
+                found.effect,
+                closes,
+                size.name,
+                size.value,
+                size.standard_uncertainty,
+                *size.band,
+                size.unit,
+                found.gain,
+                found.p_value,
+                found.probability,
+                "; ".join(found.ambiguous_with),
+            )
+            for closes, effects in (("all", diagnosis.findings), ("a part", diagnosis.partial))
+            for found in effects
+            for size in found.sizes
         ],
     )
 

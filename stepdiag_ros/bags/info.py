@@ -8,6 +8,7 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.diagnosis_conversion import to_diagnosis
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class BagInfo:
         end_time: last log time, ns.
         topics: full name → type and number of messages.
         lines: finished lines, in words, in the order of measurement.
+        diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
         gaps: in the sequence of the readings.
         chunks: number of chunks.
         data_checksum: a checksum covers the whole file, not only each chunk.
@@ -54,6 +56,7 @@ class BagInfo:
     end_time: int = 0
     topics: dict[str, tuple[str, int]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    diagnosis: str = ""
     gaps: list[SequenceGap] = field(default_factory=list)
     chunks: int = 0
     data_checksum: bool = False
@@ -90,6 +93,7 @@ class BagInfo:
                 for name, (type_name, count) in self.topics.items()
             ],
             "lines": list(self.lines),
+            "diagnosis": self.diagnosis or None,
             "gaps": [
                 {"after": gap.after, "before": gap.before, "time": gap.time} for gap in self.gaps
             ],
@@ -139,6 +143,8 @@ def _summarise(bag: BagReader, info: BagInfo) -> None:
             _follow(bag.decode(record), record.topic, sequences, info)
         elif known[0] is topics.LINE:
             info.lines.append(str(conversion.to_measured_line(bag.decode(record)).line))
+        elif known[0] is topics.DIAGNOSIS:
+            info.diagnosis = to_diagnosis(bag.decode(record)).words
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
 
 

@@ -11,6 +11,8 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_text
+from stepdiag_ros.diagnosis_conversion import to_diagnosis
+from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -81,6 +83,8 @@ class RecordedRun:
         lines: as recorded, every attempt.
         results: of all solvers, as recorded.
         tests: of positioning, by ISO 230-2 and ISO 230-6, as recorded.
+        diagnoses: of the lines as they came, as recorded; the last is that of the whole run, if its
+            ``run_over`` says so.
         states: changes of the run's state.
         diagnostics: changes of what the parts say of themselves.
     """
@@ -102,6 +106,7 @@ class RecordedRun:
     lines: tuple[MeasuredLine, ...]
     results: tuple[VolumetricErrors, ...]
     tests: tuple[PositioningTest, ...]
+    diagnoses: tuple[DiagnosisSummary, ...]
     states: tuple[StateChange, ...]
     diagnostics: tuple[Diagnostic, ...]
 
@@ -247,6 +252,7 @@ def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, 
         topics.LINE: ("lines", conversion.to_measured_line),
         topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
         topics.POSITIONING_TEST: ("tests", to_positioning_test),
+        topics.DIAGNOSIS: ("diagnoses", to_diagnosis),
         topics.RUN_STATE: ("states", _state_change),
     }
     by_name = {topics.absolute(topic, namespace): entry for topic, entry in converters.items()}

@@ -1,9 +1,9 @@
 """``stepdiag export``: tables from a bag."""
 
-import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
 
 
@@ -14,7 +14,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="write the tables of a bag (CSV or Parquet)",
         description="Write what a bag holds as tables for other programs, in SI units with all"
         " digits: the run table, which 'stepdiag import' reads again, the stops, blocks and lines"
-        " with their uncertainties, and the recorded results. Unknown numbers are empty cells.",
+        " with their uncertainties, the recorded results, and the diagnoses beside the run. Unknown"
+        " numbers are empty cells.",
         epilog="examples:\n"
         "  stepdiag export run.mcap             writes into run_tables/\n"
         "  stepdiag export run.mcap --readings  every reading of the interferometer, too",
@@ -56,7 +57,7 @@ def run(arguments: Namespace) -> int:
             "files": [str(path) for path in report.files],
             "remarks": list(report.remarks),
         }
-        print(json.dumps(document, indent=2, ensure_ascii=False))
+        print(schemas.json_text(schemas.document("export", document)))
     else:
         for path in report.files:
             print(path)

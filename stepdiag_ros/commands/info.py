@@ -1,11 +1,11 @@
 """``stepdiag info``: what is in a bag, and whether it is whole."""
 
-import json
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, progress_bar
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> int:
     with progress_bar(f"checking {arguments.bag.name}"):
         info = bag_info(arguments.bag)
     if arguments.json:
-        print(json.dumps(info.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
+        print(schemas.json_text(schemas.document("info", info.as_dict())))
     else:
         _print(info)
     if info.problem:
@@ -67,8 +67,10 @@ def _print(info: "BagInfo") -> None:
             ("Lines", str(len(info.lines))),
             ("Readings", _gaps(info)),
         ]
+        if info.diagnosis:
+            rows.append(("Diagnosis", info.diagnosis))
     for name, text in rows:
-        console.print(f"{name + ':':<10}{text}", soft_wrap=True)
+        console.print(f"{name + ':':<11}{text}", soft_wrap=True)
     if info.topics:
         console.print()
         console.print(_topics(info))

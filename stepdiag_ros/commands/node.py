@@ -8,6 +8,7 @@ NODES = (
     "assembler",
     "bridge",
     "clock",
+    "diagnosis",
     "evaluator",
     "interferometer",
     "recorder",

@@ -1,11 +1,11 @@
 """``stepdiag replay``: publish a recorded run into a live graph."""
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import number, progress_bar, say
 
 if TYPE_CHECKING:
@@ -19,8 +19,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="publish a recorded run to live nodes, with its clock",
         description="Publish what the devices and the sequencer said in a recorded run, with "
         "/clock, so that assembler, solver and monitors that run now see it as if it "
-        "happened again. With --check an assembler and a solver are started for it, and "
-        "their words are compared with the recorded ones to the last bit.",
+        "happened again. With --check the nodes that evaluate are started for it, and "
+        "their words are compared with the recorded ones to the last bit; of the diagnoses, the "
+        "one that was made when the run was over.",
         epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
     )
     parser.add_argument("bag", type=Path, help="the recorded run (.mcap)")
@@ -49,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     with BagReader(arguments.bag) as bag, progress_bar("replaying") as progress:
         played = replay(bag, arguments.rate, arguments.check, progress)
     if arguments.json:
-        print(json.dumps(_document(arguments.bag, played), indent=2))
+        print(schemas.json_text(schemas.document("replay", _document(arguments.bag, played))))
     else:
         say(
             f"replayed {played.messages} messages, {played.recorded_seconds:.1f} s of recording in "

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.output import (
+    HelpFormatter,
     add_result_options,
     number,
     progress_bar,
@@ -25,10 +26,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="measure: start all nodes, execute a test plan, solve and show the result",
         description="Execute a test plan in the simulated cell: starts every node as a process of "
         "its own, runs the plan, records it into a bag, solves the bag and shows the "
-        "result. A pause for a setup is passed at once, because the simulated cell is "
-        "aligned already. Ctrl-C stops the machine and ends the run; what was measured "
-        "stays in the bag.",
-        epilog="example: stepdiag run --plan ibaraki_hata_2010 --factor 20",
+        "result, with what the diagnosis beside the run has found. A pause for a setup is "
+        "passed at once, because the simulated cell is aligned already. Ctrl-C stops the "
+        "machine and ends the run; what was measured stays in the bag.",
+        epilog="examples:\n"
+        "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
+        "  stepdiag run --cell hidden_backlash --factor 20   an effect is hidden: see it named",
+        formatter_class=HelpFormatter,
     )
     add_run_options(parser, plan="demo", factor=1.0)
     parser.set_defaults(run=run)
@@ -40,6 +44,12 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
     parser.add_argument("--machine", default="demo", help="YAML file, or a name (default: demo)")
     parser.add_argument(
         "--cell", default="demo", help="simulated cell: YAML file, or a name (default: demo)"
+    )
+    parser.add_argument(
+        "--model",
+        default="free",
+        help="model of the machine that the run is compared with while it goes on: YAML file, or a"
+        " name (default: free, all error curves free and no further effects)",
     )
     parser.add_argument(
         "--factor",
@@ -75,6 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, solve, show."""
     from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
+    from stepdiag_ros.metrology.live_effects import LiveEffects
     from stepdiag_ros.report.publish import make_folder
     from stepdiag_ros.run.sequence import beyond_machine
     from stepdiag_ros.session.cell import simulated_cell
@@ -84,14 +95,18 @@ def run(arguments: argparse.Namespace) -> int:
     plan = str(configuration.find(arguments.plan, "plans"))
     machine = str(configuration.find(arguments.machine, "machines"))
     cell = str(configuration.find(arguments.cell, "cells"))
-    configuration.load_cell(cell)
+    compared = str(configuration.find(arguments.model, "models"))
+    configuration.load_model(compared)
+    test_plan, _ = configuration.load_plan(plan)
+    truth, _ = configuration.load_cell(cell)
     model, _ = configuration.load_machine(machine)
-    beyond = beyond_machine(configuration.load_plan(plan)[0], model)
+    beyond = beyond_machine(test_plan, model)
     if beyond:
         raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
+    LiveEffects(test_plan, truth)
     folder = make_folder((arguments.output or DEFAULT_FOLDER).resolve())
     nodes = simulated_cell(
-        plan, machine, cell, folder, arguments.factor, arguments.rate, arguments.seed
+        plan, machine, cell, folder, arguments.factor, arguments.rate, arguments.seed, compared
     )
     with progress_bar("measuring") as progress:
 

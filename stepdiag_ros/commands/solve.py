@@ -118,8 +118,17 @@ def report_of(
         bag=bag,
         with_visibility=with_visibility,
         recorded=() if corrections else recorded.results,
-        remarks=(remark, *corrections),
+        remarks=(remark, *corrections, *_diagnosed(recorded)),
     )
+
+
+def _diagnosed(recorded: "RecordedRun") -> tuple[str, ...]:
+    """Say what the diagnosis beside the run came to, if there was one."""
+    if not recorded.diagnoses:
+        return ()
+    last = recorded.diagnoses[-1]
+    cut = "" if last.run_over else "the last before the recording ends, "
+    return (f"diagnosis beside the run, {cut}{last.words} More: stepdiag diagnose BAG",)
 
 
 def _truth(

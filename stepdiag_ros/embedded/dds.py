@@ -356,8 +356,10 @@ def self_test(participant: Participant) -> None:
     sent = b"\0\1\0\0" + bytes(range(1, 12)) + b"\0"
     qos = Qos(depth=1)
     name = f"stepdiag_self_test_{os.getpid()}"
-    reader = participant.create_reader(name, "stepdiag_self_test", qos)
-    writer = participant.create_writer(name, "stepdiag_self_test", qos)
+    # Real ROS 2 nodes warn of topics that tell no type hash.
+    user_data = f"typehash=RIHS01_{'0' * 64};"
+    reader = participant.create_reader(name, "stepdiag_self_test", qos, user_data)
+    writer = participant.create_writer(name, "stepdiag_self_test", qos, user_data)
     try:
         writer.write(sent)
         received = [sample.data for sample in reader.take()]

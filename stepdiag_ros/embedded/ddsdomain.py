@@ -10,6 +10,8 @@ from .ddslib import DdsError, library
 
 #: Participants of one machine that find each other; each start sends as many small packets.
 MAX_PARTICIPANTS = 100
+#: Nodes of real ROS 2 announce themselves to 127.0.0.1; Cyclone heeds only interfaces it was given.
+_LOOPBACK = '<NetworkInterface address="127.0.0.1" multicast="false"/>'
 
 
 def discovery_config() -> str:
@@ -22,7 +24,12 @@ def discovery_config() -> str:
     peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
     parts: list[str] = []
     if wanted in ("LOCALHOST", "OFF"):
-        parts.append("<General><AllowMulticast>false</AllowMulticast></General>")
+        general = "<AllowMulticast>false</AllowMulticast>"
+        # Who configures Cyclone chooses its interfaces, too; an interface must not be given twice.
+        if wanted == "LOCALHOST" and not os.environ.get("CYCLONEDDS_URI"):
+            outward = '<NetworkInterface autodetermine="true" multicast="false"/>' if peers else ""
+            general += f"<Interfaces>{outward}{_LOOPBACK}</Interfaces>"
+        parts.append(f"<General>{general}</General>")
     discovery = ""
     if wanted == "OFF":
         # A tag that no other process has keeps everybody out.

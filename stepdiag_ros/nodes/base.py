@@ -338,6 +338,10 @@ def spin(node_class: Callable[[], StepdiagNode]) -> int:
         pass
     except CannotStart as error:
         return _refuse(error)
+    except RuntimeError:
+        # A callback that was at work when the process was told to end can publish no more.
+        if rclpy.ok():
+            raise
     finally:
         node.close()
         node.destroy_node()

@@ -72,7 +72,7 @@ class PlayerNode(StepdiagNode):
             found = topics.topic_of(name)
             if found is None or found[0] in NEVER_REPLAYED:
                 continue
-            topic = Topic(name, type_name, found[0].qos)
+            topic = replace(found[0], name=name, type_name=type_name)
             if found[0].derived and not (derived and found[0] is topics.LINE):
                 self._derived[name] = topic
                 continue
@@ -161,15 +161,25 @@ class PlayerNode(StepdiagNode):
         recorded: dict[str, list[bytes]] = {name: [] for name in self._heard}
         for record in self._bag.records(topics=self._heard.keys()):
             recorded[record.topic].append(record.data)
+        heard = {name: self._conclusive(name, found) for name, found in self._heard.items()}
+        recorded = {name: self._conclusive(name, found) for name, found in recorded.items()}
         return replace(
             played,
-            same={name: recorded[name] == self._heard[name] for name in recorded},
+            same={name: recorded[name] == heard[name] for name in recorded},
             differences={
-                name: difference(recorded[name], self._heard[name])
+                name: difference(recorded[name], heard[name])
                 for name in recorded
-                if recorded[name] != self._heard[name]
+                if recorded[name] != heard[name]
             },
         )
+
+    def _conclusive(self, name: str, messages: list[bytes]) -> list[bytes]:
+        """Return the messages that must be the same however fast the computer is."""
+        topic = self._derived[name]
+        if not topic.conclusive:
+            return messages
+        decoded = ((data, self._bag.types.decode(topic.type_name, data)) for data in messages)
+        return [data for data, message in decoded if getattr(message, topic.conclusive)][-1:]
 
     def _wait_until(self, real: float) -> None:
         while (left := real - self.real_time()) > 0.0:

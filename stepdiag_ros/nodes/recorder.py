@@ -91,8 +91,7 @@ class RecorderNode(StepdiagNode):
         except BagError as error:
             self._writer, self._failure = None, str(error)
             self.unwell(self._failure)
-        late = (topics.LINE, topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST)
-        if self._close_at is not None and topic in late:
+        if self._close_at is not None and topic.derived:
             self._close_at = self.real_time() + LINGER
 
     def _close_when_over(self) -> None:

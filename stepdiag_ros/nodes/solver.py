@@ -8,11 +8,12 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
-from stepdiag_ros.conversion import from_volumetric_errors, to_measured_line
+from stepdiag_ros.conversion import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.base import spin
+from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.solving import solve_reproducibly
 
@@ -22,7 +23,7 @@ PUBLISH_PERIOD = 0.01
 Solved = tuple[dict[str, VolumetricErrors], dict[str, str]]
 
 
-class SolverNode(StepdiagNode):
+class SolverNode(LineNode):
     """Publishes what each method makes of the lines so far, with its uncertainty.
 
     A large volume takes seconds to solve. That is done in a thread of its own, line after line, so
@@ -33,36 +34,25 @@ class SolverNode(StepdiagNode):
 
     def __init__(self) -> None:
         super().__init__("solver")
-        self._volume: Volume | None = None
+        self._volume: Volume
         self._chain = ""
-        self._lines: list[MeasuredLine] = []
-        self._early: deque[Any] = deque(maxlen=topics.LINE.qos.depth)
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
         self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
         self.facts[WORK_LEFT] = "0"
-        self.follow_run()
-        self.listen(topics.LINE, self._on_line)
+        self.follow_lines()
         self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
-    def on_run(self, description: Any) -> None:
-        """Begin anew; lines that came before the description are taken up now."""
+    def take_up(self, description: Any) -> None:
+        """Begin anew with the box and the chain of the run."""
         self._volume = plan_from_text(description.plan, "plan of the run").volume
         self._chain = chain_from_text(description.machine, "machine of the run")
-        self._lines = []
-        self.run_id = description.run_id
-        for _ in range(len(self._early)):
-            self._on_line(self._early.popleft())
 
-    def _on_line(self, message: Any) -> None:
-        if self._volume is None or message.run_id != self.run_id:
-            self._early.append(message)
-            return
-        line = to_measured_line(message)
-        self._lines.append(line)
-        measurement = Measurement(self._volume, latest_attempts(tuple(self._lines)), self._chain)
+    def on_line(self, line: MeasuredLine) -> None:
+        """Solve all lines so far."""
+        measurement = Measurement(self._volume, latest_attempts(tuple(self.lines)), self._chain)
         solved = self._worker.submit(solve_reproducibly, measurement)
-        self._solving.append((self.run_id, len(self._lines), line, solved))
+        self._solving.append((self.run_id, len(self.lines), line, solved))
         self._say_work_left()
 
     def _publish_solved(self) -> None:

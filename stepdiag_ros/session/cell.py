@@ -7,7 +7,14 @@ from stepdiag_ros.session.processes import NodeProcess
 
 
 def simulated_cell(
-    plan: str, machine: str, cell: str, folder: Path, factor: float, rate: float, seed: int
+    plan: str,
+    machine: str,
+    cell: str,
+    folder: Path,
+    factor: float,
+    rate: float,
+    seed: int,
+    model: str = "free",
 ) -> list[NodeProcess]:
     """Return the nodes of a measurement in the simulated cell.
 
@@ -19,6 +26,7 @@ def simulated_cell(
         factor: simulated seconds in a real second.
         rate: readings of the interferometer in a simulated second; 0 for the cell's own.
         seed: of the noise of the readings.
+        model: YAML file or name of the model that the run is compared with.
     """
     simulated: dict[str, object] = {"use_sim_time": True}
     # The air that the beam feels and the air that the sensors feel are the same.
@@ -29,6 +37,7 @@ def simulated_cell(
         NodeProcess("assembler", simulated),
         NodeProcess("solver", simulated),
         NodeProcess("evaluator", simulated),
+        NodeProcess("diagnosis", {**simulated, "model": model}),
         NodeProcess("weather", weather),
         NodeProcess(
             "bridge", {**simulated, "device": "simulated", "machine": machine, "cell": cell}

@@ -22,7 +22,7 @@ SETTLE_LIMIT = 3.0
 RESUME_LIMIT = 5.0
 """Real seconds in which the run must go on after it was resumed."""
 CLOSE_LIMIT = 15.0
-"""Real seconds that the recorder has to close the bag after the run."""
+"""Real seconds that the recorder has to close the bag after the run and the last result."""
 
 
 class RunFailed(ValueError):
@@ -114,7 +114,7 @@ class Session:
             self._abort(operator)
             raise
         finally:
-            closed = operator.spin_until(lambda: _bag_is_closed(operator), CLOSE_LIMIT)
+            closed = self._wait_for_bag(operator)
         if not closed:
             raise RunFailed("the recorder has not closed the bag in time")
         return self.bag
@@ -156,6 +156,17 @@ class Session:
             ),
             RESUME_LIMIT,
         )
+
+    def _wait_for_bag(self, operator: "OperatorNode") -> bool:
+        """Wait for the results that nodes still owe, and for the bag; say whether it is closed."""
+        while True:
+            closed = operator.spin_until(
+                lambda: _bag_is_closed(operator) or operator.watch.working(), CLOSE_LIMIT
+            )
+            if _bag_is_closed(operator) or not closed:
+                return closed
+            self._tell(Told("waiting for the last results"))
+            operator.spin_until(lambda: not operator.watch.working(), CLOSE_LIMIT)
 
     def _check(self, processes: Processes) -> None:
         ended = processes.ended()

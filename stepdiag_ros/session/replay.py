@@ -19,7 +19,7 @@ START_LIMIT = 20.0
 QUIET = 2.0
 """Real seconds without a new message after which the nodes that evaluate are taken to be done."""
 
-_FROM_LINES = (topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST)
+_FROM_LINES = (topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST, topics.DIAGNOSIS)
 _FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, *_FROM_LINES)
 
 
@@ -31,8 +31,8 @@ def replay(
     Args:
         bag: the recorded run.
         rate: recorded seconds in a real second; 0 for as fast as possible.
-        check: start an assembler, a solver and an evaluator, and compare their messages with the
-            recorded ones.
+        check: start an assembler, a solver, an evaluator and (where the bag holds a diagnosis) a
+            diagnosis, and compare their messages with the recorded ones.
         progress: is told the part that has been published, 0..1.
 
     Raises:
@@ -54,16 +54,43 @@ def replay(
             f"{bag.path} holds no stops, lines or results that follow from what it can replay;"
             " there is nothing to compare: replay it without --check"
         )
-    roles = [*(["assembler"] if assembled else []), "solver", "evaluator"]
+    parameters: dict[str, dict[str, object]] = {
+        role: {"use_sim_time": True}
+        for role in (*(["assembler"] if assembled else []), "solver", "evaluator")
+    }
     with ExitStack() as stack:
         stack.enter_context(in_graph())
         player = PlayerNode(bag, derived=not assembled)
         if check:
-            player.refuse_company(roles)
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            nodes = [NodeProcess(role, {"use_sim_time": True}) for role in roles]
+            if topics.DIAGNOSIS in present:
+                parameters["diagnosis"] = {"use_sim_time": True, **_compared_as(bag, logs)}
+            roles = list(parameters)
+            player.refuse_company(roles)
+            nodes = [NodeProcess(role, given) for role, given in parameters.items()]
             processes = stack.enter_context(Processes(nodes, logs))
             player.wait_for(roles, START_LIMIT, processes.ended)
             player.listen_to_derived(compared)
         played = player.play(rate, progress)
         return player.compare(played, QUIET) if check else played
+
+
+def _compared_as(bag: "BagReader", folder: Path) -> dict[str, object]:
+    """Return the parameters with which the diagnosis of a recorded run was made.
+
+    The model of the machine is written into the folder: what is recorded is the text of it.
+    """
+    names = [name for name in bag.topics if _is_diagnosis(name)]
+    last = None
+    for _, message in bag.messages(topics=names):
+        last = message
+    if last is None:
+        return {}
+    model = folder / "model.yaml"
+    model.write_text(last.model, encoding="utf-8")
+    return {"model": model, "seed": int(last.seed)}
+
+
+def _is_diagnosis(name: str) -> bool:
+    found = topics.topic_of(name)
+    return found is not None and found[0] is topics.DIAGNOSIS

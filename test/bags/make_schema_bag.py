@@ -9,6 +9,16 @@ from bags_for_tests import RUN_ID, START, description, header, put
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.diagnosis_conversion import from_diagnosis
+from stepdiag_ros.diagnosis_summary import (
+    DiagnosisSummary,
+    FoundEffect,
+    FoundSize,
+    GapFigures,
+    Limit,
+    ModelSource,
+)
+from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
 from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -28,6 +38,53 @@ AIR = Environment(20.0, 101325.0, 0.5, 20.5)
 X = Line("linear", "x", "", 0, "forward", (0.0, 0.02, 0.0))
 TARGET, ACTUAL = (0.01, 0.0, 0.0), (0.0100001, 0.0, 0.0)
 COMMAND = StopCommand(1, 0, 1, X.setup, 1, "X", TARGET, START)
+
+
+def diagnosis():
+    """Make a diagnosis that has something in every field."""
+    found = FoundEffect(
+        label="backlash of X",
+        effect="backlash",
+        setting={"axis": "X"},
+        sentence="lost motion at reversal",
+        source="ISO 230-2",
+        sizes=(FoundSize("lost_motion", "m", "width", 8e-7, 1e-8, (7.8e-7, 8.2e-7)),),
+        gain=52.25,
+        p_value=0.0005,
+        probability=0.98,
+        ambiguous_with=("backlash of Y",),
+        runners_up=(
+            RunnerUp("backlash of Y", 50.5, 0.01, "closes less", ambiguous=True),
+            RunnerUp("drift", 5.5, 0.001, "closes less"),
+        ),
+    )
+    return DiagnosisSummary(
+        time=START,
+        run_over=True,
+        lines=1,
+        lines_planned=3,
+        verdict="AMBIGUOUS",
+        sentence="by hand",
+        findings=(found,),
+        partial=(),
+        covariance=(1e-16,),
+        noise=1e-7,
+        noise_degrees_of_freedom=120.0,
+        noise_correlation=0.25,
+        noise_source="differences of repeats",
+        before=GapFigures(150.5, 100, 0.001, 2e-7, 5e-7),
+        after=GapFigures(98.5, 99, np.nan, 1e-7, 3e-7),
+        where=("on x",),
+        where_after=(),
+        map=(Share("line", "x", 1e-8, 2e-7, 26, 0.5),),
+        detection_limits=(Limit("backlash", "backlash of Y", 1, "lost_motion", "m", 6e-8, 6e-8),),
+        not_testable=("drift: the run is too short.",),
+        tested=12,
+        model=ModelSource("by hand", "name: by hand\n", "0" * 64),
+        seed=7,
+        software_version="0.1.0",
+        remarks=("2 of the plan's 3 lines are not among them: y, z.",),
+    )
 
 
 def messages():
@@ -108,6 +165,7 @@ def messages():
         remarks=("by hand",),
     )
     made[topics.POSITIONING_TEST] = from_positioning_test(test, RUN_ID, START, NEW)
+    made[topics.DIAGNOSIS] = from_diagnosis(diagnosis(), RUN_ID, NEW)
     status = NEW("diagnostic_msgs/msg/DiagnosticStatus")
     status.name, status.message = "assembler", "ok"
     made[topics.DIAGNOSTICS].status = [status]

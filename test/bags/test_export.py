@@ -2,10 +2,12 @@
 
 import csv
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bags_for_tests import RUN_ID, START, put
+from make_schema_bag import diagnosis
 from test_run import description, header, line, write_run
 
 from stepdiag_ros import conversion, topics
@@ -13,6 +15,7 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.diagnosis_conversion import from_diagnosis
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
@@ -56,6 +59,28 @@ def bag(tmp_path):
             message = conversion.from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
             put(writer, topics.VOLUMETRIC_ERRORS, message, START)
     return path
+
+
+def test_diagnoses_are_all_there_and_the_findings_of_the_last(bag, tmp_path):
+    nothing = replace(diagnosis(), verdict="CONSISTENT", findings=(), run_over=False)
+    with BagWriter(tmp_path / "b.mcap", header()) as writer:
+        put(writer, topics.RUN_DESCRIPTION, description(), START)
+        for one in (nothing, diagnosis()):
+            put(writer, topics.DIAGNOSIS, from_diagnosis(one, RUN_ID, NEW), START)
+    export_bag(tmp_path / "b.mcap", tmp_path / "out")
+    rows = table(tmp_path / "out" / "diagnoses.csv")
+    assert [row["verdict"] for row in rows] == ["CONSISTENT", "AMBIGUOUS"]
+    assert [row["run_over"] for row in rows] == ["false", "true"]
+    assert float(rows[1]["chi_squared_before"]) == diagnosis().before.chi_squared
+    assert float(rows[1]["rms_m_after"]) == diagnosis().after.rms
+    assert rows[1]["p_value_after"] == ""
+    (found,) = table(tmp_path / "out" / "findings.csv")
+    assert (found["label"], found["closes"]) == ("backlash of X", "all")
+    assert float(found["value"]) == 8e-7
+    assert (float(found["band_95_low"]), float(found["band_95_high"])) == (7.8e-7, 8.2e-7)
+    assert found["ambiguous_with"] == "backlash of Y"
+    export_bag(bag, tmp_path / "without")
+    assert not (tmp_path / "without" / "diagnoses.csv").exists()
 
 
 def test_the_last_attempt_of_complete_lines_makes_the_run_table(bag, tmp_path):

@@ -52,5 +52,17 @@ def test_version_1_says_what_it_said():
     assert test.mean_backward.tolist() == [0.5e-6, 1.0e-6, 3.5e-6]
     assert test.parameters["E"] == 3.5e-6
     assert np.isnan(test.parameters["R"])
+    (diagnosis,) = run.diagnoses
+    assert (diagnosis.verdict, diagnosis.run_over, diagnosis.seed) == ("AMBIGUOUS", True, 7)
+    (found,) = diagnosis.findings
+    assert (found.label, found.setting) == ("backlash of X", {"axis": "X"})
+    assert (found.sizes[0].value, found.sizes[0].band) == (8e-7, (7.8e-7, 8.2e-7))
+    assert diagnosis.covariance == (1e-16,)
+    assert [other.ambiguous for other in found.runners_up] == [True, False]
+    assert diagnosis.map[0].rms == 2e-7
+    assert diagnosis.detection_limits[0].smallest == 6e-8
+    assert (diagnosis.before.chi_squared, diagnosis.before.degrees_of_freedom) == (150.5, 100)
+    assert np.isnan(diagnosis.after.p_value)
+    assert diagnosis.model.text == "name: by hand\n"
     assert [state.text for state in run.states] == ["finished"]
     assert [diagnostic.message for diagnostic in run.diagnostics] == ["ok"]

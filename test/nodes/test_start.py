@@ -35,6 +35,8 @@ def start(name, *arguments):
         ),
         ("interferometer", ("-p", "rate:=0.001"), "'rate_hz' is 0.001; expected"),
         ("bridge", ("-p", "device:=nonsense"), "there is no cnc driver 'nonsense'"),
+        ("diagnosis", ("-p", "model:=nonsense"), "there is no model 'nonsense'"),
+        ("diagnosis", ("-p", "pause_s:=-1.0"), "'pause_s' of node diagnosis is -1.0; expected"),
         ("recorder", ("-p", "folder:=/dev/null/bags"), "/dev/null/bags: not a directory"),
     ],
 )

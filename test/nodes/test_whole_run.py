@@ -67,7 +67,8 @@ def test_a_replay_gives_the_same_bytes_as_the_live_run(finished):
     done = stepdiag("replay", bag, "--rate", "100", "--check", "--json")
     assert done.returncode == 0, done.stderr + done.stdout
     same = json.loads(done.stdout)["same"]
-    assert len(same) == 5 and all(same.values())
+    assert len(same) == 6 and all(same.values())
+    assert same["/result/diagnosis"]
 
 
 def test_a_replay_of_altered_readings_is_found_different(finished, tmp_path):

@@ -1,0 +1,213 @@
+"""Diagnosing in the way that makes a live run, its replay and its bag agree to the last bit."""
+
+import hashlib
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from threadpoolctl import ThreadpoolController
+
+from stepdiag_ros import __version__
+from stepdiag_ros.configuration import model_from_text
+from stepdiag_ros.diagnosis_summary import (
+    DiagnosisSummary,
+    FoundEffect,
+    FoundSize,
+    GapFigures,
+    Limit,
+    ModelSource,
+)
+from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.model import MachineModel
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures, not_testable_sentences
+from stepdiag_ros.report.diagnosis_build import NO_CHAIN
+
+MOST_SETTINGS = 12
+"""Settings of one effect whose detection limits are told one by one; of more, only the range."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """With what lines are compared, and how.
+
+    Attributes:
+        model: what is taken as known of the machine.
+        text: YAML of the model.
+        catalogue: effects to try, by name.
+        seed: of the draws that tell what chance does.
+    """
+
+    model: MachineModel
+    text: str
+    catalogue: Mapping[str, Effect]
+    seed: int = 0
+
+    @classmethod
+    def from_text(cls, text: str, source: str, seed: int) -> "Reference":
+        """Make a reference of the text of a model file, with all effects that are installed.
+
+        Raises:
+            ValueError: the text is no model; names the source and the key.
+        """
+        return cls(model_from_text(text, source), text, catalogue(), seed)
+
+    @property
+    def source(self) -> ModelSource:
+        """Return how the model is named in a summary."""
+        return ModelSource(
+            self.model.name, self.text, hashlib.sha256(self.text.encode()).hexdigest()
+        )
+
+
+def diagnose_reproducibly(measurement: Measurement, reference: Reference) -> Diagnosis:
+    """Compare lines with a model; what ``stepdiag diagnose`` says of the same lines.
+
+    One thread of the numerical libraries gives the same numbers however many there could be.
+
+    Raises:
+        ValueError: lines and model contradict each other, or there is nothing to compare.
+    """
+    measured = with_chain(measurement, reference.model)
+    effects = tuple(reference.catalogue.values())
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        return Comparison(measured, effects, reference.seed).under(reference.model)
+
+
+def diagnose_lines(
+    measurement: Measurement, plan: Plan, model_text: str, seed: int
+) -> DiagnosisSummary:
+    """Compare the lines of a run, as far as it has come, with a model; see ``Reference``.
+
+    Raises:
+        ValueError: lines and model contradict each other, or there is nothing to compare.
+    """
+    reference = Reference.from_text(model_text, "model", seed)
+    return summary_of(diagnose_reproducibly(measurement, reference), measurement, reference, plan)
+
+
+def summary_of(
+    diagnosis: Diagnosis, measurement: Measurement, reference: Reference, plan: Plan
+) -> DiagnosisSummary:
+    """Return what is published of a diagnosis, for a run that goes on.
+
+    Args:
+        diagnosis: of the lines.
+        measurement: the lines, at least one.
+        reference: with what they were compared.
+        plan: of the run; says which lines are not there.
+    """
+    report = DiagnosisReport(diagnosis, reference.model, reference.catalogue)
+    return DiagnosisSummary(
+        time=max(line.end_time for line in measurement.lines),
+        run_over=False,
+        lines=len(measurement.lines),
+        lines_planned=len(plan.lines),
+        verdict=diagnosis.verdict,
+        sentence=diagnosis.sentence,
+        findings=tuple(_found(one) for one in diagnosis.findings),
+        partial=tuple(_found(one) for one in diagnosis.partial),
+        covariance=tuple(float(value) for value in diagnosis.covariance.ravel()),
+        noise=diagnosis.noise,
+        noise_degrees_of_freedom=diagnosis.noise_degrees_of_freedom,
+        noise_correlation=diagnosis.noise_correlation,
+        noise_source=diagnosis.noise_source,
+        before=_gap(
+            diagnosis.chi_squared_before,
+            diagnosis.degrees_of_freedom_before,
+            diagnosis.lack_of_fit_p_before,
+            diagnosis.residual_before,
+        ),
+        after=_gap(
+            diagnosis.chi_squared_after,
+            diagnosis.degrees_of_freedom_after,
+            diagnosis.lack_of_fit_p_after,
+            diagnosis.residual_after,
+        ),
+        where=diagnosis.where,
+        where_after=diagnosis.where_after,
+        map=diagnosis.map,
+        detection_limits=_limits(diagnosis, reference.catalogue),
+        not_testable=tuple(not_testable_sentences(report)),
+        tested=diagnosis.tested,
+        model=reference.source,
+        seed=reference.seed,
+        software_version=__version__,
+        remarks=tuple(_remarks(measurement, reference, plan)),
+    )
+
+
+def when_over(summary: DiagnosisSummary) -> DiagnosisSummary:
+    """Return the same of a run that has ended."""
+    return replace(summary, run_over=True)
+
+
+def _remarks(measurement: Measurement, reference: Reference, plan: Plan) -> Iterator[str]:
+    if not (measurement.chain or reference.model.chain):
+        yield NO_CHAIN
+    measured = {line.line_index for line in measurement.lines}
+    missing = [line for index, line in enumerate(plan.lines) if index not in measured]
+    if missing:
+        names = ", ".join(dict.fromkeys(line.name for line in missing))
+        yield f"{len(missing)} of the plan's {len(plan.lines)} lines are not among them: {names}."
+
+
+def _gap(squares: float, freedom: int, chance: float, residual: Vector) -> GapFigures:
+    return GapFigures(squares, freedom, chance, *gap_figures(residual))
+
+
+def _found(finding: Finding) -> FoundEffect:
+    effect = finding.candidate.effect
+    return FoundEffect(
+        label=finding.label,
+        effect=effect.name,
+        setting={name: _text(value) for name, value in finding.candidate.setting.items()},
+        sentence=effect.sentence,
+        source=effect.source,
+        sizes=tuple(
+            FoundSize(
+                name=size.name,
+                unit=size.unit,
+                meaning=size.meaning,
+                value=float(finding.sizes[size.name]),
+                standard_uncertainty=float(finding.standard_uncertainty[size.name]),
+                band=(float(finding.band[size.name][0]), float(finding.band[size.name][1])),
+            )
+            for size in effect.sizes
+        ),
+        gain=finding.gain,
+        p_value=finding.p_value,
+        probability=finding.probability,
+        ambiguous_with=finding.ambiguous,
+        runners_up=finding.runners_up,
+    )
+
+
+def _text(value: object) -> str:
+    item = getattr(value, "item", None)
+    return str(item() if callable(item) else value)
+
+
+def _limits(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> tuple[Limit, ...]:
+    found: list[Limit] = []
+    for effect in catalogue.values():
+        labels = dict.fromkeys(
+            label
+            for setting in effect.settings(diagnosis.stops)
+            if (label := effect.label(setting)) in diagnosis.detection_limits
+        )
+        if len(labels) > MOST_SETTINGS:
+            found.append(_limit(effect, effect.name, labels, diagnosis))
+        else:
+            found += [_limit(effect, label, [label], diagnosis) for label in labels]
+    return tuple(found)
+
+
+def _limit(effect: Effect, label: str, labels: Collection[str], diagnosis: Diagnosis) -> Limit:
+    sizes = [abs(diagnosis.detection_limits[one]) for one in labels]
+    first = effect.sizes[0]
+    return Limit(effect.name, label, len(labels), first.name, first.unit, min(sizes), max(sizes))

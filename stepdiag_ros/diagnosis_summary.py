@@ -1,0 +1,185 @@
+"""What is published and recorded of a diagnosis: plain values, without the run's stops.
+
+A ``Diagnosis`` holds the effects themselves and the gap at every stop. Whoever hears of it over
+the wire, or reads it from a bag, has neither the catalogue nor the lines at hand.
+"""
+
+from dataclasses import dataclass, field
+
+from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
+
+
+@dataclass(frozen=True)
+class FoundSize:
+    """One size of an effect that was found; SI, NaN if not known.
+
+    Attributes:
+        name: for example ``lost_motion``.
+        unit: SI, for example ``m``.
+        meaning: in a few words.
+        value: fitted together with all other findings.
+        standard_uncertainty: of that.
+        band: lower and upper end of the 95 % coverage interval.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    value: float
+    standard_uncertainty: float
+    band: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that was found; see ``metrology.discrepancy.Finding``.
+
+    Attributes:
+        label: for example ``backlash of X``.
+        effect: its name in the catalogue.
+        setting: name → value as text; where and how it acts.
+        sentence: what happens in the machine.
+        source: where the effect is described.
+        sizes: all of them.
+        gain: what χ² loses by it.
+        p_value: chance of such a gain of any candidate on a run that lacks nothing.
+        probability: of this name among all, 0..1.
+        ambiguous_with: labels of other names that may as well be the cause.
+        runners_up: the best candidates of other names, best first; which of them are not ruled out
+            is told by ``ambiguous_with``.
+    """
+
+    label: str
+    effect: str
+    setting: dict[str, str]
+    sentence: str
+    source: str
+    sizes: tuple[FoundSize, ...]
+    gain: float
+    p_value: float
+    probability: float
+    ambiguous_with: tuple[str, ...] = ()
+    runners_up: tuple[RunnerUp, ...] = ()
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of an effect that would have been seen, 19 times in 20.
+
+    Attributes:
+        effect: name in the catalogue.
+        label: of the effect in its setting; the effect's name where several settings are in one.
+        settings: how many places or shapes of the effect these limits are of.
+        size: name of the size.
+        unit: of it, SI.
+        smallest: limit of these settings.
+        largest: likewise.
+    """
+
+    effect: str
+    label: str
+    settings: int
+    size: str
+    unit: str
+    smallest: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class GapFigures:
+    """How large a gap is, and how well noise alone would explain it; NaN if not known.
+
+    Attributes:
+        chi_squared: of the fit.
+        degrees_of_freedom: of that.
+        p_value: chance of so bad a fit by noise alone.
+        rms: of the gap, m.
+        largest: size of the gap at one reading, m.
+    """
+
+    chi_squared: float
+    degrees_of_freedom: int
+    p_value: float
+    rms: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class ModelSource:
+    """With what a run was compared.
+
+    Attributes:
+        name: of the model, in words.
+        text: YAML of the model.
+        sha256: of that text, 64 hexadecimal digits.
+    """
+
+    name: str
+    text: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class DiagnosisSummary:
+    """A diagnosis of the lines of a run, as far as it has come.
+
+    Attributes:
+        time: of the last line that was used, ns.
+        run_over: the run has ended.
+        lines: compared.
+        lines_planned: of the whole plan.
+        verdict: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED or NOT TESTABLE.
+        sentence: the verdict in words.
+        findings: what is missing; empty unless NAMED or AMBIGUOUS.
+        partial: where UNEXPLAINED, what closes a part of the gap.
+        covariance: of all sizes of these, one finding's after another's, SI, row by row.
+        noise: standard deviation of a reading, m; NaN if not told.
+        noise_degrees_of_freedom: of that.
+        noise_correlation: between the noise of neighbouring stops.
+        noise_source: in words.
+        before: the gap of the model as it is.
+        after: likewise with what was found.
+        where: in words, where the gap of the model as it is lies.
+        where_after: likewise of the gap that is left, where UNEXPLAINED.
+        map: the gap of the model as it is, split in several ways.
+        detection_limits: one for each effect and setting, or for all settings of one effect.
+        not_testable: what these lines cannot show, and why, in words.
+        tested: number of candidates.
+        model: with what the lines were compared.
+        seed: of the draws.
+        software_version: of stepdiag_ros that compared.
+        remarks: what the reader must know.
+    """
+
+    time: int
+    run_over: bool
+    lines: int
+    lines_planned: int
+    verdict: str
+    sentence: str
+    findings: tuple[FoundEffect, ...]
+    partial: tuple[FoundEffect, ...]
+    covariance: tuple[float, ...]
+    noise: float
+    noise_degrees_of_freedom: float
+    noise_correlation: float
+    noise_source: str
+    before: GapFigures
+    after: GapFigures
+    where: tuple[str, ...]
+    where_after: tuple[str, ...]
+    map: tuple[Share, ...]
+    detection_limits: tuple[Limit, ...]
+    not_testable: tuple[str, ...]
+    tested: int
+    model: ModelSource
+    seed: int
+    software_version: str
+    remarks: tuple[str, ...] = field(default=())
+
+    @property
+    def words(self) -> str:
+        """Return the verdict, on how many lines it rests, and what it means, for people."""
+        whole = self.lines >= self.lines_planned
+        count = f"{self.lines}" if whole else f"{self.lines} of {self.lines_planned}"
+        return f"{self.verdict} ({count} lines): {self.sentence}"

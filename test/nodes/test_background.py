@@ -1,0 +1,96 @@
+"""Work in a process of its own: results, refusals and accidents come back; none is left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stepdiag_ros.nodes.background import YIELDING, BackgroundProcess, WorkFailed
+
+LIMIT = 30.0
+
+
+@pytest.fixture
+def background():
+    made = BackgroundProcess()
+    yield made
+    made.end()
+
+
+def alive(process_id):
+    state = Path(f"/proc/{process_id}/stat")
+    return state.exists() and state.read_text().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def test_results_come_back_one_after_another_from_one_process(background):
+    answers = [background.submit(pow, number, 2) for number in range(5)]
+    assert [answer.result(LIMIT) for answer in answers] == [0, 1, 4, 9, 16]
+    # Large enough that replies would mix if they were asked for at the same time.
+    sizes = [3_000_000 + number for number in range(8)]
+    answers = [background.submit(bytes, size) for size in sizes]
+    assert [len(answer.result(LIMIT)) for answer in answers] == sizes
+    process_id = background.submit(os.getpid).result(LIMIT)
+    assert process_id not in (os.getpid(), None)
+    assert background.submit(os.getpid).result(LIMIT) == process_id
+
+
+def test_the_process_is_of_low_priority(background):
+    niceness = background.submit(os.getpriority, os.PRIO_PROCESS, 0).result(LIMIT)
+    assert niceness == min(19, os.getpriority(os.PRIO_PROCESS, 0) + YIELDING)
+
+
+def test_what_is_printed_while_working_does_not_get_between_the_replies(background):
+    background.submit(print, "pickle?").result(LIMIT)
+    background.submit(os.write, 1, b"bytes").result(LIMIT)
+    assert background.submit(abs, -1).result(LIMIT) == 1
+
+
+def test_a_refusal_stays_one_and_another_error_tells_where(background):
+    with pytest.raises(ValueError, match="invalid literal for int"):
+        background.submit(int, "x").result(LIMIT)
+    with pytest.raises(WorkFailed, match=r"(?s)Traceback.*ZeroDivisionError"):
+        background.submit(divmod, 1, 0).result(LIMIT)
+    with pytest.raises(WorkFailed, match="pickle"):
+        background.submit(lambda: 1).result(LIMIT)
+    assert background.submit(abs, -1).result(LIMIT) == 1
+
+
+def test_a_killed_process_is_said_and_replaced(background):
+    process_id = background.submit(os.getpid).result(LIMIT)
+    work = background.submit(time.sleep, 60.0)
+    time.sleep(0.2)
+    os.kill(process_id, signal.SIGKILL)
+    with pytest.raises(WorkFailed, match="ended with code -9"):
+        work.result(LIMIT)
+    assert background.submit(os.getpid).result(LIMIT) != process_id
+
+
+def test_ending_does_not_wait_for_the_work(background):
+    process_id = background.submit(os.getpid).result(LIMIT)
+    background.submit(time.sleep, 60.0)
+    time.sleep(0.2)
+    began = time.monotonic()
+    background.end()
+    assert time.monotonic() - began < 5.0
+    assert not alive(process_id)
+
+
+def test_the_process_ends_with_the_one_that_started_it_even_if_that_is_killed():
+    code = (
+        "import os, time\n"
+        "from stepdiag_ros.nodes.background import BackgroundProcess\n"
+        "print(BackgroundProcess().submit(os.getpid).result(), flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as parent:
+        process_id = int(parent.stdout.readline())
+        assert alive(process_id)
+        parent.kill()
+    deadline = time.monotonic() + 10.0
+    while alive(process_id) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not alive(process_id)

@@ -1,0 +1,66 @@
+"""A replay compares the conclusive diagnosis alone, and has it made as it was made in the run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import rclpy
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros import topics
+from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.diagnosis_conversion import from_diagnosis
+from stepdiag_ros.session.replay import _compared_as
+
+NAME = topics.absolute(topics.DIAGNOSIS, "/cell")
+TYPE = topics.DIAGNOSIS.type_name
+(RECORDED,) = load_run(Path(__file__).parents[1] / "data" / "bags" / "schema_1.mcap").diagnoses
+
+
+def encoded(**changes):
+    message = from_diagnosis(replace(RECORDED, **changes), "run", own_types().new)
+    return own_types().encode(TYPE, message)
+
+
+@pytest.fixture
+def bag(tmp_path):
+    header = RunHeader("run", "plan", "0.1.0", 1, "none", 1, "", "", "")
+    with BagWriter(tmp_path / "a.mcap", header) as writer:
+        for time, run_over in enumerate((False, False, True), start=1):
+            writer.write(NAME, TYPE, encoded(lines=time, run_over=run_over), time)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        yield reader
+
+
+def test_the_node_is_given_model_and_seed_of_the_recording(bag, tmp_path):
+    given = _compared_as(bag, tmp_path)
+    assert given["model"].read_text(encoding="utf-8") == RECORDED.model.text
+    assert given["seed"] == RECORDED.seed != 0
+
+
+def test_only_the_last_conclusive_diagnosis_is_compared(bag):
+    from stepdiag_ros.nodes.player import Played, PlayerNode
+
+    rclpy.init(args=[])
+    try:
+        player = PlayerNode(bag, derived=False)
+        player.listen_to_derived((topics.DIAGNOSIS,))
+        conclusive = encoded(lines=3, run_over=True)
+        heard = player._heard[NAME]
+        # A slower computer: fewer before it, and one of too few lines when the run was over.
+        heard += [encoded(lines=2, run_over=True), conclusive]
+        compared = player.compare(Played(0, 0.0, 0.0), quiet=0.0)
+        assert compared.same == {NAME: True}
+        heard[-1] = encoded(lines=3, run_over=True, noise=1.0000001e-7)
+        compared = player.compare(Played(0, 0.0, 0.0), quiet=0.0)
+        assert compared.same == {NAME: False}
+        assert "number 1 is the first that differs" in compared.differences[NAME]
+        heard.pop()
+        heard.pop()
+        assert player.compare(Played(0, 0.0, 0.0), quiet=0.0).same == {NAME: False}
+    finally:
+        rclpy.try_shutdown()
