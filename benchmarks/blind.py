@@ -4,7 +4,9 @@ Cases come from a generator that knows nothing of the project (``test/blind``); 
 sealed until all verdicts are in. Stopped, it goes on where it was when started again with the same
 folder. The exit code is 1 if a figure, its bounds taken into account, misses what it must be.
 
-    python benchmarks/blind.py --folder FOLDER [--runs 200] [--class none --class one] [--seed 0]
+    python benchmarks/blind.py --folder FOLDER --write docs/blind.md
+    python benchmarks/blind.py --folder FOLDER --runs none=20,one=10 --seed 500
+    python benchmarks/blind.py --folder FOLDER --class outside --seed 5 --runs 1
 """
 
 import argparse
@@ -12,50 +14,77 @@ import json
 import os
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "blind"))
 
-from blind_cases import CLASSES, LARGEST, LEVELS  # noqa: E402
+from blind_cases import CLASSES, LARGEST  # noqa: E402
+from blind_document import not_right, put_into, results  # noqa: E402
 from blind_figures import as_table, by_kind, confusion, figures, missed  # noqa: E402
-from blind_harness import blind_test  # noqa: E402
+from blind_schedule import blind_test, processor_time, wanted_cases  # noqa: E402
+
+WHOLE = "none=100,one=160,two=80,outside=80,pair=60,unseen=30,gross=60"
+"""The whole test: null runs of the classes one, two and pair bring those of none to 400."""
 
 
-def wanted_cases(runs, classes, seed):
-    """Return (class, seed, level) of each case: half the levels' runs at 2 x the limit."""
-    levels = (*LEVELS, 2.0, 2.0)
-    cases = []
-    for kind in classes:
-        for number in range(runs):
-            level = levels[number % len(levels)] if kind in ("one", "pair") else None
-            cases.append((kind, seed + number, level))
-    return cases
+def runs_of(text, classes):
+    """Return class → number of runs of ``none=20,one=10``, or of ``20`` for each class.
+
+    Raises:
+        ValueError: a class that there is not, or no number.
+    """
+    if text.isdigit():
+        return dict.fromkeys(classes, int(text))
+    runs = {}
+    for part in text.split(","):
+        kind, _, count = part.partition("=")
+        if kind not in CLASSES or not count.isdigit():
+            raise ValueError(f"'{part}': expected CLASS=NUMBER with one of {', '.join(CLASSES)}")
+        runs[kind] = int(count)
+    return {kind: count for kind, count in runs.items() if kind in classes}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, required=True, help="of cases, seals and verdicts")
-    parser.add_argument("--runs", type=int, default=200, help="of each class")
+    parser.add_argument("--runs", default=WHOLE, help=f"of each class, such as {WHOLE}, or 20")
     parser.add_argument("--class", dest="classes", action="append", choices=CLASSES)
     parser.add_argument("--seed", type=int, default=0, help="of the first case of each class")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--largest", type=int, default=LARGEST, help="readings of a run at most")
-    parser.add_argument("--wrong", action="store_true", help="list every case that was not right")
+    parser.add_argument("--write", type=Path, help="document whose marked part gets the results")
     arguments = parser.parse_args()
-
+    try:
+        runs = runs_of(arguments.runs, arguments.classes or CLASSES)
+    except ValueError as error:
+        parser.error(str(error))
+    wanted = wanted_cases(runs, arguments.seed)
+    expected = processor_time(wanted) / 60.0
     begin = time.perf_counter()
 
     def progress(line):
-        print(f"{time.perf_counter() - begin:7.1f} s  {line}", file=sys.stderr, flush=True)
+        print(f"{time.perf_counter() - begin:7.0f} s  {line}", file=sys.stderr, flush=True)
 
-    wanted = wanted_cases(arguments.runs, arguments.classes or CLASSES, arguments.seed)
+    progress(
+        f"{len(wanted)} cases: about {expected:.0f} min of processor time, "
+        f"{expected / arguments.processes:.0f} min on {arguments.processes} processes"
+    )
     judged = blind_test(arguments.folder, wanted, arguments.processes, arguments.largest, progress)
     counted = figures(judged)
     failures = missed(counted)
+    told = [
+        f"stepdiag_ros {version('stepdiag_ros')}, seeds from {arguments.seed} on, runs of at most "
+        f"{arguments.largest:,} readings: "
+        + ", ".join(f"{count} {kind}" for kind, count in runs.items())
+        + f"; {len(judged)} verdicts.",
+    ]
+    if arguments.write:
+        put_into(arguments.write, results(judged, told))
     print(as_table(confusion(judged), "hidden"), file=sys.stderr)
-    print(as_table(by_kind(judged), "hidden, at 2 x or more"), file=sys.stderr)
+    print(as_table(by_kind(judged), "hidden, at 2 × or more"), file=sys.stderr)
     document = {
         "runs": len(judged),
         "seconds": round(time.perf_counter() - begin, 1),
@@ -63,26 +92,22 @@ def main():
         "missed": failures,
         "confusion": confusion(judged),
         "by_kind": by_kind(judged),
-    }
-    if arguments.wrong:
-        document["not_right"] = [
+        "not_right": [
             {
                 "name": one["name"],
                 "outcome": one["outcome"],
-                "level": one["truth"]["level"],
-                "hidden": one["truth"]["hidden"],
-                "sizes": one["truth"]["sizes"],
-                "plan": one["truth"]["plan"],
+                "after_plan": one["after_plan"],
+                "truth": {
+                    key: one["truth"].get(key)
+                    for key in ("level", "hidden", "gross", "sizes", "plan", "noise")
+                },
                 "verdict": one["verdict"]["verdict"],
-                "named": [
-                    [finding["label"], *finding["ambiguous"][:4]]
-                    for finding in one["verdict"]["findings"]
-                ],
+                "sentence": one["verdict"].get("sentence"),
                 "lack_of_fit_p": one["verdict"].get("lack_of_fit_p"),
             }
-            for one in judged
-            if not one["outcome"].startswith("right")
-        ]
+            for one in not_right(judged)
+        ],
+    }
     print(json.dumps(document, indent=2))
     return 1 if failures else 0
 

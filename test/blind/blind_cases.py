@@ -5,7 +5,6 @@ and ``case.yaml``; the truth goes to a sealed file elsewhere, and the hash of th
 before the first verdict.
 """
 
-import csv
 import hashlib
 import json
 import zlib
@@ -13,25 +12,36 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
-from blind_kinematics import Action, displacements
-from blind_physics import ANGLES, INSIDE, KINDS, OUTSIDE, Hidden, draw_hidden
-from blind_plans import Plan, draw_plan, make_run
-from blind_shapes import draw_curves, draw_noise, quantised
+from blind_effects import (
+    ANGLES,
+    FINE_NOISE,
+    INSIDE,
+    OUTSIDE,
+    PAIRS,
+    STRONG,
+    UNSEEN,
+    Hidden,
+    draw_hidden,
+)
+from blind_gross import draw_gross, gross_table
+from blind_kinematics import Action
+from blind_machine import Machine
+from blind_plans import Plan, draw_plan, plan_of_file
+from blind_tables import case_text, table_text
 from blind_yardstick import SEEN, Yardstick
 
-CLASSES = ("none", "one", "two", "outside", "pair")
+CLASSES = ("none", "one", "two", "outside", "pair", "unseen", "gross")
 LEVELS = (0.5, 1.0, 2.0, 5.0)
-LARGEST = 3000
+LARGEST = 2000
 """Readings of a run at most, if not told otherwise."""
-HEADER = (
-    "time_s,kind,line,order,repeat,direction,stop,x_m,y_m,z_m,reading_m,"
-    "air_temperature_degC,air_pressure_Pa,relative_humidity,material_temperature_degC"
-)
 LEAST_VISIBLE = 0.02
 """An effect that shows less than this part of itself is hidden from everybody, and not drawn."""
 ALIKE = 0.995
 """Signatures with this cosine cannot be told apart at the sizes of the test."""
+UNSEEN_SIZE = 5e-6
+"""Of what an effect that nobody can see moves the readings, m: far above any noise."""
+UNSEEN_LIGHT = 8e-9
+"""Likewise of the light's swing within a fringe, m; no interferometer swings by more than 40 nm."""
 _TRIES = 300
 
 
@@ -47,68 +57,21 @@ class Case:
         hidden: effects at work.
         twin: for a confounded pair, the other effect, which is not at work.
         signs: of the sizes.
+        gross: for a gross error, its name and where.
     """
 
     seed: int
     kind: str
     level: float
     plan: Plan
-    hidden: tuple
-    twin: Hidden | None
-    signs: tuple
+    hidden: tuple = ()
+    twin: Hidden | None = None
+    signs: tuple = ()
+    gross: dict | None = None
 
     @property
     def name(self):
         return f"{self.kind}-{self.seed}"
-
-
-class Machine:
-    """Machine, optics and weather of one case: the same at every run, but for noise."""
-
-    def __init__(self, seed, plan, rich=False):
-        rng = np.random.default_rng([seed, 1])
-        self.plan = plan
-        self.curves = draw_curves(rng, plan.blocks, rich)
-        # How the axes came to a setup no table tells; half the machines come without a sense.
-        senses = rng.choice([-1.0, 0.0, 1.0], (len(plan.setups), 3))
-        self.approach = senses * float(rng.random() < 0.5)
-        setups = len(plan.setups)
-        turns = rng.standard_normal((setups, 3))
-        turns *= rng.uniform(0.1e-3, 0.3e-3) / np.linalg.norm(turns, axis=1, keepdims=True)
-        self.beam_tilt = turns
-        # A mirror is set to return the beam: it follows the beam's tilt but for a little.
-        self.mirror_tilt = self.beam_tilt + rng.normal(0.0, 0.02e-3, (setups, 3))
-        self.resolution = float(rng.choice([1e-9, 2e-9, 5e-9, 10e-9]))
-
-    def run(self, plan=None):
-        return make_run(plan or self.plan, self.approach)
-
-    def alignment(self, run):
-        """Beam, mirror normal and source of each stop."""
-
-        def unit(vectors):
-            return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-        beam = unit(run.beam + np.cross(self.beam_tilt[run.setup], run.beam))
-        normal = unit(run.beam + np.cross(self.mirror_tilt[run.setup], run.beam))
-        return beam, normal, run.start - run.dead_path * beam
-
-    def shown(self, run, action):
-        """What the interferometer shows without noise, zeroed at each setup's first stop, m."""
-        index = run.index
-        curves = np.stack([self.curves[axis][index[:, axis]] for axis in range(3)])
-        values = displacements(self.plan.chain, run, curves, action, self.alignment(run))
-        return zeroed(values, run.setup)
-
-    def signature(self, run, hidden, unit=1e-6):
-        """Change of the readings by a unit of an effect, (n,)."""
-        without = self.shown(run, Action.none(len(run.time)))
-        return (self.shown(run, hidden.act(run, unit)) - without) / unit
-
-
-def zeroed(values, setup):
-    first = np.concatenate([[0], np.flatnonzero(np.diff(setup)) + 1])
-    return values - values[first][np.cumsum(np.isin(np.arange(len(setup)), first)) - 1]
 
 
 def draw_case(kind, seed, level=None, largest=LARGEST):
@@ -125,15 +88,17 @@ def draw_case(kind, seed, level=None, largest=LARGEST):
     level = {"two": 5.0, "outside": 5.0}.get(kind, drawn_level) if level is None else level
     for _ in range(_TRIES):
         plan = draw_plan(rng, rich=kind != "none" or rng.random() < 0.7)
-        if len(make_run(plan).time) > largest:
+        if plan.stops > largest:
             continue
-        hidden, twin = (), None
-        if kind != "none":
+        hidden, twin, gross = (), None, None
+        if kind == "gross":
+            gross = draw_gross(rng, plan)
+        elif kind != "none":
             hidden, twin = _draw_effects(rng, kind, plan, seed)
             if not hidden:
                 continue
         signs = tuple(float(sign) for sign in rng.choice([-1.0, 1.0], len(hidden)))
-        return Case(seed, kind, level, plan, hidden, twin, signs)
+        return Case(seed, kind, level, plan, hidden, twin, signs, gross)
     raise RuntimeError(f"no {kind} case found from seed {seed}")
 
 
@@ -143,48 +108,82 @@ def _draw_effects(rng, kind, plan, seed):
     yardstick = Yardstick(run)
 
     def seen(hidden):
+        if hidden is None or (hidden.kind == "nonlinearity" and plan.noise > FINE_NOISE):
+            return False
         return yardstick.visible(machine.signature(run, hidden)) > LEAST_VISIBLE
 
     if kind == "pair":
         return _draw_pair(rng, machine, run, yardstick)
     if kind == "two":
-        one, two = (draw_hidden(rng, str(name), run) for name in rng.permutation(INSIDE)[:2])
-        changes = [machine.signature(run, hidden) for hidden in (one, two)]
+        some = [draw_hidden(rng, str(name), run) for name in rng.permutation(STRONG)[:2]]
+        if not all(seen(hidden) for hidden in some):
+            return (), None
+        changes = [machine.signature(run, hidden) for hidden in some]
         # Two that nearly cancel are a question of their own; here both can be told apart.
-        if seen(one) and seen(two) and yardstick.alike(*changes) < 0.7:
-            return (one, two), None
-        return (), None
-    kinds = INSIDE if kind == "one" else OUTSIDE
+        return (tuple(some), None) if yardstick.alike(*changes) < 0.7 else ((), None)
+    kinds = {"one": INSIDE, "outside": OUTSIDE, "unseen": UNSEEN}[kind]
     hidden = draw_hidden(rng, str(rng.choice(kinds)), run)
+    if kind == "unseen":
+        return ((hidden,), None) if _is_there(hidden, run, machine) else ((), None)
     return ((hidden,), None) if seen(hidden) else ((), None)
+
+
+def _is_there(hidden, run, machine):
+    """Tell whether an effect that nobody can see is at work at all."""
+    if hidden.kind == "nonlinearity":
+        return run.plan.noise > 4.0 * FINE_NOISE
+    if hidden.kind == "pitch":
+        travel = run.travel["XYZ".index(hidden.setting["axis"])]
+        swing = np.ptp(machine.signature(run, hidden))
+        # Nothing of it is left where every stop is a whole turn on.
+        return travel > 2.5 * hidden.setting["period"] and swing > 0.2
+    return True
 
 
 def _draw_pair(rng, machine, run, yardstick):
     """Find two effects of the catalogue's kinds that this very run cannot tell apart."""
     known = [Hidden("angular", {"error": error}) for error in ANGLES]
-    known += [Hidden("sag", {"component": "z", "pair": pair}) for pair in ("xy", "xz", "yz")]
+    known += [Hidden("sag", {"component": one, "pair": pair}) for one in "xyz" for pair in PAIRS]
     known += [Hidden("cosine", {"setup": number}) for number in range(len(run.plan.setups))]
-    shown = [
-        (hidden, change)
-        for hidden, change in ((one, machine.signature(run, one)) for one in known)
-        if yardstick.visible(change) > LEAST_VISIBLE
-    ]
+    for kind in ("backlash", "settling", "growth", "growth_in_time"):
+        known += [Hidden(kind, {"axis": axis}) for axis in "XYZ"]
+    known += [Hidden("drift", {"direction": one}) for one in "xyz"]
+    plain = ("reading_drift", "dead_path", "air", "expansion", "servo_lag", "trigger", "beam_walk")
+    known += [Hidden(kind) for kind in plain]
+    changes = [machine.signature(run, one) for one in known]
+    signatures = [yardstick.signature(change) for change in changes]
+    seen = [yardstick.visible(change) > LEAST_VISIBLE for change in changes]
+    lengths = np.array([np.linalg.norm(one) for one in signatures])
+    units = np.stack(signatures) / np.maximum(lengths, 1e-300)[:, None]
+    cosines = np.abs(units @ units.T)
+    whole = np.abs(np.corrcoef(np.stack(changes)))
     pairs = [
         (one, two)
-        for one, first in shown
-        for two, second in shown
-        if one is not two and yardstick.alike(first, second) > ALIKE
+        for one in range(len(known))
+        for two in range(len(known))
+        # The very same readings are one effect under two names: no plan tells them apart. Nor does
+        # any other run tell of what belonged to an alignment of this one: that is not hidden here.
+        if one != two and known[one].stays and seen[one] and seen[two] and cosines[one, two] > ALIKE
+        if whole[one, two] < 1.0 - 1e-6
     ]
     if not pairs:
         return (), None
+    # Angles and sags make most pairs: what kinds meet is drawn first.
+    kinds = sorted({(known[one].kind, known[two].kind) for one, two in pairs})
+    wanted = kinds[rng.integers(len(kinds))]
+    pairs = [pair for pair in pairs if tuple(known[one].kind for one in pair) == wanted]
     one, two = pairs[rng.integers(len(pairs))]
-    return (one,), two
+    return (known[one],), known[two]
 
 
 def own_limits(case):
     """Detection limits by the yardstick, in the unit of each effect's size."""
     machine = Machine(case.seed, case.plan)
     run = machine.run()
+    if case.kind == "unseen":
+        (hidden,) = case.hidden
+        whole = UNSEEN_LIGHT if hidden.kind == "nonlinearity" else UNSEEN_SIZE
+        return (whole / float(np.ptp(machine.signature(run, hidden))),)
     yardstick = Yardstick(run)
     return tuple(
         SEEN
@@ -202,49 +201,54 @@ def readings_of(case, sizes, noise_stream=0):
         sizes: of its effects.
         noise_stream: another number is another run on the same machine.
     """
-    machine = Machine(case.seed, case.plan, rich=case.kind == "none")
+    machine = Machine(case.seed, case.plan)
     run = machine.run()
+    action = _action(run, zip(case.hidden, sizes, strict=True))
+    return run, machine.measured(run, action, np.random.default_rng([case.seed, 2, noise_stream]))
+
+
+def _action(run, acting):
     action = Action.none(len(run.time))
-    for hidden, size in zip(case.hidden, sizes, strict=True):
+    for hidden, size in acting:
         action = action + hidden.act(run, size)
-    rng = np.random.default_rng([case.seed, 2, noise_stream])
-    noisy = machine.shown(run, action) + draw_noise(rng, len(run.time), case.plan.noise)
-    return run, zeroed(quantised(noisy, machine.resolution), run.setup)
+    return action
 
 
 def write_case(folder, case, sizes, noise_stream=0):
     """Write run.csv and case.yaml as a workflow gets them."""
+    run, readings = readings_of(case, sizes, noise_stream)
+    return _write(folder, case.plan, table_text(run, readings))
+
+
+def write_gross(folder, case):
+    """Write a run with a gross error; beside it, as nominal.csv, the table that nobody measured."""
+    machine = Machine(case.seed, case.plan)
+    rng = np.random.default_rng([case.seed, 2, 0])
+    wrong, nominal = gross_table(machine, case.gross, rng)
+    _write(folder, case.plan, wrong)
+    if nominal:
+        (Path(folder) / "nominal.csv").write_text(nominal)
+    return folder
+
+
+def write_further(folder, case, sizes, plan_text, day=1):
+    """Measure what a plan file says on the machine of a case, on another day.
+
+    What belongs to one alignment or one pass of the first run is over; all else is still at work.
+    """
+    plan = plan_of_file(plan_text, case.plan, np.random.default_rng([case.seed, 3, day]))
+    machine = Machine(case.seed, plan, day)
+    run = machine.run()
+    acting = [(one, size) for one, size in zip(case.hidden, sizes, strict=True) if one.stays]
+    rng = np.random.default_rng([case.seed, 2, 100 + day])
+    return _write(folder, plan, table_text(run, machine.measured(run, _action(run, acting), rng)))
+
+
+def _write(folder, plan, table):
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    run, readings = readings_of(case, sizes, noise_stream)
-    with (folder / "run.csv").open("w", newline="") as file:
-        file.write(HEADER + "\n")
-        writer = csv.writer(file, lineterminator="\n")
-        for n, row in enumerate(run.rows):
-            writer.writerow(
-                (
-                    f"{run.time[n]:.1f}",
-                    *row,
-                    *(f"{value:.6f}" for value in run.position[n]),
-                    f"{readings[n] + 0.0:.10f}",
-                    f"{run.air[n]:.4f}",
-                    f"{run.pressure[n]:.1f}",
-                    f"{run.humidity[n]:.3f}",
-                    f"{run.material[n]:.4f}",
-                )
-            )
-    told = {
-        "units": "SI",
-        "chain": list(case.plan.chain),
-        "mirror_on": "tool",
-        "laser_on": "workpiece",
-        "origin_m": [0.0, 0.0, 0.0],
-        "step_m": list(case.plan.step),
-        "blocks": case.plan.blocks,
-        "repeats": case.plan.repeats,
-        "dead_path_m": case.plan.dead_path,
-    }
-    (folder / "case.yaml").write_text(yaml.safe_dump(told, sort_keys=False))
+    (folder / "run.csv").write_text(table)
+    (folder / "case.yaml").write_text(case_text(plan))
     return folder
 
 
@@ -265,6 +269,7 @@ def seal(path, case, sizes, facts):
         "noise": case.plan.noise,
         "hidden": [asdict(hidden) for hidden in case.hidden],
         "twin": asdict(case.twin) if case.twin else None,
+        "gross": case.gross,
         "sizes": list(sizes),
         **facts,
     }
@@ -283,6 +288,3 @@ def unseal(path, digest):
     if hashlib.sha256(closed).hexdigest() != digest:
         raise ValueError(f"the seal {path} was changed after it was laid")
     return json.loads(zlib.decompress(closed))
-
-
-assert set(INSIDE) | set(OUTSIDE) <= set(KINDS)

@@ -4,6 +4,7 @@ Each case passes through files of one folder, so that a stopped test goes on whe
 
 - ``cases/NAME/`` run.csv and case.yaml, all that the workflow is shown;
 - ``again/NAME/`` the same machine measured a second time, for the held-out figure;
+- ``machines/NAME`` the machine, which measures a proposed plan; ``further/NAME/`` what it measured;
 - ``seals/NAME`` the truth, and ``laid/NAME.json`` the hash of the seal;
 - ``verdicts/NAME.json``; the seals are opened only when every case has one.
 
@@ -13,114 +14,42 @@ generator's yardstick (``truth["scaled_by"]`` says which). Those null runs are j
 """
 
 import json
-import os
-import signal
-import sys
-import time
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from blind_cases import LARGEST, LEVELS, Machine, draw_case, own_limits, seal, unseal, write_case
-from blind_figures import NO_ANSWER, outcome
-from blind_words import Entry, means
+from blind_asking import (
+    NoAnswerError,
+    asked,
+    crashed,
+    diagnosed_together,
+    entries_of,
+    further_plan,
+    held_out,
+    no_answer,
+)
+from blind_cases import (
+    LARGEST,
+    LEVELS,
+    draw_case,
+    own_limits,
+    seal,
+    unseal,
+    write_case,
+    write_further,
+    write_gross,
+)
+from blind_judging import after_plan, outcome
+from blind_machine import Machine
+from blind_words import means
+from blind_yardstick import Yardstick
 
 NULL_NOISE, SECOND_NOISE = 1, 2
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-LONGEST = 120
-"""Seconds after which a workflow has no answer; the issue allows 20 in the middle."""
-
-
-class NoAnswerError(Exception):
-    """The workflow has not come to a verdict in time."""
-
-
-@contextmanager
-def limited(seconds):
-    """Give up after some seconds; acts in the main thread of a process."""
-
-    def give_up(_number, _frame):
-        raise NoAnswerError
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(seconds)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-
-
-def imported(folder):
-    """Import a run table into a bag as ``stepdiag import`` does, and read the bag."""
-    from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.bags.table import import_table
-
-    bag = Path(folder) / "run.mcap"
-    if not bag.exists():
-        import_table(Path(folder) / "run.csv", None, bag)
-    return load_run(bag).measurement
-
-
-def asked(folder, **further):
-    """Ask the workflow; return its diagnosis and the document that is kept of it."""
-    from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
-
-    measurement = imported(folder)
-    begin = time.perf_counter()
-    with limited(LONGEST):
-        found = diagnose(measurement, **further)
-    seconds = time.perf_counter() - begin
-    return found, {
-        "verdict": found.verdict,
-        "sentence": found.sentence,
-        "findings": [_finding(one) for one in found.findings],
-        "partial": [_finding(one) for one in found.partial],
-        "noise": found.noise,
-        "correlation": found.noise_correlation,
-        "chi_squared": [found.chi_squared_before, found.chi_squared_after],
-        "degrees_of_freedom": [found.degrees_of_freedom_before, found.degrees_of_freedom_after],
-        "lack_of_fit_p": [found.lack_of_fit_p_before, found.lack_of_fit_p_after],
-        "tested": found.tested,
-        "readings": len(found.residual_before),
-        "seconds": seconds,
-    }
-
-
-def _no_answer():
-    return {"verdict": NO_ANSWER, "findings": [], "readings": 0, "seconds": LONGEST}
-
-
-def _finding(one):
-    return {
-        "label": one.label,
-        "effect": one.candidate.effect.name,
-        "sizes": dict(one.sizes),
-        "band": {name: list(ends) for name, ends in one.band.items()},
-        "gain": one.gain,
-        "p_value": one.p_value,
-        "probability": one.probability,
-        "group": list(one.group),
-        "ambiguous": list(one.ambiguous),
-        "runners_up": [[other.label, other.probability] for other in one.runners_up[:5]],
-    }
-
-
-def catalogue_entries(stops):
-    """Every candidate of the catalogue in a run: entry → (effect, setting)."""
-    from stepdiag_ros.metrology.effects import catalogue
-
-    entries = []
-    for effect in catalogue().values():
-        for setting in effect.settings(stops):
-            entry = Entry(effect.name, dict(setting), effect.label(setting))
-            entries.append((entry, effect, setting))
-    return entries
+SCALED = ("one", "two", "pair")
+"""Classes whose sizes are told in the workflow's own detection limits, asked on a null run."""
+_SAME = 0.005
+"""Part of a change of the readings that may be left over where two effects count as one."""
 
 
 def sizes_in_their_words(change, effect, setting, stops, run):
@@ -132,7 +61,7 @@ def sizes_in_their_words(change, effect, setting, stops, run):
     lengths[lengths == 0.0] = 1.0
     values, *_ = np.linalg.lstsq(both / lengths, change, rcond=1e-10)
     left = np.linalg.norm(change - both / lengths @ values)
-    if left > 0.02 * np.linalg.norm(change - change.mean()):
+    if left > _SAME * np.linalg.norm(change - change.mean()):
         return None
     names = [size.name for size in effect.sizes]
     sizes = (values / lengths)[: len(names)]
@@ -145,97 +74,139 @@ def prepare(root, kind, seed, level=None, largest=LARGEST):
     case = draw_case(kind, seed, level, largest)
     if (root / "laid" / f"{case.name}.json").exists():
         return case.name
-    machine = Machine(seed, case.plan)
-    run = machine.run()
-    limits, scaled_by, labels, expected, largest_levels = [], "workflow", [], [], []
-    stated, entries, stops = {}, [], None
-    if kind != "none":
-        null = root / "null" / case.name
-        write_case(null, replace(case, hidden=()), (), NULL_NOISE)
-        try:
-            diagnosis, document = asked(null)
-            stops, stated = diagnosis.stops, diagnosis.detection_limits
-            entries = catalogue_entries(stops)
-        except NoAnswerError:
-            document = _no_answer()
-        _keep(root / "null" / f"{case.name}.json", document)
     setups = [(one.kind, one.line, one.order) for one in case.plan.setups]
-    # How the axes came to a setup is no part of any effect, though it moves a few stops.
-    machine.approach = np.zeros_like(machine.approach)
-    run = machine.run()
-    for hidden, own in zip(case.hidden, own_limits(case), strict=True):
-        change = machine.signature(run, hidden)
-        meant = [
-            entry_of
-            for entry_of in entries
-            if means(entry_of[0], hidden.kind, hidden.setting, setups)
-        ]
-        in_words = {
-            entry.label: sizes_in_their_words(change, effect, setting, stops, run)
-            for entry, effect, setting in meant
-        }
-        in_words = {label: sizes for label, sizes in in_words.items() if sizes}
-        ways = [
-            stated[label] / _first(sizes)
-            for label, sizes in in_words.items()
-            if label in stated and _first(sizes)
-        ]
-        if not ways:
-            scaled_by = "yardstick"
-        limits.append((min(ways) if ways else own, own))
-        labels.append([entry.label for entry, _, _ in meant])
-        expected.append(in_words)
-        most = [
-            max(abs(effect.sizes[0].low), abs(effect.sizes[0].high)) / _first(in_words[entry.label])
-            for entry, effect, _ in meant
-            if _first(in_words.get(entry.label, {}))
-        ]
-        largest_levels.append(max(most) / limits[-1][0] if most else np.inf)
-    # What lies beyond its plausible range is rightly ruled out: such a size comes down a level.
-    fitting = [one for one in LEVELS if one <= min([case.level, *largest_levels])]
-    case = replace(case, level=max(fitting, default=min(LEVELS)))
-    sizes = [sign * case.level * limit for sign, (limit, _) in zip(case.signs, limits, strict=True)]
-    write_case(root / "cases" / case.name, case, sizes)
-    write_case(root / "again" / case.name, case, sizes, SECOND_NOISE)
-    facts = {
-        "scaled_by": scaled_by,
-        "limit_over_yardstick": [limit / own for limit, own in limits],
-        "labels": labels,
-        "expected": [
-            {
-                label: {name: size * value for name, value in values.items()}
-                for label, values in of_one.items()
-            }
-            for size, of_one in zip(sizes, expected, strict=True)
-        ],
-    }
+    facts, sizes = {"setups": setups, "scaled_by": "yardstick", "expected": []}, []
+    if kind == "gross":
+        write_gross(root / "cases" / case.name, case)
+    else:
+        case, sizes, told = _scaled(root, case, setups)
+        facts.update(told)
+        write_case(root / "cases" / case.name, case, sizes)
+    if kind in SCALED:
+        write_case(root / "again" / case.name, case, sizes, SECOND_NOISE)
+        (root / "machines").mkdir(parents=True, exist_ok=True)
+        (root / "machines" / case.name).write_bytes(pickle.dumps((case, sizes)))
     (root / "seals").mkdir(parents=True, exist_ok=True)
     digest = seal(root / "seals" / case.name, case, sizes, facts)
     _keep(root / "laid" / f"{case.name}.json", {"seal": digest})
     return case.name
 
 
-def _first(sizes):
-    return abs(next(iter(sizes.values()), 0.0))
+def _scaled(root, case, setups):
+    """Find the sizes of a case; return it with the level that they have, and what is sealed."""
+    stated, entries, stops = {}, [], None
+    if case.kind in SCALED:
+        null = root / "null" / case.name
+        write_case(null, replace(case, hidden=()), (), NULL_NOISE)
+        try:
+            diagnosis, document = asked(null)
+            stops, stated = diagnosis.stops, diagnosis.detection_limits
+            entries = entries_of(stops)
+        except NoAnswerError:
+            document = no_answer()
+        except Exception as error:  # A crash of the workflow is a result, not the test's end.
+            document = crashed(error)
+        _keep(root / "null" / f"{case.name}.json", document)
+    machine = Machine(case.seed, case.plan)
+    # How the axes came to a setup is no part of any effect, though it moves a few stops.
+    machine.approach = np.zeros_like(machine.approach)
+    run = machine.run()
+    yardstick = Yardstick(run)
+    limits, scaled_by, in_words, highest = [], "workflow", [], []
+    for hidden, own in zip(case.hidden, own_limits(case), strict=True):
+        change = machine.signature(run, hidden)
+        seen = np.linalg.norm(yardstick.signature(change))
+        ways, words, most = [], {}, []
+        for entry, effect, setting in entries:
+            if not means(entry, hidden.kind, hidden.setting, setups):
+                continue
+            if entry.label in stated:
+                # The size at which the hidden effect is as large in this run as the stated one.
+                first = effect.columns(setting, stops)[:, 0]
+                alike = float(np.linalg.norm(yardstick.signature(first))) / seen
+                ways.append(stated[entry.label] * alike)
+                most.append(max(abs(effect.sizes[0].low), abs(effect.sizes[0].high)) * alike)
+            sizes = sizes_in_their_words(change, effect, setting, stops, run)
+            if sizes:
+                words[entry.label] = sizes
+                most.append(_most(effect, sizes))
+        scaled_by = scaled_by if ways else "yardstick"
+        limits.append((float(min(ways)) if ways else own, own))
+        highest.append(max(most, default=np.inf) / limits[-1][0])
+        in_words.append(words)
+    # What lies beyond its plausible range is rightly ruled out: such a size comes down a level.
+    fitting = [one for one in LEVELS if one <= min([case.level, *highest])]
+    case = replace(case, level=max(fitting, default=min(LEVELS)))
+    sizes = [sign * case.level * limit for sign, (limit, _) in zip(case.signs, limits, strict=True)]
+    return (
+        case,
+        sizes,
+        {
+            "scaled_by": scaled_by,
+            "limit_over_yardstick": [limit / own for limit, own in limits],
+            "expected": [
+                {
+                    label: {name: size * value for name, value in values.items()}
+                    for label, values in of_one.items()
+                }
+                for size, of_one in zip(sizes, in_words, strict=True)
+            ],
+        },
+    )
+
+
+def _most(effect, sizes):
+    """Size of the hidden effect at which the first of the catalogue's leaves its range."""
+    largest = max(abs(value) for value in sizes.values())
+    return min(
+        max(abs(size.low), abs(size.high)) / abs(sizes[size.name])
+        for size in effect.sizes
+        if abs(sizes[size.name]) > 1e-3 * largest
+    )
 
 
 def judge_blindly(root, name):
-    """Ask the workflow for the verdict on one case; it sees the case's folder, no seal."""
+    """Ask the workflow for the verdict on one case; it sees the case's folder, no seal.
+
+    If it says that it cannot tell by what the gap closes, it is asked for an extra plan, the
+    machine is measured by it, and both runs are put to the workflow together.
+    """
     root = Path(root)
     kept = root / "verdicts" / f"{name}.json"
     if kept.exists():
         return name
+    folder = root / "cases" / name
+    diagnosis = None
     try:
-        found, document = asked(root / "cases" / name)
-        if found.verdict == "NAMED":
-            # The same machine measured again: effects as found, nothing of them fitted to it.
-            known = [one.active for one in found.findings]
-            _, again = asked(root / "again" / name, known=known)
-            document["held_out"] = again["chi_squared"][0] / again["degrees_of_freedom"][0]
+        diagnosis, document = asked(folder)
+        if document["verdict"] == "NAMED" and (root / "again" / name).exists():
+            document["held_out"] = held_out(root / "again" / name, diagnosis)
     except NoAnswerError:
-        document = _no_answer()
+        document = no_answer()
+    except Exception as error:  # A crash of the workflow is a result, not the test's end.
+        document = crashed(error)
+    known = (root / "machines" / name).exists() and document["verdict"] in ("NAMED", "AMBIGUOUS")
+    if known and any(one["ambiguous"] for one in document["findings"]):
+        document["further"] = _further(root, name, diagnosis)
     _keep(kept, document)
     return name
+
+
+def _further(root, name, diagnosis):
+    """Have a plan proposed, measured and diagnosed together with the first run."""
+    folder = root / "cases" / name
+    try:
+        text, proposal = further_plan(folder, diagnosis)
+        if not text:
+            return {"proposal": proposal, "verdict": None}
+        case, sizes = pickle.loads((root / "machines" / name).read_bytes())
+        measured = write_further(root / "further" / name, case, sizes, text)
+        (measured / "plan.yaml").write_text(text)
+        return {"proposal": proposal, "verdict": diagnosed_together([folder, measured])}
+    except NoAnswerError:
+        return {"proposal": {"sentence": "no answer"}, "verdict": no_answer()}
+    except Exception as error:
+        return {"proposal": {"sentence": "crash"}, "verdict": crashed(error)}
 
 
 def _keep(path, document):
@@ -275,36 +246,6 @@ def _judged(name, truth, verdict):
         "truth": truth,
         "verdict": verdict,
         "outcome": outcome(truth, verdict),
+        "after_plan": after_plan(truth, verdict),
         "held_out": verdict.get("held_out"),
     }
-
-
-def blind_test(root, wanted, processes=2, largest=LARGEST, progress: Callable[[str], None] = print):
-    """Run the blind test on cases (class, seed, level or None); return what was judged.
-
-    All cases are prepared and sealed first, then all are put to the workflow, then the seals are
-    opened.
-    """
-    root = Path(root)
-    arguments = [(root, *one, largest) for one in wanted]
-    names = _all(prepare, arguments, processes, progress, "prepared")
-    _all(judge_blindly, [(root, name) for name in names], processes, progress, "judged")
-    return opened(root, names)
-
-
-def _all(task, arguments, processes, progress, word):
-    if processes <= 1:
-        return [task(*one) for one in arguments]
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
-    with ProcessPoolExecutor(processes, initializer=_path_of_parent, initargs=(sys.path,)) as pool:
-        waiting = {pool.submit(task, *one): place for place, one in enumerate(arguments)}
-        names = {}
-        for done in as_completed(waiting):
-            names[waiting[done]] = done.result()
-            progress(f"{word} {len(names)}/{len(arguments)}: {done.result()}")
-    return [names[place] for place in range(len(arguments))]
-
-
-def _path_of_parent(path):
-    sys.path[:] = path

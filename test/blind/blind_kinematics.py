@@ -18,16 +18,27 @@ class Action:
         turn: rotation vectors of the carriages, rad, (3, n, 3).
         scale: part by which the displacement shown is too large, (n,).
         reading: what the interferometer shows too much, m, (n,).
+        mirror: rotation vectors of the mirror on its mount, rad, (n, 3).
+        mount: place of the mirror on the tool, m, (n, 3); the beam is set to meet it there.
+        fringe: amplitude of an error that swings with the phase of the light, m, (n,).
+        fringe_period: of that, m.
     """
 
     shift: np.ndarray
     turn: np.ndarray
     scale: np.ndarray
     reading: np.ndarray
+    mirror: np.ndarray
+    mount: np.ndarray
+    fringe: np.ndarray
+    fringe_period: float = 1.0
 
     @classmethod
     def none(cls, n):
-        return cls(np.zeros((3, n, 3)), np.zeros((3, n, 3)), np.zeros(n), np.zeros(n))
+        axes, vectors = np.zeros((3, n, 3)), np.zeros((n, 3))
+        return cls(
+            axes, axes.copy(), np.zeros(n), np.zeros(n), vectors, vectors.copy(), np.zeros(n)
+        )
 
     def __add__(self, other):
         return Action(
@@ -35,6 +46,10 @@ class Action:
             self.turn + other.turn,
             self.scale + other.scale,
             self.reading + other.reading,
+            self.mirror + other.mirror,
+            self.mount + other.mount,
+            self.fringe + other.fringe,
+            min(self.fringe_period, other.fringe_period),
         )
 
 
@@ -69,10 +84,14 @@ def tool_frames(chain, position, translations, rotations):
     return pose
 
 
-def path_lengths(pose, beam, normal, source):
-    """Length of the beam from its source to the mirror's plane, which turns with the tool, (n,)."""
+def path_lengths(pose, beam, normal, source, mount):
+    """Length of the beam from its source to the mirror's plane, which turns with the tool, (n,).
+
+    A plane does not tell where on the tool it is mounted; that the beam meets it elsewhere counts.
+    """
     turned = np.einsum("nij,nj->ni", pose[:, :3, :3], normal)
-    along = np.sum((pose[:, :3, 3] - source) * turned, axis=1)
+    mirror = pose[:, :3, 3] + np.einsum("nij,nj->ni", pose[:, :3, :3], mount)
+    along = np.sum((mirror - source - mount) * turned, axis=1)
     return along / np.sum(beam * turned, axis=1)
 
 
@@ -86,6 +105,9 @@ def displacements(chain, run, translations, action, alignment):
         action: of the effects.
         alignment: beam, normal, source of each stop, each (n, 3).
     """
+    beam, normal, source = alignment
     pose = tool_frames(chain, run.position, translations + action.shift, action.turn)
-    length = path_lengths(pose, *alignment) - run.dead_path
-    return length * (1.0 + action.scale) + action.reading
+    normal = np.einsum("nij,nj->ni", rotation_matrices(action.mirror), normal)
+    length = path_lengths(pose, beam, normal, source, action.mount) - run.dead_path
+    swing = action.fringe * np.sin(2.0 * np.pi * length / action.fringe_period)
+    return length * (1.0 + action.scale) + action.reading + swing

@@ -29,31 +29,33 @@ def saw_tooth(rng, share):
 SHAPES = (two_waves, spline, saw_tooth)
 
 
-def draw_curves(rng, blocks, rich=False):
+def draw_curves(rng, blocks):
     """Draw the nine translational curves at the nodes, m, (3 axes, nodes, 3 components).
 
-    Straightness of a rich machine always has two waves. All begin at zero; slopes are left in, as
-    squareness and scale of the axes.
+    Straightness always has two waves, and a further shape on top of them. All begin at zero; slopes
+    are left in, as squareness and scale of the axes.
     """
     share = np.linspace(0.0, 1.0, blocks + 1)
     curves = np.zeros((3, blocks + 1, 3))
     for axis in range(3):
         for component in range(3):
-            shape = two_waves if rich and axis != component else SHAPES[rng.integers(len(SHAPES))]
+            shape = SHAPES[rng.integers(len(SHAPES))]
             curve = rng.uniform(0.3e-6, 2e-6) * shape(rng, share)
+            if axis != component:
+                curve += rng.uniform(0.3e-6, 2e-6) * two_waves(rng, share)
             curve += rng.normal(0.0, 3e-6) * share
             curves[axis, :, component] = curve - curve[0]
     return curves
 
 
-def draw_noise(rng, n, sigma):
-    """Noise with a slight memory from stop to stop; its standard deviation is ``sigma``."""
-    memory = rng.uniform(0.0, 0.2)
-    fresh = rng.normal(0.0, sigma * np.sqrt(1.0 - memory**2), n)
+def draw_noise(rng, n, sigma, memory=True):
+    """Noise with standard deviation ``sigma`` and, if wished, a slight memory of the last stop."""
+    remembered = rng.uniform(0.0, 0.2) * float(memory)
+    fresh = rng.normal(0.0, sigma * np.sqrt(1.0 - remembered**2), n)
     noise = np.empty(n)
     last = rng.normal(0.0, sigma)
     for place in range(n):
-        last = memory * last + fresh[place]
+        last = remembered * last + fresh[place]
         noise[place] = last
     return noise
 

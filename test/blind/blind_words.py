@@ -1,7 +1,7 @@
-"""Which names of a catalogue mean an effect of the blind test.
+"""Which names of a catalogue mean an effect of the blind test, and which words a gross error.
 
 The catalogue and the generator were written apart; this is the dictionary between their words. It
-sees names and settings only, never readings.
+sees names, settings and sentences only, never readings.
 """
 
 import re
@@ -29,21 +29,45 @@ def _has(entry, *values):
     return all(str(value) in words for value in values)
 
 
+_ANGULAR = ("angular error", "wavy angular error")
+_DRIFT = ("drift", "warm-up drift")
+_GROWTH = ("growth with time", "warm-up growth")
 NAMES = {
     "backlash": ("backlash",),
     "settling": ("settling",),
+    "servo_lag": ("servo lag",),
+    "trigger": ("position-trigger delay",),
     "growth": ("thermal growth",),
-    "growth_in_time": ("growth with time", "warm-up growth"),
-    "angular": ("angular error", "wavy angular error"),
+    "growth_in_time": _GROWTH,
+    "warming_growth": _GROWTH,
+    "angular": _ANGULAR,
+    "curved_angular": _ANGULAR,
+    "wavy_angular": _ANGULAR,
+    "roll": _ANGULAR,
     "dead_path": ("dead path",),
     "air": ("uncompensated air temperature",),
+    "air_pressure": ("uncompensated air pressure",),
+    "expansion": ("wrong expansion coefficient",),
     "cosine": ("cosine error",),
     "slip": ("fringe slip",),
+    "beam_break": ("beam-break jump",),
+    "nonlinearity": ("interferometer nonlinearity",),
+    "beam_walk": ("beam walk on the mirror",),
+    "mirror_tilt": ("mirror tilt under travel",),
+    "abbe": ("Abbe offset",),
     "sag": ("sag",),
-    "drift": ("drift", "warm-up drift"),
-    "reading_drift": ("drift", "warm-up drift"),
+    "drift": _DRIFT,
+    "warming_drift": _DRIFT,
+    "reading_drift": _DRIFT,
+    "warming_laser": _DRIFT,
+    "scale": ("scale",),
+    "squareness": ("squareness",),
+    "pitch": ("pitch-periodic error",),
+    "wavelength": ("wrong wavelength",),
 }
-"""Kind → effects of the catalogue that mean it. A warm-up of long time constant grows in time."""
+"""Kind → effects of the catalogue that mean it: slow warming and a steady change are one name."""
+
+_SQUARENESS = {"XY": "C0Y", "XZ": "B0Z", "YZ": "A0Z"}
 
 
 def _line_words(setup):
@@ -58,9 +82,15 @@ def _is_place(entry, setting, setup):
     stops = [
         value
         for name, value in entry.setting.items()
-        if name != "repeat" and isinstance(value, int | float)
+        if name not in ("repeat", "run") and isinstance(value, int | float)
     ]
     return any(abs(stop - setting["stop"]) <= NEAR for stop in stops)
+
+
+def _of_later_run(entry):
+    """Tell whether a candidate belongs to an alignment or a pass of a later run."""
+    words = [str(value) for value in entry.setting.values()]
+    return entry.setting.get("run", 1) != 1 or any(word.startswith("run ") for word in words)
 
 
 def means(entry, kind, setting, setups):
@@ -74,14 +104,77 @@ def means(entry, kind, setting, setups):
     """
     if entry.effect not in NAMES.get(kind, ()):
         return False
-    if kind == "slip":
-        return _is_place(entry, setting, setups[setting["setup"]])
-    if kind == "cosine":
-        return _has(entry, *_line_words(setups[setting["setup"]]))
+    if "setup" in setting:
+        setup = setups[setting["setup"]]
+        if _of_later_run(entry):
+            return False
+        if "stop" in setting:
+            return _is_place(entry, setting, setup)
+        further = [setting["axis"]] if "axis" in setting else []
+        return _has(entry, *_line_words(setup), *further)
     if kind == "sag":
         return _has(entry, setting["component"].upper(), setting["pair"].upper())
-    if kind == "drift":
+    if kind == "squareness":
+        return _has(entry, _SQUARENESS["".join(sorted((setting["axis"], setting["component"])))])
+    if "direction" in setting:
         return _has(entry, setting["direction"].upper())
-    if kind == "reading_drift":
+    if kind in ("reading_drift", "warming_laser"):
         return _has(entry, "beam")
-    return _has(entry, *setting.values())
+    where = [setting[name] for name in ("axis", "error", "period") if name in setting]
+    return _has(entry, *where)
+
+
+def is_at(entry, setup, stop):
+    """Tell whether a candidate is a jump at a stop of a setup's first pass, or back at the next.
+
+    That is one way to say that a single reading is wrong.
+    """
+    jumps = ("fringe slip", "beam-break jump")
+    place = {"direction": "forward", "repeat": 0}
+    return entry.effect in jumps and any(
+        _is_place(entry, {**place, "stop": one}, setup) and one in entry.setting.values()
+        for one in (stop, stop + 1)
+    )
+
+
+_GROSS_WORDS = {
+    "reversed_axis": r"\b{axis}\b[^.;]*(runs|moves) (backwards|the other way)",
+    "swapped_axes": r"({axis}, {other}|{other}, {axis}|wrong step, line or axis)",
+    "wrong_line": r"{line}",
+    "wrong_order": r"{order}",
+    "sign": r"\bsign\b",
+    "millimetres": r"\b(mm|millimetres)\b",
+    "inches": r"\binches\b",
+    "half": r"\bhalf\b",
+    "turned_pass": r"exchanged|forward|backward|\bsign\b",
+    "outlier": r"\bstop {stop}\b",
+    "repeated_row": r"\btwice\b",
+    "lost_row": r"\bmissing\b",
+    "positions_in_mm": r"\b(mm|millimetres)\b",
+    "renamed_rows": r"{line}|positions",
+}
+"""Gross error → what a sentence must say of it."""
+_AS_A_TABLE = {
+    "reversed_axis": r"\bsign\b|backward|positions? ha(s|ve) changed",
+    "swapped_axes": r"positions? ha(s|ve) changed|{axis}|{other}",
+    "wrong_order": r"{order}|positions? ha(s|ve) changed",
+    "inches": r"inch|positions? ha(s|ve) changed",
+    "half": r"half|positions? ha(s|ve) changed",
+    "turned_pass": r"backward|\bsign\b|positions? ha(s|ve) changed",
+}
+"""A table is refused at its first row that cannot be; that the row is wrong is then enough."""
+
+
+def rightly_said(gross, text, refused):
+    """Tell whether a sentence says which gross error it is.
+
+    Args:
+        gross: what was done: ``kind`` and where.
+        text: all that was said.
+        refused: whether that is the refusal of a table.
+    """
+    words = dict(_GROSS_WORDS)
+    if refused:
+        words.update(_AS_A_TABLE)
+    named = {key: re.escape(str(value)) for key, value in gross.items()}
+    return bool(re.search(words[gross["kind"]].format(**named), text))

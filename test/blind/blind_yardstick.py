@@ -18,7 +18,8 @@ def free_columns(run):
     nodes = run.plan.blocks + 1
     columns = []
     for axis in range(3):
-        here = np.eye(nodes)[run.index[:, axis]][:, 1:]
+        index = np.rint(run.position[:, axis] / run.plan.step[axis]).astype(int)
+        here = np.eye(nodes)[index][:, 1:]
         columns.extend(here * run.beam[:, [component]] for component in range(3))
     for number, setup in enumerate(run.plan.setups):
         chosen = (run.setup == number).astype(float)[:, None]

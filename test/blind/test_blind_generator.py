@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from blind_cases import (
     CLASSES,
-    Machine,
     draw_case,
     own_limits,
     readings_of,
@@ -16,13 +15,27 @@ from blind_cases import (
     unseal,
     write_case,
 )
+from blind_effects import ANGLES, INSIDE, KINDS, OUTSIDE, UNSEEN, Hidden, draw_hidden, roll_of
 from blind_kinematics import Action, rotation_matrices, tool_frames
-from blind_physics import ANGLES, INSIDE, KINDS, OUTSIDE, Hidden, draw_hidden
+from blind_machine import Machine
 from blind_plans import draw_plan, make_run
 from blind_shapes import draw_curves, draw_noise
 from blind_yardstick import Yardstick
 
-GENERATOR = ("kinematics", "plans", "shapes", "physics", "yardstick", "cases")
+GENERATOR = (
+    "cases",
+    "effects",
+    "gross",
+    "kinematics",
+    "machine",
+    "physics",
+    "plans",
+    "shapes",
+    "strange",
+    "tables",
+    "weather",
+    "yardstick",
+)
 HERE = Path(__file__).parent
 
 
@@ -40,7 +53,8 @@ def test_the_generator_knows_nothing_of_the_project(name):
         elif isinstance(node, ast.ImportFrom):
             imported.add(node.module.split(".")[0])
     own = {f"blind_{other}" for other in GENERATOR}
-    known = {"numpy", "scipy", "yaml", "csv", "hashlib", "json", "zlib", "dataclasses", "pathlib"}
+    known = {"numpy", "scipy", "yaml", "csv", "dataclasses", "hashlib", "io", "itertools", "json"}
+    known |= {"pathlib", "zlib"}
     assert imported <= own | known
 
 
@@ -94,12 +108,14 @@ def test_what_a_beam_off_its_way_reads():
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_effect_acts_in_proportion_to_its_size(kind):
     rng = np.random.default_rng(11)
-    case = draw_case("none", 2)
+    case = draw_case("one", 2)
     machine = Machine(2, case.plan)
     run = machine.run()
     hidden = draw_hidden(rng, kind, run)
-    one = machine.signature(run, hidden, 1e-7)
-    ten = machine.signature(run, hidden, 1e-6)
+    without = machine.shown(run, Action.none(len(run.time)))
+    one, ten = (
+        (machine.shown(run, hidden.act(run, size)) - without) / size for size in (1e-8, 1e-7)
+    )
     assert np.abs(one).max() > 0.0
     np.testing.assert_allclose(one, ten, atol=2e-4 * np.abs(ten).max())
 
@@ -132,8 +148,8 @@ def test_the_signs_of_the_effects_are_those_of_the_printed_cases():
     np.testing.assert_array_equal(slipped != 0.0, after & (run.setup == 1))
 
 
-def test_curves_begin_at_zero_and_rich_ones_have_two_waves():
-    curves = draw_curves(np.random.default_rng(1), 12, rich=True)
+def test_curves_begin_at_zero_and_straightness_has_waves():
+    curves = draw_curves(np.random.default_rng(1), 12)
     assert np.all(curves[:, 0] == 0.0)
     share = np.linspace(0.0, 1.0, 13)
     for axis in range(3):
@@ -168,17 +184,19 @@ def test_a_case_is_its_seed_and_the_project_reads_its_table(kind, tmp_path):
     assert table.measurement.chain == case.plan.chain
     # Neither the table nor the case file tells what is hidden, or how large the noise is.
     told = text.splitlines()[0] + (first / "case.yaml").read_text()
-    assert not any(hidden.kind in told for hidden in case.hidden) and "noise" not in told
+    assert not any(hidden.kind in told for hidden in case.hidden)
+    assert ("noise" in told) == case.plan.told_noise
     write_case(second, case, sizes, noise_stream=1)
     assert text != (second / "run.csv").read_text()
 
 
 def test_the_classes_hide_what_they_say():
-    for seed in range(6):
+    for seed in range(3):
         assert draw_case("none", seed).hidden == ()
         assert draw_case("one", seed).hidden[0].kind in INSIDE
         assert len({hidden.kind for hidden in draw_case("two", seed).hidden}) == 2
         assert draw_case("outside", seed).hidden[0].kind in OUTSIDE
+        assert draw_case("unseen", seed).hidden[0].kind in UNSEEN
         pair = draw_case("pair", seed)
         machine = Machine(seed, pair.plan)
         run = machine.run()
@@ -202,6 +220,53 @@ def test_the_yardstick_sees_neither_curves_nor_tilts_nor_squareness():
     assert np.abs(left).max() < 0.15e-6
     angles = [machine.signature(run, Hidden("angular", {"error": error})) for error in ANGLES]
     assert max(Yardstick(run).visible(angle) for angle in angles) > 0.05
+
+
+@pytest.mark.parametrize("kind", set(UNSEEN) - {"nonlinearity"})
+def test_what_nobody_can_see_is_there_and_hides_in_the_free_parameters(kind):
+    case = draw_case("none", 9)
+    machine = Machine(9, case.plan)
+    machine.beam_tilt = machine.mirror_tilt = np.zeros_like(machine.beam_tilt)
+    run = machine.run()
+    change = machine.signature(run, draw_hidden(np.random.default_rng(0), kind, run))
+    assert np.ptp(change) > 0.01
+    assert Yardstick(run).visible(change) < 1e-4
+
+
+def test_a_mirror_elsewhere_on_the_tool_is_carried_by_the_roll_that_nobody_else_sees():
+    case = draw_case("none", 9)
+    machine = Machine(9, case.plan)
+    run = machine.run()
+    setup = next(n for n, one in enumerate(case.plan.setups) if one.order)
+    axis = case.plan.chain[0]
+    change = machine.signature(run, Hidden("abbe", {"setup": setup, "axis": axis}))
+    here = run.setup == setup
+    share = run.position[here, "XYZ".index(axis)] / run.travel["XYZ".index(axis)]
+    roll = machine.signature(run, Hidden("roll", {"error": roll_of(case.plan.chain)}), 1e-6)
+    # What the size tells, beside the roll's own part, which is one of straightness.
+    arm = np.linalg.norm(np.cross(np.eye(3)["XYZ".index(axis)], run.beam[here][0]))
+    own = change[here] - roll[here] / (0.1 * arm)
+    np.testing.assert_allclose(np.abs(own), np.abs(share - share[0]), atol=2e-3)
+    assert Yardstick(run).visible(change) > 0.02
+
+
+def test_light_swings_with_the_mirror_s_way_in_half_waves():
+    case = draw_case("none", 9)
+    machine = Machine(9, case.plan)
+    run = machine.run()
+    shown = machine.shown(run, Action.none(len(run.time)))
+    size = 10e-9
+    swing = machine.signature(run, Hidden("nonlinearity", {"setup": 3, "part": 2}), size)
+    here = run.setup == 3
+    assert not np.any(swing[~here]) and np.abs(swing[here]).max() > 0.5
+    # To the first order in the amplitude: sin(2 pi s / (wavelength / 4)), from the zero on.
+    first = np.flatnonzero(here)[0]
+    beam, _, source = machine.alignment(run)
+    assert np.linalg.norm(run.start[first] - source[first]) == pytest.approx(run.dead_path)
+    phase = 2.0 * np.pi * shown[here] / (632.8e-9 / 4.0)
+    expected = np.column_stack([np.sin(phase), np.cos(phase), np.ones(len(phase))])
+    left = swing[here] - expected @ np.linalg.lstsq(expected, swing[here], rcond=None)[0]
+    assert np.abs(left).max() < 1e-4 and np.allclose(beam[here], beam[first])
 
 
 def test_an_effect_of_its_own_limit_stands_out_of_the_noise_that_much():

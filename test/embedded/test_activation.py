@@ -152,6 +152,24 @@ def test_discovery_range(monkeypatch: pytest.MonkeyPatch, value: str, parts: lis
     assert bool(config) == bool(parts)
 
 
+@pytest.mark.parametrize("peers", ["", "10.0.0.7"])
+def test_on_this_computer_only_the_loopback_is_heeded(
+    monkeypatch: pytest.MonkeyPatch, peers: str
+) -> None:
+    """Real ROS 2 nodes announce themselves there: without it, late ones would never be found."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_STATIC_PEERS", peers)
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    config = ddsdomain.discovery_config()
+    assert '<NetworkInterface address="127.0.0.1"' in config
+    assert ("autodetermine" in config) == bool(peers)
+    monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS/>")
+    assert "NetworkInterface" not in ddsdomain.discovery_config()
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.delenv("CYCLONEDDS_URI")
+    assert "NetworkInterface" not in ddsdomain.discovery_config()
+
+
 def test_missing_library_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     monkeypatch.setattr("ctypes.util.find_library", lambda _: None)

@@ -1,0 +1,65 @@
+"""Effects that are real and that no catalogue of step-diagonal work is asked to hold."""
+
+import numpy as np
+from blind_kinematics import Action
+from blind_physics import HOUR, along_axis, of_structure, on_reading, share_of, turned
+
+
+def cubic_sag(run, size, component):
+    """Sag with the product of all three ways, m at the far corner."""
+    return of_structure(run, component, size * np.prod(share_of(run), axis=1))
+
+
+def bent_sag(run, size, component, axis, other):
+    """Sag with the square of one way and another one, m at their far ends."""
+    share = share_of(run)
+    product = share[:, "XYZ".index(axis)] ** 2 * share[:, "XYZ".index(other)]
+    return of_structure(run, component, size * product)
+
+
+def thermal_turn(run, size, error):
+    """An axis turns along its way the more, the warmer it is, rad per kelvin at the end."""
+    share = share_of(run)[:, "XYZ".index(error[3])]
+    return turned(run, error, size * share * (run.material - 20.0))
+
+
+def chiller(run, size, period, phase, direction):
+    """A cooler switches on and off and bends the column, unseen by the sensors, m."""
+    cycle = np.sign(np.sin(2.0 * np.pi * run.time / period + phase))
+    return of_structure(run, direction, size * cycle)
+
+
+def random_walk(run, size, seed):
+    """Structure that wanders, m over an hour (standard deviation)."""
+    rng = np.random.default_rng(seed)
+    pace = np.sqrt(np.diff(run.time, prepend=run.time[0]) / HOUR)
+    return on_reading(run, size * np.cumsum(rng.standard_normal(len(pace)) * pace))
+
+
+def cross_talk(run, size, axis, other):
+    """Lost motion of an axis that grows with the place of another, m at its far end."""
+    place = "XYZ".index(axis)
+    return along_axis(
+        run, axis, -0.5 * size * run.came[:, place] * share_of(run)[:, "XYZ".index(other)]
+    )
+
+
+def stick_slip(run, size, axis, seed):
+    """At each reversal the axis catches elsewhere, m (standard deviation)."""
+    rng = np.random.default_rng(seed)
+    came = run.came[:, "XYZ".index(axis)]
+    reversals = np.cumsum(np.diff(came, prepend=came[0]) != 0.0)
+    return along_axis(run, axis, size * rng.standard_normal(reversals[-1] + 1)[reversals])
+
+
+def worn_spot(run, size, axis, other, width, centre_1, centre_2):
+    """A guide worn where two axes meet: a bump of straightness in their plane, m."""
+    share = share_of(run)
+    one = share[:, "XYZ".index(axis)] - centre_1
+    two = share[:, "XYZ".index(other)] - centre_2
+    component = next(letter for letter in "ZXY" if letter not in (axis, other))
+    action = Action.none(len(run.time))
+    action.shift["XYZ".index(axis), :, "XYZ".index(component)] = size * np.exp(
+        -(one**2 + two**2) / (2.0 * width**2)
+    )
+    return action
