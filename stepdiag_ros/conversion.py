@@ -367,7 +367,8 @@ def to_measured_line(message: Any) -> MeasuredLine:
         displacement=columns["displacement"],
         standard_uncertainty=columns["standard_uncertainty"],
         environment=np.column_stack([columns[name] for name in Environment._fields]),
-        overrun=float(message.overrun),
+        # Bags from before this was recorded do not tell it.
+        overrun=float(getattr(message, "overrun", 0.0)),
     )
 
 

@@ -41,7 +41,11 @@ def discovery_config() -> str:
             "<ParticipantIndex>auto</ParticipantIndex>"
             f"<MaxAutoParticipantIndex>{MAX_PARTICIPANTS}</MaxAutoParticipantIndex>"
         )
-        listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
+        if wanted == "LOCALHOST":
+            # Real ROS 2 nodes without this limit send nothing to this computer alone: they find
+            # this node by its own announcements, which therefore must come soon and never end.
+            discovery += "<SPDPInterval>2s</SPDPInterval>"
+        listed = "".join(f'<Peer address={quoteattr(peer)} PruneDelay="inf"/>' for peer in peers)
         discovery += f"<Peers>{listed}</Peers>" if listed else ""
     elif wanted != "SYSTEM_DEFAULT":
         raise DdsError(

@@ -11,13 +11,15 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
-from stepdiag_ros.run.pacing import GovernedTime
+from stepdiag_ros.run.pacing import RECORDER_LAG, GovernedTime
+from stepdiag_ros.run.supervision import HEARD_UNTIL, Peer
 
 
 class ClockNode(StepdiagNode):
     """Publishes /clock: starts at the real time of day and runs ``factor`` times as fast.
 
-    It waits for the interferometer, whose readings come last in the chain of simulated devices.
+    It waits for the interferometer, whose readings come last in the chain of simulated devices, and
+    for the recorder, which must take all of them.
     """
 
     role = "clock"
@@ -38,6 +40,12 @@ class ClockNode(StepdiagNode):
 
     def _on_reading(self, message: Any) -> None:
         self._governed.heard(to_nanoseconds(message.header.stamp), self.real_time())
+
+    def on_heartbeat(self, peer: Peer) -> None:
+        """Wait for a recorder that is behind."""
+        if HEARD_UNTIL in peer.facts:
+            until = int(peer.facts[HEARD_UNTIL])
+            self._governed.heard(until, self.real_time(), peer.role, RECORDER_LAG)
 
     def _tick(self) -> None:
         seconds, nanoseconds = divmod(self._governed.advance(self.real_time()), 1_000_000_000)

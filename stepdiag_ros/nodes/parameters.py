@@ -65,7 +65,10 @@ class ParameterCollector:
             name: of the node, in full.
             real: time on a clock that never steps, s.
         """
-        if name in self.values or real - self._asked_last.get(name, -RETRY) < RETRY:
+        if name in self.values:
+            self._forget(name)
+            return
+        if real - self._asked_last.get(name, -RETRY) < RETRY:
             return
         if name not in self._asked:
             self._asked[name] = (
@@ -88,3 +91,10 @@ class ParameterCollector:
             getter.call_async(GetParameters.Request(names=names)).add_done_callback(got)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
+
+    def _forget(self, name: str) -> None:
+        """Let go of the clients of a node that has answered; each would cost time in every wait."""
+        if name in self._asked:
+            _, *clients = self._asked.pop(name)
+            for client in clients:
+                self._node.destroy_client(client)

@@ -2,6 +2,7 @@
 """Node: records each run into one MCAP file that survives a crash."""
 
 import sys
+from collections import deque
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.embedded import client
 from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
 from stepdiag_ros.nodes.parameters import ParameterCollector
-from stepdiag_ros.run.supervision import fact_of_run
+from stepdiag_ros.run.sequence import STORE_LIMIT
+from stepdiag_ros.run.supervision import HEARD_UNTIL, fact_of_run
 from stepdiag_ros.topics import Topic
 
 ASK_PERIOD = 0.2
@@ -31,6 +33,7 @@ class RecorderNode(StepdiagNode):
     """Opens a bag when a run begins, flushes it at every stop, closes it when the run has ended."""
 
     role = "recorder"
+    _newest_reading = b""
 
     def __init__(self) -> None:
         super().__init__("recorder")
@@ -39,6 +42,10 @@ class RecorderNode(StepdiagNode):
         self._folder.mkdir(parents=True, exist_ok=True)
         self._writer: BagWriter | None = None
         self._close_at: float | None = None
+        self._close_latest = 0.0
+        # Stops whose readings are still on their way: on a busy computer the many readings come
+        # seconds after the few stops that were made from them.
+        self._incomplete: deque[Any] = deque()
         self._failure = ""
         self._collector = ParameterCollector(self)
         self.follow_run()
@@ -65,39 +72,67 @@ class RecorderNode(StepdiagNode):
         )
         writer = BagWriter(self._free_path(description.run_id), header)
         self._writer, self._close_at, self._failure = writer, None, ""
+        self._incomplete.clear()
         self._record(topics.RUN_DESCRIPTION, serialize_message(description))
         self.get_logger().info(f"recording {writer.path}")
 
     def on_run_end(self) -> None:
-        """Close the bag after the last results have come."""
+        """Close the bag after the last results, and the readings of the last stop, have come."""
         self._close_at = self.real_time() + LINGER
+        self._close_latest = self.real_time() + STORE_LIMIT
 
     def close(self) -> None:
         """Close the bag that is open."""
         self._close()
 
     def _record(self, topic: Topic, message: bytes) -> None:
+        if topic is topics.READING:
+            self._newest_reading = message
         if self._writer is None:
             return
         try:
             name = self.resolve_topic_name(topic.name)
             self._writer.write(name, topic.type_name, message, self.now())
-            if topic in (topics.STOP, topics.RUN_STATE):
+            if topic is topics.RUN_STATE:
                 self._writer.flush()
-            if topic is topics.STOP:
-                stop = deserialize_message(message, message_class(topic))
-                self.facts["stored"] = fact_of_run(stop.run_id, str(stop.command_id))
-                self.beat()
+            elif topic is topics.STOP:
+                self._incomplete.append(deserialize_message(message, message_class(topic)))
+                self._complete_stops(self._writer)
+            elif topic is topics.READING and self._incomplete:
+                self._complete_stops(self._writer)
         except BagError as error:
             self._writer, self._failure = None, str(error)
             self.unwell(self._failure)
         if self._close_at is not None and topic.derived:
             self._close_at = self.real_time() + LINGER
 
+    def _complete_stops(self, writer: BagWriter) -> None:
+        """Put stops on the disk whose readings are all there; only then may the machine go on."""
+        stored, until = None, self._heard_until()
+        while self._incomplete and to_nanoseconds(self._incomplete[0].window_end) <= until:
+            stored = self._incomplete.popleft()
+        if stored is not None:
+            writer.flush()
+            self.facts["stored"] = fact_of_run(stored.run_id, str(stored.command_id))
+            self.beat()
+
+    def _heard_until(self) -> int:
+        if not self._newest_reading:
+            return 0
+        reading = deserialize_message(self._newest_reading, message_class(topics.READING))
+        return to_nanoseconds(reading.header.stamp)
+
+    def beat(self) -> None:
+        """Say with the heartbeat how far the readings have been taken."""
+        if self._newest_reading:
+            self.facts[HEARD_UNTIL] = str(self._heard_until())
+        super().beat()
+
     def _close_when_over(self) -> None:
         if self._close_at is None:
             return
-        if self.watch.working():
+        awaited = self._incomplete and self.real_time() < self._close_latest
+        if awaited or self.watch.working():
             self._close_at = self.real_time() + LINGER
         elif self.real_time() >= self._close_at:
             self._close()

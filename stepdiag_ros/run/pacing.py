@@ -1,11 +1,14 @@
 """Simulated time against real time."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 FOLLOWER_LAG = 0.02
 """Real seconds by which a follower may be behind before simulated time waits for it."""
 FOLLOWER_PATIENCE = 1.0
 """Real seconds that simulated time waits for a follower that does not come on at all."""
+RECORDER_LAG = 0.75
+"""Real seconds by which the recorder may be behind: it is only heard of by its heartbeats."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,12 @@ class Pace:
         return (time - self.origin) / max(end - self.origin, 1)
 
 
+class _Follower(NamedTuple):
+    time: int
+    real: float
+    lag: float
+
+
 class GovernedTime:
     """Simulated time that waits for those who must keep up with it.
 
@@ -55,13 +64,20 @@ class GovernedTime:
         self._factor = factor
         self._time = origin
         self._real = real_start
-        self._follower: int | None = None
-        self._follower_real = real_start
+        self._followers: dict[str, _Follower] = {}
 
-    def heard(self, time: int, real: float) -> None:
-        """Take note that a follower has come to a simulated time (ns) at a real time (s)."""
-        self._follower = time
-        self._follower_real = real
+    def heard(self, time: int, real: float, name: str = "", lag: float = FOLLOWER_LAG) -> None:
+        """Take note that a follower has come on.
+
+        Args:
+            time: simulated time that it has come to, ns.
+            real: real time at which it was heard, s.
+            name: which follower.
+            lag: real seconds by which it may be behind.
+        """
+        before = self._followers.get(name)
+        if before is None or time != before.time:
+            self._followers[name] = _Follower(time, real, lag)
 
     def advance(self, real: float) -> int:
         """Go on to a real time (s) and return the simulated time, ns."""
@@ -72,6 +88,8 @@ class GovernedTime:
 
     def _must_wait(self, real: float) -> bool:
         # A follower that has died must not stop time for all the others.
-        if self._follower is None or real - self._follower_real > FOLLOWER_PATIENCE:
-            return False
-        return self._time - self._follower > FOLLOWER_LAG * max(self._factor, 10.0) * 1e9
+        return any(
+            real - follower.real <= FOLLOWER_PATIENCE
+            and self._time - follower.time > follower.lag * max(self._factor, 10.0) * 1e9
+            for follower in self._followers.values()
+        )

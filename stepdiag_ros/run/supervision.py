@@ -9,6 +9,9 @@ SILENCE_LIMIT = 2.0
 WORK_LEFT = "work_left"
 """Fact by which a node says how many results it still owes to what it has heard."""
 
+HEARD_UNTIL = "heard_until"
+"""Fact by which a recorder says up to which time, ns, it has taken the readings."""
+
 
 @dataclass
 class Peer:

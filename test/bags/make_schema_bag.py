@@ -135,6 +135,7 @@ def messages():
         displacement=np.array([0.0, 0.0100005, 0.0200006]),
         standard_uncertainty=np.full(3, 1e-8),
         environment=np.tile(AIR, (3, 1)),
+        overrun=0.002,
     )
     made[topics.LINE] = conversion.from_measured_line(line, RUN_ID, NEW)
     curves = {name: np.array([0.0, 1.25e-6, 2.5e-6]) for name in CURVES}

@@ -26,6 +26,14 @@ def test_there_is_a_bag_of_every_version(version):
         assert sum(1 for _ in bag.messages()) >= len(topics.RECORDED)
 
 
+def test_a_bag_from_before_overruns_and_diagnoses_were_recorded_is_read():
+    run = load_run(BAGS / "schema_1_before_overrun.mcap")
+    (line,) = run.lines
+    assert line.overrun == 0.0
+    assert line.displacement.tolist() == [0.0, 0.0100005, 0.0200006]
+    assert run.diagnoses == ()
+
+
 def test_version_1_says_what_it_said():
     run = load_run(BAGS / "schema_1.mcap")
     assert run.run_id == "20260101-000000-abcd"
@@ -41,6 +49,7 @@ def test_version_1_says_what_it_said():
     assert (block.axis, block.displacement) == ("X", 0.0100004)
     (line,) = run.lines
     assert line.line.offset == (0.0, 0.02, 0.0)
+    assert line.overrun == 0.002
     assert line.displacement.tolist() == [0.0, 0.0100005, 0.0200006]
     (result,) = run.results
     assert result.method == "least_squares"

@@ -163,6 +163,8 @@ def test_on_this_computer_only_the_loopback_is_heeded(
     config = ddsdomain.discovery_config()
     assert '<NetworkInterface address="127.0.0.1"' in config
     assert ("autodetermine" in config) == bool(peers)
+    # Real nodes that are not limited to this computer find this one by what it goes on sending.
+    assert '"localhost" PruneDelay="inf"' in config and "<SPDPInterval>2s" in config
     monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS/>")
     assert "NetworkInterface" not in ddsdomain.discovery_config()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")

@@ -1,6 +1,12 @@
 import pytest
 
-from stepdiag_ros.run.pacing import FOLLOWER_LAG, FOLLOWER_PATIENCE, GovernedTime, Pace
+from stepdiag_ros.run.pacing import (
+    FOLLOWER_LAG,
+    FOLLOWER_PATIENCE,
+    RECORDER_LAG,
+    GovernedTime,
+    Pace,
+)
 
 SECOND = 1_000_000_000
 
@@ -35,3 +41,27 @@ def test_a_dead_follower_does_not_stop_time():
     time.heard(0, 0.0)
     held = time.advance(0.5)
     assert time.advance(FOLLOWER_PATIENCE + 0.1) > held
+
+
+def test_simulated_time_waits_for_each_follower():
+    time = GovernedTime(factor=20.0, origin=0, real_start=0.0)
+    time.heard(0, 0.0, "recorder", RECORDER_LAG)
+    reached = time.advance(RECORDER_LAG * 0.5)
+    time.heard(reached, RECORDER_LAG * 0.5)
+    # The fast follower is there, the recorder is not too far behind yet.
+    assert time.advance(RECORDER_LAG * 0.51) > reached
+    time = GovernedTime(factor=20.0, origin=0, real_start=0.0)
+    time.heard(0, 0.0, "recorder", RECORDER_LAG)
+    ahead = time.advance(RECORDER_LAG * 1.01)
+    time.heard(ahead, RECORDER_LAG * 1.01)
+    assert time.advance(RECORDER_LAG * 1.02) == ahead
+    time.heard(ahead, RECORDER_LAG * 1.02, "recorder", RECORDER_LAG)
+    assert time.advance(RECORDER_LAG * 1.03) > ahead
+
+
+def test_a_follower_that_says_the_same_again_has_not_come_on():
+    time = GovernedTime(factor=20.0, origin=0, real_start=0.0)
+    time.heard(0, 0.0, "recorder", 0.1)
+    ahead = time.advance(0.2)
+    time.heard(0, FOLLOWER_PATIENCE, "recorder", 0.1)
+    assert time.advance(FOLLOWER_PATIENCE * 1.01) > ahead
