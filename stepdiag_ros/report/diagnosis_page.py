@@ -15,7 +15,6 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT,
     CONSISTENT_LEVEL,
     NAMED,
-    NAMED_LEVEL,
     UNEXPLAINED,
 )
 from stepdiag_ros.report.diagnosis import (
@@ -167,7 +166,7 @@ def _chapters(
                 _about(
                     "χ² per degree of freedom is near 1 where only noise is left. p is the chance"
                     f" of so bad a fit by noise alone: below {CONSISTENT_LEVEL:g} something is"
-                    f" missing; with effects named, below {NAMED_LEVEL:g} something further."
+                    " missing."
                 ),
                 _table(gap_table(report)),
                 _list(diagnosis.where_after),

@@ -16,7 +16,6 @@ from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, si
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
-    NAMED_LEVEL,
     Diagnosis,
     Finding,
     Pattern,
@@ -188,7 +187,7 @@ def _once(
 def _diagnosis(result: _Result, stops: Stops) -> Diagnosis:
     problem, noise, selection = result.problem, result.noise, result.selection
     chosen = selection.findings()
-    misfit = result.after.p_value < (NAMED_LEVEL if chosen else CONSISTENT_LEVEL)
+    misfit = result.after.p_value < CONSISTENT_LEVEL
     contrived = (
         ""
         if misfit

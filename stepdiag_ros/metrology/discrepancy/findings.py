@@ -22,8 +22,6 @@ NOT_TESTABLE = "NOT TESTABLE"
 
 CONSISTENT_LEVEL = 0.002
 """Chance of a lack of fit below which there is a gap, all shapes of the test together."""
-NAMED_LEVEL = 0.0002
-"""The same once effects are named: that a further one is missing is rarer than that one is."""
 
 _LINE_AND_PARABOLA = ("linear", "quadratic")
 """Names of sizes that a share of the travel, and its square, are multiplied by."""
