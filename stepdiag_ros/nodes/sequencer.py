@@ -16,7 +16,6 @@ from stepdiag_ros.conversion import (
     set_header,
     to_nanoseconds,
 )
-from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import (
@@ -249,16 +248,7 @@ class SequencerNode(StepdiagNode):
     def _send(self, command: Command) -> None:
         # This node's simulated clock may lag a tick behind the readings of the stop that is left.
         now = max(self.now(), self._not_before)
-        stop = StopCommand(
-            command_id=command.command_id,
-            line_index=command.line_index,
-            attempt=command.attempt,
-            setup=command.setup,
-            stop=command.stop,
-            axis=command.axis,
-            target=command.target,
-            time=now,
-        )
+        stop = command.given_at(now)
         purpose = int(command.purpose)
         self._commands.publish(from_stop_command(stop, self.run_id, now, command.feed, purpose))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 
 NANOSECONDS = 1_000_000_000
@@ -68,6 +69,19 @@ class Command:
     axis: str
     target: tuple[float, float, float]
     feed: float
+
+    def given_at(self, time: int) -> StopCommand:
+        """Return what the assembly keeps of the command, given at a time in ns."""
+        return StopCommand(
+            command_id=self.command_id,
+            line_index=self.line_index,
+            attempt=self.attempt,
+            setup=self.setup,
+            stop=self.stop,
+            axis=self.axis,
+            target=self.target,
+            time=time,
+        )
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from stepdiag_ros.metrology.measurement import (
     MeasuredLine,
     Measurement,
     SettledStop,
-    StopCommand,
     latest_attempts,
 )
 from stepdiag_ros.metrology.plan import FORWARD
@@ -112,16 +111,7 @@ class LiveCell:
     def _send(self, command):
         now = max(self.now, self.not_before)
         self.number = command.command_id
-        stop = StopCommand(
-            command_id=command.command_id,
-            line_index=command.line_index,
-            attempt=command.attempt,
-            setup=command.setup,
-            stop=command.stop,
-            axis=command.axis,
-            target=command.target,
-            time=now,
-        )
+        stop = command.given_at(now)
         ends_at_stop = command.purpose is Purpose.STOP
         self._tell(lambda: self.laser.update_command(stop, ends_at_stop))
         if ends_at_stop:

@@ -6,7 +6,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import ROTATIONS, moving_axis
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 
 
 class AngularError(Effect):
@@ -26,7 +26,7 @@ class AngularError(Effect):
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield each rotation of an axis that moves; none if the chain is not known."""
         for error in ROTATIONS if stops.chain else ():
-            if np.ptp(stops.position[:, moving_axis(error)]) > 0.0:
+            if AXES[moving_axis(error)] in stops.moving_axes:
                 yield {"error": error}
 
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:

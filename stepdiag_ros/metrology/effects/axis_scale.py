@@ -20,9 +20,8 @@ class AxisScale(Effect):
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield each axis that moves."""
-        for axis, letter in enumerate(AXES):
-            if np.ptp(stops.position[:, axis]) > 0.0:
-                yield {"axis": letter}
+        for letter in stops.moving_axes:
+            yield {"axis": letter}
 
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return scale·position along the axis."""

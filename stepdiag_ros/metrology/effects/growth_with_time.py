@@ -23,9 +23,8 @@ class GrowthWithTime(Effect):
         """Yield each axis that moves."""
         if not self.known(stops) or not stops.duration > 0.0:
             return
-        for axis, letter in enumerate(AXES):
-            if np.ptp(stops.position[:, axis]) > 0.0:
-                yield {"axis": letter}
+        for letter in stops.moving_axes:
+            yield {"axis": letter}
 
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return per_s·position·time along the axis."""

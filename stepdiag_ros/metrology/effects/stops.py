@@ -85,6 +85,13 @@ class Stops:
         return share
 
     @property
+    def moving_axes(self) -> tuple[str, ...]:
+        """Return the letters of the axes that are not at one place throughout, in X, Y, Z order."""
+        return tuple(
+            letter for axis, letter in enumerate(AXES) if np.ptp(self.position[:, axis]) > 0.0
+        )
+
+    @property
     def run(self) -> NDArray[np.int64]:
         """Return the number of each stop's run, from 1, shape (n,)."""
         runs: NDArray[np.int64] = np.array([line.run for line in self.lines])[self.pass_index]

@@ -23,9 +23,8 @@ class ThermalGrowth(Effect):
         """Yield each axis that moves, if the temperature is known and not 20 degC throughout."""
         if not self.known(stops) or not np.nanmax(np.abs(stops.material_temperature - 20.0)) > 0.0:
             return
-        for axis, letter in enumerate(AXES):
-            if np.ptp(stops.position[:, axis]) > 0.0:
-                yield {"axis": letter}
+        for letter in stops.moving_axes:
+            yield {"axis": letter}
 
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return per_K·position·(material temperature - 20 degC) along the axis."""

@@ -22,10 +22,9 @@ class WarmUpGrowth(Effect):
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield each axis that moves with each time constant that the run can tell."""
-        for axis, letter in enumerate(AXES):
-            if np.ptp(stops.position[:, axis]) > 0.0:
-                for constant in time_constants(stops):
-                    yield {"axis": letter, "time_constant_s": constant}
+        for letter in stops.moving_axes:
+            for constant in time_constants(stops):
+                yield {"axis": letter, "time_constant_s": constant}
 
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return final·position·(1 - exp(-time / time constant)) along the axis."""
