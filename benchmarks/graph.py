@@ -29,7 +29,8 @@ from stepdiag_ros.embedded import client
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.measure import Session, Told
+from stepdiag_ros.session.following import Told
+from stepdiag_ros.session.measure import Session
 
 MOST_CORES = 2.0
 """That the nodes may take together."""

@@ -26,7 +26,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.conversion import from_reading, new_message, set_stamp, to_reading
 from stepdiag_ros.embedded import client
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.nodes.base import message_class, quality
+from stepdiag_ros.nodes.links import message_class, quality
 
 TOPIC = topics.READING
 DISCOVERY_LIMIT = 20.0

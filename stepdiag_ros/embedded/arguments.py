@@ -117,19 +117,17 @@ def yaml_value(text: str) -> Any:
     Raises:
         ArgumentError: It is not YAML, or not a value a parameter can have.
     """
-    import yaml
+    from stepdiag_ros.embedded import yaml_values
 
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        value = yaml_values.read(text)
+    except ValueError as error:
         raise ArgumentError(f"'{text}' is not a YAML value: {error}.") from error
-    if isinstance(value, (dict, type(None))):
-        return text if value is None else _reject(text)
+    if isinstance(value, dict):
+        raise ArgumentError(f"'{text}' is a mapping; a parameter must be a single value or a list.")
+    if value is None:
+        raise ArgumentError("There is no value; an empty text is written '' (with the quotes).")
     return check_value(value, text)
-
-
-def _reject(text: str) -> Any:
-    raise ArgumentError(f"'{text}' is a mapping; a parameter must be a single value or a list.")
 
 
 def check_value(value: Any, where: str) -> Any:
@@ -156,16 +154,16 @@ def load_parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
     Raises:
         ArgumentError: The file is missing, not YAML, or not laid out as ROS parameters.
     """
-    import yaml
+    from stepdiag_ros.embedded import yaml_values
 
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        content = yaml_values.read(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ArgumentError(
             f"The parameter file {path} cannot be read: {error.strerror}."
         ) from error
-    except yaml.YAMLError as error:
-        raise ArgumentError(f"The parameter file {path} is not YAML: {error}.") from error
+    except ValueError as error:
+        raise ArgumentError(f"The parameter file {path} is not YAML for ROS: {error}.") from error
     found: list[tuple[str, dict[str, Any]]] = []
     if content is None:
         return found
@@ -228,8 +226,18 @@ def _set_option(result: RosArguments, option: str, value: str) -> None:
         match = _PARAMETER.match(value)
         if match is None:
             raise ArgumentError(f"The parameter '{value}' must read name:=value.")
-        pattern = f"/**/{match['node'].strip('/')}" if match["node"] else "/**"
-        result.parameters.append((pattern, {match["name"]: yaml_value(match["value"])}))
+        if "/" in (match["node"] or ""):
+            raise ArgumentError(
+                f"The parameter '{value}' names a node with its namespace, which ROS 2 does not"
+                " understand here; give it in a parameter file (--params-file)."
+            )
+        # As in ROS 2, a name alone is that of a node without namespace.
+        pattern = f"/{match['node']}" if match["node"] else "/**"
+        try:
+            given = yaml_value(match["value"])
+        except ArgumentError as error:
+            raise ArgumentError(f"The parameter '{value}' is wrong: {error}") from error
+        result.parameters.append((pattern, {match["name"]: given}))
     elif option == "--params-file":
         result.parameters.extend(load_parameter_file(value))
     elif option == "--log-level":

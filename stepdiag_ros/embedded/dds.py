@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
+from collections.abc import Mapping
 from ctypes import byref, c_bool, c_size_t, c_uint64, c_void_p
 from dataclasses import dataclass
 from typing import Any
@@ -48,27 +49,42 @@ class Sample:
 class Participant:
     """This process in a DDS domain.
 
+    Args:
+        domain: Number of the domain.
+        user_data: What peers read of this participant.
+        properties: Its DDS properties; those of DDS Security are in :mod:`.security`.
+
     Raises:
         DdsError: Cyclone is missing, or the domain cannot be joined.
     """
 
-    def __init__(self, domain: int, user_data: str = "") -> None:
+    def __init__(
+        self, domain: int, user_data: str = "", properties: Mapping[str, str] | None = None
+    ) -> None:
         if not 0 <= domain <= 232:
             raise DdsError(f"ROS_DOMAIN_ID is {domain}; it must be from 0 to 232.")
         self.domain = domain
+        #: Whether DDS Security is on: then permissions say which topics there may be.
+        self.protected = bool(properties)
         self._lib = library()
         self._builtin: dict[int, int] = {}
+        self._known: dict[int, dict[int, EndpointInfo]] = {}
         self._lock = threading.Lock()
         domains.open(domain)
         qos = self._lib.dds_create_qos()
         self._lib.dds_qset_userdata(qos, user_data.encode(), len(user_data.encode()))
+        for name, value in (properties or {}).items():
+            self._lib.dds_qset_prop(qos, name.encode(), value.encode())
         code = self._lib.dds_create_participant(domain, qos, None)
         self._lib.dds_delete_qos(qos)
         if code < 0:
             domains.close(domain)
-        self.handle = self._lib.check(
-            code, f"join domain {domain} (are there more than {MAX_PARTICIPANTS} nodes?)"
+        hint = (
+            "do the certificates and permissions of the enclave hold for it?"
+            if properties
+            else f"are there more than {MAX_PARTICIPANTS} nodes?"
         )
+        self.handle = self._lib.check(code, f"join domain {domain} ({hint})")
 
     @property
     def guid(self) -> bytes:
@@ -96,14 +112,14 @@ class Participant:
         if not self.handle:
             raise DdsError(f"The {kind} of {topic} cannot be made after shutdown.")
         descriptor = ddslib.opaque_descriptor(type_name)
-        made = lib.check(
+        made = _allowed(
             lib.dds_create_topic(self.handle, byref(descriptor), topic.encode(), None, None),
             f"create the topic {topic}",
         )
         settings = make_qos(qos, user_data)
         try:
             create = lib.dds_create_writer if kind == "writer" else lib.dds_create_reader
-            return lib.check(
+            return _allowed(
                 create(self.handle, made, settings, None), f"create a {kind} of {topic}"
             )
         finally:
@@ -128,15 +144,21 @@ class Participant:
                 samples, infos = (c_void_p * size)(), (ddslib.SampleInfo * size)()
                 count = lib.dds_read_mask(reader, samples, infos, size, size, ddslib.ALIVE_STATE)
                 lib.check(count, "read what discovery found")
-                found = [
-                    read_endpoint(ddslib.Endpoint.from_address(samples[i] or 0))
-                    for i in range(count)
-                    if infos[i].valid_data
-                ]
+                # Most have been read before, and reading one takes far longer than looking it up.
+                known, found = self._known.get(kind, {}), {}
+                for info, sample in zip(infos[:count], samples[:count], strict=True):
+                    if not info.valid_data:
+                        continue
+                    number = info.instance_handle
+                    entry = None if info.sample_state == ddslib.NOT_READ else known.get(number)
+                    found[number] = entry or read_endpoint(
+                        ddslib.Endpoint.from_address(sample or 0)
+                    )
                 if count:
                     lib.dds_return_loan(reader, samples, count)
                 if count < size:
-                    return found
+                    self._known[kind] = found
+                    return list(found.values())
                 size *= 4
 
 
@@ -219,11 +241,11 @@ class Writer(_Entity):
         self._lib.check(code, "wait for acknowledgements")
         return True
 
-    def incompatible(self) -> tuple[int, int]:
-        """Return how many new readers did not match, and the number of the last policy."""
+    def incompatible(self) -> tuple[int, int, int]:
+        """Return how many readers did not match, how many of them are new, and the last policy."""
         status = ddslib.IncompatibleStatus()
         self._lib.dds_get_offered_incompatible_qos_status(self.handle, byref(status))
-        return int(status.total_count_change), int(status.last_policy_id)
+        return int(status.total_count), int(status.total_count_change), int(status.last_policy_id)
 
     def peers(self) -> list[EndpointInfo]:
         """Return the readers that receive what is written."""
@@ -279,11 +301,11 @@ class Reader(_Entity):
         self._lib.dds_get_subscription_matched_status(self.handle, byref(status))
         return int(status.current_count)
 
-    def incompatible(self) -> tuple[int, int]:
-        """Return how many new writers did not match, and the number of the last policy."""
+    def incompatible(self) -> tuple[int, int, int]:
+        """Return how many writers did not match, how many of them are new, and the last policy."""
         status = ddslib.IncompatibleStatus()
         self._lib.dds_get_requested_incompatible_qos_status(self.handle, byref(status))
-        return int(status.total_count_change), int(status.last_policy_id)
+        return int(status.total_count), int(status.total_count_change), int(status.last_policy_id)
 
     def peers(self) -> list[EndpointInfo]:
         """Return the writers that are received."""
@@ -369,8 +391,19 @@ def self_test(participant: Participant) -> None:
     if received != [sent]:
         raise DdsError(
             f"The Cyclone DDS library {ddslib.library_path()} does not work with this package;"
-            " install the version it asks for: pip install 'cyclonedds>=11.0,<11.1'."
+            f" install the version it asks for: {ddslib.INSTALL}."
         )
+
+
+def _allowed(code: int, action: str) -> int:
+    """Return ``code``; raise :class:`DdsError` if it says that something could not be made."""
+    if code == ddslib.RETCODE_NOT_ALLOWED_BY_SECURITY:
+        raise DdsError(
+            f"The permissions of this process's security enclave do not allow to {action} (as it is"
+            " named on the wire); choose another enclave, or change its permissions with"
+            " 'ros2 security create_permission'."
+        )
+    return library().check(code, action)
 
 
 def _guid(handle: int) -> bytes:

@@ -1,7 +1,8 @@
 """The Cyclone DDS C library: find it, load it and declare the functions that are used.
 
-The library is the one inside the ``cyclonedds`` wheel (its Python package is never imported, which
-saves 0.2 s), else the system's ``libddsc``. Constants carry the names of Cyclone's headers.
+The library is the one under ``CYCLONEDDS_HOME`` if that is set (as Cyclone's own Python binding has
+it), else the one inside the ``cyclonedds`` wheel (its Python package is never imported, which saves
+0.2 s), else the system's ``libddsc``. Constants carry the names of Cyclone's headers.
 """
 
 from __future__ import annotations
@@ -9,14 +10,21 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import importlib.util
+import os
 import sys
 from ctypes import POINTER, c_bool, c_char_p, c_int32, c_int64, c_size_t, c_uint32, c_uint64
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+SERIES = "11.0"
+"""Versions of Cyclone that this package is made for."""
+INSTALL = "pip install 'cyclonedds>=11.0,<11.1'"
+"""The command that brings one."""
+
 ANY_STATE = 127
 ALIVE_STATE = 3 | 12 | 16
+NOT_READ = 2
 INFINITE = 2**63 - 1
 SDK_DATA = 2
 
@@ -37,6 +45,7 @@ RETCODE_BAD_PARAMETER = -3
 RETCODE_PRECONDITION_NOT_MET = -4
 RETCODE_ALREADY_DELETED = -9
 RETCODE_TIMEOUT = -10
+RETCODE_NOT_ALLOWED_BY_SECURITY = -13
 
 
 class Iovec(ctypes.Structure):
@@ -204,6 +213,7 @@ _SLOW: dict[str, tuple[Any, list[Any]]] = {
     "dds_strretcode": (c_char_p, [c_int32]),
     "dds_create_qos": (_POINTER, []),
     "dds_delete_qos": (None, [_POINTER]),
+    "dds_qset_prop": (None, [_POINTER, c_char_p, c_char_p]),
     "dds_qset_userdata": (None, [_POINTER, c_char_p, c_size_t]),
     "dds_qget_userdata": (c_bool, [_POINTER, POINTER(_POINTER), POINTER(c_size_t)]),
     "dds_qset_durability": (None, [_POINTER, c_int32]),
@@ -261,8 +271,7 @@ class Library:
                 except AttributeError:
                     raise DdsError(
                         f"The Cyclone DDS library {path} has no {name};"
-                        " install the version this package asks for:"
-                        " pip install 'cyclonedds>=11.0,<11.1'."
+                        f" install the version this package asks for: {INSTALL}."
                     ) from None
                 function.restype, function.argtypes = result, arguments
                 setattr(self, name, function)
@@ -282,8 +291,14 @@ def library_path() -> str:
     """Return the path of Cyclone's C library.
 
     Raises:
-        DdsError: Neither the wheel nor the system has one.
+        DdsError: ``CYCLONEDDS_HOME`` has none, or neither the wheel nor the system has one.
     """
+    home = os.environ.get("CYCLONEDDS_HOME", "")
+    if home:
+        path = Path(home).absolute() / "lib" / "libddsc.so"
+        if not path.is_file():
+            raise DdsError(f"CYCLONEDDS_HOME is '{home}', but there is no {path}.")
+        return str(path)
     spec = importlib.util.find_spec("cyclonedds")
     for location in (spec.submodule_search_locations or []) if spec else []:
         folder = Path(location)
@@ -294,9 +309,7 @@ def library_path() -> str:
     system = ctypes.util.find_library("ddsc")
     if system:
         return system
-    raise DdsError(
-        "No Cyclone DDS library was found; install it with: pip install 'cyclonedds>=11.0,<11.1'."
-    )
+    raise DdsError(f"No Cyclone DDS library was found; install it with: {INSTALL}.")
 
 
 @lru_cache(maxsize=1)

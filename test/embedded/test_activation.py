@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag_ros.embedded import dds, ddsdomain, ddslib
+from stepdiag_ros.embedded import dds, ddslib
 
 ROOT = Path(__file__).parents[2]
 
@@ -130,46 +130,6 @@ def test_bad_environment_is_explained() -> None:
     ):
         result = run(code, **env)
         assert result.returncode == 1 and reason in result.stderr, result.stderr
-
-
-@pytest.mark.parametrize(
-    ("value", "parts"),
-    [
-        ("LOCALHOST", ["<AllowMulticast>false", "auto", '"localhost"', '"10.0.0.7"']),
-        ("", ["<AllowMulticast>false", '"localhost"']),
-        ("SUBNET", ["auto", '"10.0.0.7"']),
-        ("OFF", ["<AllowMulticast>false", "none", "<Tag>"]),
-        ("SYSTEM_DEFAULT", []),
-    ],
-)
-def test_discovery_range(monkeypatch: pytest.MonkeyPatch, value: str, parts: list[str]) -> None:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", value)
-    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.7")
-    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
-    config = ddsdomain.discovery_config()
-    assert all(part in config for part in parts)
-    assert ("localhost" in config) == (value in ("LOCALHOST", ""))
-    assert bool(config) == bool(parts)
-
-
-@pytest.mark.parametrize("peers", ["", "10.0.0.7"])
-def test_on_this_computer_only_the_loopback_is_heeded(
-    monkeypatch: pytest.MonkeyPatch, peers: str
-) -> None:
-    """Real ROS 2 nodes announce themselves there: without it, late ones would never be found."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_STATIC_PEERS", peers)
-    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
-    config = ddsdomain.discovery_config()
-    assert '<NetworkInterface address="127.0.0.1"' in config
-    assert ("autodetermine" in config) == bool(peers)
-    # Real nodes that are not limited to this computer find this one by what it goes on sending.
-    assert '"localhost" PruneDelay="inf"' in config and "<SPDPInterval>2s" in config
-    monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS/>")
-    assert "NetworkInterface" not in ddsdomain.discovery_config()
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    monkeypatch.delenv("CYCLONEDDS_URI")
-    assert "NetworkInterface" not in ddsdomain.discovery_config()
 
 
 def test_missing_library_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

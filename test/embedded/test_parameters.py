@@ -221,6 +221,8 @@ def test_services_and_events(ros: Any, node: Any, peer: Start) -> None:
         (["-p", "a"], "name:=value"),
         (["-p", "a:=[1, b]"], "not a parameter value"),
         (["-p", "a:={x: 1}"], "mapping"),
+        (["-p", "a:="], "no value; an empty text is written"),
+        (["-p", "a:=[x"], "not a YAML value"),
         (["--params-file", "/no/such/file.yaml"], "cannot be read"),
         (["-r", "a"], "from:=to"),
         (["--log-level", "loud"], "log level"),
@@ -243,7 +245,8 @@ def test_wrong_arguments_are_explained(args: list[str], reason: str) -> None:
         ("- a", "must map node names"),
         ("tester: 3", "lacks ros__parameters"),
         ("tester:\n  ros__parameters: 3", "no mapping"),
-        ("tester:\n  ros__parameters: {a: null}", "parameter 'a'"),
+        ("tester:\n  ros__parameters:\n    a:\n    b: 1", "line 3: there is no value"),
+        ("tester:\n  ros__parameters: {a: [1, 2.0]}", "parameter 'a'"),
     ],
 )
 def test_wrong_files_are_explained(tmp_path: Path, text: str, reason: str) -> None:

@@ -54,7 +54,13 @@ __all__ = [
 _global_executor: Executor | None = None
 
 
+#: Classes of submodules that real rclpy has here, too; imported when they are asked for.
+_CLASSES = {"Future": "rclpy.task", "Parameter": "rclpy.parameter"}
+
+
 def __getattr__(name: str) -> Any:
+    if name in _CLASSES:
+        return getattr(importlib.import_module(_CLASSES[name]), name)
     # The real rclpy imports its submodules itself, so that "rclpy.qos" works after "import rclpy".
     here = Path(__file__).parent
     if name[:1] != "_" and ((here / f"{name}.py").is_file() or (here / name).is_dir()):

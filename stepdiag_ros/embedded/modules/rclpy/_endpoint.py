@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rclpy._source import Source
-from rclpy.qos import _DDS_POLICIES
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import (
+    OnIncompatibleQos,
+    PublisherEventCallbacks,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
+from rclpy.qos import _DDS_POLICIES, QoSPolicyKind
 from stepdiag_ros.embedded import dds, registry
 
 if TYPE_CHECKING:
@@ -18,13 +25,33 @@ def type_user_data(cls: type) -> str:
 
 
 class QosWatch(Source):
-    """Logs a warning when a peer does not match because of its quality of service."""
+    """Tells when a peer does not match because of its quality of service.
 
-    def __init__(self, node: Node, endpoint: dds.Writer | dds.Reader, topic: str) -> None:
-        super().__init__(None)
+    Args:
+        node: Whose publisher or subscription.
+        endpoint: Its end in DDS.
+        topic: Full name of the topic.
+        callbacks: What is called; it is logged if there are none.
+        callback_group: Of the callback.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        endpoint: dds.Writer | dds.Reader,
+        topic: str,
+        callbacks: PublisherEventCallbacks | SubscriptionEventCallbacks | None = None,
+        callback_group: CallbackGroup | None = None,
+    ) -> None:
+        super().__init__(callback_group)
         self._endpoint = endpoint
         self._topic = topic
         self._logger = node.get_logger()
+        self._callback: OnIncompatibleQos | None = self._log
+        if callbacks is not None and callbacks.incompatible_qos is not None:
+            self._callback = callbacks.incompatible_qos
+        elif callbacks is not None and not callbacks.use_default_callbacks:
+            self._callback = None
 
     def _conditions(self) -> list[int]:
         return [self._endpoint.handle]
@@ -32,11 +59,16 @@ class QosWatch(Source):
     def _fetch(self) -> None:
         if not self._endpoint.handle:
             return
-        count, policy = self._endpoint.incompatible()
-        if count <= 0:
-            return
-        kind = _DDS_POLICIES.get(policy)
-        name = kind.name if kind is not None else "INVALID"
+        total, change, policy = self._endpoint.incompatible()
+        if change > 0 and self._callback is not None:
+            kind = _DDS_POLICIES.get(policy, QoSPolicyKind.INVALID)
+            self._pending.append(QoSRequestedIncompatibleQoSInfo(total, change, kind))
+
+    def _run(self, item: Any) -> Any:
+        return self._callback(item) if self._callback is not None else None
+
+    def _log(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
+        name = info.last_policy_kind.name
         if isinstance(self._endpoint, dds.Writer):
             self._logger.warning(
                 f"New subscription discovered on topic '{self._topic}', requesting incompatible"
@@ -47,9 +79,6 @@ class QosWatch(Source):
                 f"New publisher discovered on topic '{self._topic}', offering incompatible QoS."
                 f" No messages will be received from it. Last incompatible policy: {name}"
             )
-
-    def _run(self, item: Any) -> Any:  # noqa: ARG002 - there is no callback
-        return None
 
 
 class Decoder:

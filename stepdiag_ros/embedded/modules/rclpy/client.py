@@ -123,11 +123,11 @@ class Client(Source):
         return False
 
     def destroy(self) -> None:
-        """End the client; requests without a response are cancelled."""
+        """End the client; the futures of requests without a response are never done."""
         super().destroy()
         self._end.close()
-        for future in list(self._requests.values()):
-            future.cancel()
+        with self._lock:
+            self._requests.clear()
 
     def __enter__(self) -> Client:
         return self

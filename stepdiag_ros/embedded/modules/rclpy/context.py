@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy import logging
 from rclpy.exceptions import NotInitializedException
-from stepdiag_ros.embedded import arguments, dds
+from stepdiag_ros.embedded import arguments, dds, security
 from stepdiag_ros.embedded.graph import Graph
 
 if TYPE_CHECKING:
@@ -61,9 +61,10 @@ class Context:
                 raise RuntimeError("Context.init() must only be called once")
             self._arguments = arguments.parse(sys.argv if args is None else args)
             self._domain_id = _domain_id() if domain_id is None else domain_id
-            participant = dds.Participant(self._domain_id, f"enclave={self._arguments.enclave};")
+            enclave = self._arguments.enclave
+            participant, warning = security.join(self._domain_id, f"enclave={enclave};", enclave)
             try:
-                if not _tested:
+                if not _tested and not participant.protected:
                     dds.self_test(participant)
                 self._graph = Graph(participant)
             except dds.DdsError:
@@ -74,6 +75,8 @@ class Context:
             _contexts.add(self)
         if initialize_logging:
             logging._configure(self._arguments)
+        if warning:
+            logging.get_logger("rclpy").warning(warning)
         if not _tested:
             _tested = True
             logging.get_logger("rclpy").info(

@@ -428,8 +428,10 @@ class MultiThreadedExecutor(Executor):
         self._pool = ThreadPoolExecutor(count, thread_name_prefix="rclpy-executor")
 
     def _spin_once(self, timeout_ns: int, condition: Callable[[], bool] | None) -> None:
-        work = self._wait(timeout_ns, condition)
-        self._pool.submit(self._execute_in_pool, work)
+        # As in rclpy, spinning on several threads returns when the context is shut down.
+        with suppress(ExternalShutdownException):
+            work = self._wait(timeout_ns, condition)
+            self._pool.submit(self._execute_in_pool, work)
 
     def _execute_in_pool(self, work: _Work) -> None:
         try:

@@ -16,6 +16,7 @@ from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
 from rclpy.duration import NS_PER_S
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import NotInitializedException
 from rclpy.executors import Executor
 from rclpy.guard_condition import GuardCondition
@@ -116,9 +117,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
         self._parameters.publish = publisher.publish
         if declare_all:
             for name, parameter in self._parameters.overrides.items():
-                self.declare_parameter(
-                    name, parameter.value, ParameterDescriptor(dynamic_typing=True)
-                )
+                self.declare_parameter(name, parameter.value, ParameterDescriptor())
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(
@@ -211,8 +210,8 @@ class Node(NodeNames, NodeParameters, NodeGraph):
         topic: str,
         qos_profile: QoSProfile | int,
         *,
-        callback_group: CallbackGroup | None = None,  # noqa: ARG002 - rclpy's signature
-        event_callbacks: Any = None,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
         qos_overriding_options: Any = None,
         publisher_class: type[Publisher] = Publisher,
     ) -> Publisher:
@@ -222,8 +221,9 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             msg_type: Class of the messages.
             topic: The topic; relative names get the node's namespace.
             qos_profile: Quality of service, or the depth of a default one.
-            callback_group: Has no effect here.
-            event_callbacks: Must be ``None``; incompatible settings are logged.
+            callback_group: The callback group of the event callbacks; the node's own if ``None``.
+            event_callbacks: What is called when a subscription asks for what is not offered; it
+                is logged if ``None``.
             qos_overriding_options: Must be ``None``.
             publisher_class: Class of the publisher.
 
@@ -231,10 +231,14 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             rclpy.exceptions.InvalidTopicNameException: The topic's name breaks the rules.
             TypeError: ``msg_type`` is no message class.
         """
-        _refuse(event_callbacks, "event_callbacks")
         _refuse(qos_overriding_options, "qos_overriding_options")
         publisher = publisher_class(
-            self, msg_type, self.resolve_topic_name(topic), _as_profile(qos_profile)
+            self,
+            msg_type,
+            self.resolve_topic_name(topic),
+            _as_profile(qos_profile),
+            callback_group or self._default_callback_group,
+            event_callbacks,
         )
         self._publishers.append(publisher)
         self._add(publisher._watch)
@@ -249,7 +253,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
         qos_profile: QoSProfile | int,
         *,
         callback_group: CallbackGroup | None = None,
-        event_callbacks: Any = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         qos_overriding_options: Any = None,
         raw: bool = False,
     ) -> Subscription:
@@ -262,7 +266,8 @@ class Node(NodeNames, NodeParameters, NodeGraph):
                 gets a dictionary with ``source_timestamp`` and ``received_timestamp`` (ns).
             qos_profile: Quality of service, or the depth of a default one.
             callback_group: The callback group; the node's own if ``None``.
-            event_callbacks: Must be ``None``; incompatible settings are logged.
+            event_callbacks: What is called when a publisher does not offer what is asked for; it
+                is logged if ``None``.
             qos_overriding_options: Must be ``None``.
             raw: Whether messages are left as bytes.
 
@@ -270,7 +275,6 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             rclpy.exceptions.InvalidTopicNameException: The topic's name breaks the rules.
             TypeError: ``msg_type`` is no message class.
         """
-        _refuse(event_callbacks, "event_callbacks")
         _refuse(qos_overriding_options, "qos_overriding_options")
         subscription = Subscription(
             self,
@@ -280,6 +284,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
             callback_group or self._default_callback_group,
             _as_profile(qos_profile),
             raw,
+            event_callbacks,
         )
         self._add(subscription._watch)
         self._add(subscription)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rclpy._endpoint import QosWatch, type_user_data
+from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidHandle, RCLError
 from rclpy.logging import RcutilsLogger
 from rclpy.qos import QoSProfile
@@ -21,7 +23,15 @@ _NO_LIMIT = Duration(seconds=-1)
 class Publisher:
     """Publishes messages on a topic; made by ``Node.create_publisher``."""
 
-    def __init__(self, node: Node, msg_type: type, topic: str, qos_profile: QoSProfile) -> None:
+    def __init__(
+        self,
+        node: Node,
+        msg_type: type,
+        topic: str,
+        qos_profile: QoSProfile,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+    ) -> None:
         self._node = node
         self.msg_type = msg_type
         self.topic = topic
@@ -35,7 +45,7 @@ class Publisher:
             type_user_data(msg_type),
         )
         self._guid = self._writer.guid
-        self._watch = QosWatch(node, self._writer, topic)
+        self._watch = QosWatch(node, self._writer, topic, event_callbacks, callback_group)
 
     @property
     def topic_name(self) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy._endpoint import Decoder, QosWatch, type_user_data
 from rclpy._source import Source
 from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from stepdiag_ros.embedded import naming, registry
 
@@ -36,6 +37,7 @@ class Subscription(Source):
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
         raw: bool = False,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
     ) -> None:
         super().__init__(callback_group)
         self._node = node
@@ -53,7 +55,7 @@ class Subscription(Source):
             type_user_data(msg_type),
         )
         self._guid = self._reader.guid
-        self._watch = QosWatch(node, self._reader, topic)
+        self._watch = QosWatch(node, self._reader, topic, event_callbacks, callback_group)
 
     @property
     def callback(self) -> Callable[..., Any]:

@@ -1,0 +1,123 @@
+"""What the embedded client does in its own way, better than any rclpy must."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from .conftest import Peer, spin_until
+
+Start = Callable[..., Peer]
+
+
+def test_incompatible_qos_is_told_on_both_sides(node: Any, peer: Start, capfd: Any) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import String
+
+    other = peer(
+        """
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from std_msgs.msg import String
+        rclpy.init()
+        node = rclpy.create_node('listener')
+        node.create_subscription(String, 'chat', print, 10)
+        for _ in range(10):
+            rclpy.spin_once(node, timeout_sec=0.2)
+        """
+    )
+    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = node.create_publisher(String, "chat", qos)
+    spin_until(node, lambda: other.process.poll() is not None, 15)
+    code, out, err = other.finish()
+    assert code == 0 and out == ""
+    assert "New publisher discovered on topic '/chat', offering incompatible QoS" in err
+    assert "RELIABILITY" in err
+    assert publisher.get_subscription_count() == 0
+    own = capfd.readouterr().err
+    assert "[WARN]" in own and "[tester]" in own
+    assert "New subscription discovered on topic '/chat', requesting incompatible QoS" in own
+
+
+def test_throughput_is_at_least_15000_a_second(ros: Any, node: Any, peer: Start) -> None:
+    from rclpy.qos import HistoryPolicy, QoSProfile
+    from std_msgs.msg import Header
+
+    times: list[float] = []
+    qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    node.create_subscription(Header, "fast", lambda _: times.append(time.process_time()), qos)
+    peer(
+        """
+        import time
+        from rclpy.qos import HistoryPolicy, QoSProfile
+        from std_msgs.msg import Header
+        rclpy.init()
+        node = rclpy.create_node('talker')
+        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+        publisher = node.create_publisher(Header, 'fast', qos)
+        while publisher.get_subscription_count() < 1:
+            time.sleep(0.01)
+        message = Header(frame_id='laser')
+        for number in range(30000):
+            publisher.publish(message)
+        publisher.wait_for_all_acked()
+        """
+    )
+    executor = ros.executors.SingleThreadedExecutor()
+    executor.add_node(node)
+    end = time.monotonic() + 20
+    while len(times) < 30000 and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.5)
+    executor.shutdown()
+    assert len(times) == 30000
+    # Processor time of the whole subscriber, because other work may share the machine.
+    assert 29999 / (times[-1] - times[0]) > 15000
+
+
+def test_broken_sample_is_said_once_and_survived(node: Any, capfd: Any) -> None:
+    from std_msgs.msg import Int32, String
+
+    got: list[str] = []
+    node.create_subscription(String, "chat", lambda m: got.append(m.data), 10)
+    publisher = node.create_publisher(String, "chat", 10)
+    for data in (b"\0\1\0\0" + b"\xff" * 40, b"\0\1\0\0\1\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"):
+        publisher.publish(data)
+    publisher.publish(String(data="good"))
+    assert spin_until(node, lambda: bool(got))
+    assert got == ["good"]
+    assert capfd.readouterr().err.count("is dropped") == 1
+    with pytest.raises(TypeError):
+        publisher.publish(Int32())
+
+
+def test_a_tilde_needs_its_slash(node: Any) -> None:
+    from rclpy.exceptions import InvalidTopicNameException
+    from std_msgs.msg import String
+
+    with pytest.raises(InvalidTopicNameException):
+        node.create_publisher(String, "~a", 10)
+
+
+@pytest.mark.usefixtures("ros")
+def test_jump_callbacks() -> None:
+    from rclpy.clock import ClockChange, JumpThreshold, ROSClock
+    from rclpy.duration import Duration
+    from rclpy.time import Time
+
+    clock = ROSClock()
+    jumps: list[Any] = []
+    threshold = JumpThreshold(
+        min_forward=Duration(seconds=1), min_backward=Duration(seconds=-1), on_clock_change=True
+    )
+    handle = clock.create_jump_callback(threshold, post_callback=jumps.append)
+    clock._set_ros_time_is_active(True)
+    assert jumps[-1].clock_change == ClockChange.ROS_TIME_ACTIVATED
+    for seconds, count in ((5.0, 2), (5.5, 2), (5.0, 2), (3.0, 3)):
+        clock.set_ros_time_override(Time(seconds=seconds))
+        assert len(jumps) == count, seconds
+    assert jumps[-1].delta == Duration(seconds=-2)
+    handle.unregister()
+    clock.set_ros_time_override(Time(seconds=100))
+    assert len(jumps) == 3
