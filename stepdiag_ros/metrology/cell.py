@@ -199,7 +199,7 @@ class SimulatedCell:
                 "reading_noise_m", low=0.0, high=1e-3, default=cls.reading_noise
             ),
             reading_rate=section.number(
-                "reading_rate_hz", low=0.1, high=1e5, default=cls.reading_rate
+                "reading_rate_hz", low=0.1, high=1e4, default=cls.reading_rate
             ),
             weather=_weather(section.section("weather")),
             drive=_drive(section.section("drive")),

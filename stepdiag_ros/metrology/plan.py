@@ -115,6 +115,13 @@ class Line:
         )
         return positions if self.direction == FORWARD else positions[::-1].copy()
 
+    def block_of(self, stop: int) -> int:
+        """Return the block, from 1 in the direction of the pass, in which a stop lies.
+
+        The stop that ends a block belongs to it; the first of the line, 0, belongs to none: 0.
+        """
+        return -(-stop // max(len(self.order), 1))
+
 
 def of_run(words: str, run: int) -> str:
     """Say of which run something is, for example ``run 2: ppp XYZ``; of the first, nothing."""

@@ -156,3 +156,43 @@ def test_a_solved_map_has_the_volumetric_accuracy_of_its_machine():
     assert found.standard_uncertainty > 0
     assert abs(found.value - true.value) < 4 * found.standard_uncertainty
     assert found.frame == result.frame
+
+
+def test_the_rms_is_that_of_all_nodes():
+    errors = ErrorCurves.from_curves(NODES, curves(5, True))
+    grid = np.stack(np.meshgrid(*NODES, indexing="ij"), axis=-1).reshape(-1, 3)
+    actual, _ = tool_point(grid, errors, "YXZ")
+    vectors = (actual - grid) - (actual - grid)[0]
+    expected = np.sqrt(np.mean(np.sum(vectors**2, axis=1)))
+    assert volumetric_accuracy(errors, "YXZ").rms == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("rotations", [False, True])
+def test_no_correlation_makes_the_uncertainty_larger_than_its_limit(rotations):
+    values = curves(8, rotations)
+    spreads = {
+        name: np.abs(curve) * 0.01 + 1e-9 * np.arange(len(curve)) for name, curve in values.items()
+    }
+    every = np.concatenate(list(spreads.values()))
+    rng = np.random.default_rng(4)
+    found = []
+    signs = [np.ones(len(every)), *rng.choice([-1.0, 1.0], (50, len(every)))]
+    for row in signs:
+        together = np.outer(every * row, every * row)
+        result = replace(result_of(values, together), standard_uncertainty=spreads)
+        found.append(of_result(result, "ZXY"))
+    limits = {one.uncertainty_limit for one in found}
+    assert len(limits) == 1 and max(one.standard_uncertainty for one in found) <= max(limits)
+    # It is reached where every error pulls the same way.
+    weights = np.array([np.nan])
+    for row in np.eye(len(every)):
+        result = replace(result_of(values, np.outer(row, row)), standard_uncertainty=spreads)
+        weights = np.append(weights, of_result(result, "ZXY").standard_uncertainty)
+    assert max(limits) == pytest.approx(weights[1:] @ every, rel=1e-9)
+
+
+def test_an_uncertainty_that_is_not_known_has_no_limit():
+    values = curves(8, False)
+    spreads = {name: np.full(len(curve), np.nan) for name, curve in values.items()}
+    found = of_result(replace(result_of(values), standard_uncertainty=spreads))
+    assert np.isnan(found.uncertainty_limit) and found.value > 0.0

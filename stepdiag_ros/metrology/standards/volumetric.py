@@ -12,7 +12,7 @@ nodes misses nothing.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import fsum, nan, sqrt
 
 import numpy as np
 
@@ -36,6 +36,9 @@ class VolumetricAccuracy:
             m; NaN if not known.
         frame: of the error curves, in words.
         remarks: what the reader must know, in words.
+        rms: of the error vectors' lengths over all nodes of the volume, m; NaN if not determined.
+        uncertainty_limit: what the standard uncertainty of the length cannot exceed, however the
+            errors of the curves are correlated, m; NaN if not known.
     """
 
     value: float
@@ -44,6 +47,8 @@ class VolumetricAccuracy:
     standard_uncertainty: float = nan
     frame: str = ""
     remarks: tuple[str, ...] = field(default=())
+    rms: float = nan
+    uncertainty_limit: float = nan
 
 
 def volumetric_accuracy(
@@ -64,6 +69,7 @@ def volumetric_accuracy(
     first, _ = tool_point(origin, errors, chain)
     zero = first[0] - origin[0]
     best = (-1.0, origin[0], np.zeros(3))
+    squares: list[float] = []
     planes = max(1, MOST_POINTS // (len(x) * len(y)))
     for begin in range(0, len(z), planes):
         grid = np.meshgrid(x, y, z[begin : begin + planes], indexing="ij")
@@ -71,6 +77,8 @@ def volumetric_accuracy(
         actual, _ = tool_point(points, errors, chain)
         vectors = actual - points - zero
         lengths = np.einsum("ij,ij->i", vectors, vectors)
+        # Summed plane by plane, so that the sum is the same however many are done in one go.
+        squares.extend(float(np.sum(row)) for row in lengths.reshape(len(x) * len(y), -1).T.copy())
         place = int(np.argmax(lengths))
         if lengths[place] > best[0]:
             best = (float(lengths[place]), points[place], vectors[place])
@@ -80,6 +88,7 @@ def volumetric_accuracy(
         position=_triple(position),
         vector=_triple(vector),
         frame=frame,
+        rms=sqrt(fsum(squares) / (len(x) * len(y) * len(z))),
     )
 
 
@@ -87,7 +96,9 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
     """Return the volumetric accuracy of a solved error map, with its uncertainty.
 
     The uncertainty is that of the length of the error vector at the worst place (linear, with the
-    covariance of the curves); that another place may be the worst is not in it.
+    covariance of the curves); that another place may be the worst is not in it. Where the
+    covariance is not at hand (a recorded result), the standard uncertainties of the curves still
+    tell a limit: u(Σ w_i x_i) <= Σ |w_i| u(x_i).
 
     Args:
         result: curves that were not solved for (rotations) count as not known and are named.
@@ -129,6 +140,9 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
     spread = nan
     if result.covariance.shape == (weights.size, weights.size) and found.value > 0:
         spread = float(np.sqrt(max(float(weights @ result.covariance @ weights), 0.0)))
+    each = np.concatenate([result.standard_uncertainty[name] for name in result.curves])
+    used = weights != 0.0
+    limit = float(np.abs(weights[used]) @ each[used]) if found.value > 0 else nan
     return VolumetricAccuracy(
         value=found.value,
         position=_triple(np.asarray(found.position) + corner),
@@ -136,6 +150,8 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
         standard_uncertainty=spread,
         frame=result.frame,
         remarks=tuple(remarks),
+        rms=found.rms,
+        uncertainty_limit=limit,
     )
 
 

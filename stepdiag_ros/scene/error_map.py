@@ -1,0 +1,131 @@
+"""The error vectors of a result in the measured box, as far as they are known.
+
+The error vector at q is where the tool is relative to the workpiece less q; it is zero at the
+corner of the first nodes. It is computed as ``metrology.forward`` reads positions, so that what is
+drawn and what was measured have the same signs.
+"""
+
+from dataclasses import dataclass, replace
+from math import nan
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import ErrorCurves, levers, tool_point
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.scene.shapes import spread
+
+MOST_NODES = 60
+"""Of an axis that are looked at for the largest error; of more, so many evenly spread ones."""
+
+
+def error_vectors(result: VolumetricErrors, chain: str, positions: Vector) -> Vector:
+    """Return the error vectors at places in the measured box, m, shape (n, 3).
+
+    NaN where a curve that acts at the place is not determined there: a translation always acts, a
+    rotation where an axis after it in the chain is away from the first corner. Rotations that the
+    method does not estimate at all are left out (the caller says so); translations are not.
+
+    Args:
+        result: of a solver.
+        chain: order of the axes from workpiece to tool; empty if it is not known, and then every
+            place is unknown where the result has rotations.
+        positions: machine coordinates, m, shape (n, 3).
+    """
+    corner = np.array([nodes[0] for nodes in result.nodes])
+    ways = [nodes - nodes[0] for nodes in result.nodes]
+    places = np.asarray(positions, dtype=np.float64) - corner
+    turns = any(name in ROTATIONS for name in result.curves)
+    missing = [name for name in TRANSLATIONS if name not in result.curves]
+    if missing or (turns and not chain):
+        return np.full(places.shape, nan)
+    order = chain or "XYZ"
+    unknown = np.zeros(len(places), dtype=bool)
+    arms = levers(places, order)
+    curves = {name: _told_by_lines(curve) for name, curve in result.curves.items()}
+    for name, curve in curves.items():
+        axis = AXES.index(name[3])
+        # Between two nodes a curve is as little known as at either of them.
+        gap = np.interp(places[:, axis], ways[axis], np.isnan(curve).astype(np.float64)) > 0.0
+        unknown |= gap if name in TRANSLATIONS else gap & np.any(arms[axis] != 0.0, axis=1)
+    known = {name: np.nan_to_num(curve, nan=0.0) for name, curve in curves.items()}
+    errors = ErrorCurves.from_curves(ways, known)
+    actual, _ = tool_point(places, errors, order)
+    zero, _ = tool_point(np.zeros((1, 3)), errors, order)
+    vectors: Vector = actual - places - zero[0]
+    vectors[unknown] = nan
+    return vectors
+
+
+def _told_by_lines(curve: Vector) -> Vector:
+    """Return a curve without an end that is known by the definition of the frame alone.
+
+    The frame makes three curves end at zero (``forward.in_result_frame``). Where nothing between
+    the ends is known, an error that is drawn at the end would only be taken for a finding.
+    """
+    inner = curve[1:-1]
+    if inner.size == 0 or not np.all(np.isnan(inner)):
+        return curve
+    return np.concatenate([curve[:1], np.full(len(curve) - 1, nan)])
+
+
+def axis_rotations(result: VolumetricErrors, axis: int) -> Vector:
+    """Return the three rotations of an axis at its nodes, rad, shape (nodes, 3).
+
+    Columns E_A, E_B, E_C; NaN where not determined or not estimated.
+    """
+    nodes = len(result.nodes[axis])
+    names = [f"E_{letter}{AXES[axis]}" for letter in "ABC"]
+    return np.column_stack([result.curves.get(name, np.full(nodes, nan)) for name in names])
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """How large the errors of a result are, over the nodes of the box.
+
+    Attributes:
+        accuracy: the longest error vector, with the place, the rms and what is known of its
+            uncertainty.
+        every: 1 if every node was looked at; 2: every second one of an axis, and so on.
+    """
+
+    accuracy: VolumetricAccuracy
+    every: int
+
+
+def extremes(result: VolumetricErrors, chain: str) -> Extremes:
+    """Return how large the errors of a result are.
+
+    A box of very many nodes is looked at in some of them only, so that it takes no time.
+
+    Args:
+        result: of a solver.
+        chain: order of the axes from workpiece to tool; empty if it is not known.
+    """
+    if not chain and any(name in ROTATIONS for name in result.curves):
+        unknown = VolumetricAccuracy(
+            nan,
+            (nan, nan, nan),
+            (nan, nan, nan),
+            frame=result.frame,
+            remarks=("unknown, because the order of the machine's axes is not known",),
+        )
+        return Extremes(unknown, 1)
+    every = max(-(-len(nodes) // MOST_NODES) for nodes in result.nodes)
+    if every == 1:
+        return Extremes(of_result(result, chain), 1)
+    picked = [spread(len(nodes), MOST_NODES) for nodes in result.nodes]
+    x, y, z = (nodes[pick] for nodes, pick in zip(result.nodes, picked, strict=True))
+
+    def thin(curves: dict[str, Vector]) -> dict[str, Vector]:
+        return {name: curve[picked[AXES.index(name[3])]] for name, curve in curves.items()}
+
+    thinned = replace(
+        result,
+        nodes=(x, y, z),
+        curves=thin(result.curves),
+        standard_uncertainty=thin(result.standard_uncertainty),
+        covariance=np.empty((0, 0)),
+    )
+    return Extremes(of_result(thinned, chain), every)
