@@ -53,6 +53,7 @@ def export_bag(
     *,
     readings: bool = False,
     overwrite: bool = False,
+    run_id: str | None = None,
 ) -> ExportReport:
     """Write a bag's run as tables, in SI units, every number with all its digits.
 
@@ -68,6 +69,7 @@ def export_bag(
         format: ``csv``, or ``parquet`` if pyarrow is installed.
         readings: write every reading of the interferometer too.
         overwrite: replace files that exist.
+        run_id: which run, where the bag holds several.
 
     Raises:
         BagError: the bag cannot be read, a file exists, or pyarrow is missing.
@@ -80,7 +82,7 @@ def export_bag(
         raise BagError(
             "Parquet needs pyarrow, which is not installed: pip install pyarrow, or use csv"
         )
-    run = load_run(bag)
+    run = load_run(bag, run_id)
     folder = Path(folder)
     complete, remarks = _complete_lines(run)
     tables = [table for table in _tables(run, complete, readings) if table is not None]

@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
+from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
-from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.repetitions import Repetitions
+from stepdiag_ros.bags.runs import runs_in
+from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 
 
@@ -25,6 +29,24 @@ class SequenceGap:
         return self.before - self.after - 1
 
 
+class RunInBag(NamedTuple):
+    """One run in a bag.
+
+    Attributes:
+        run_id: its identity.
+        namespace: that its topics are in.
+        plan: name of its plan; empty if that cannot be read.
+        software_version: of stepdiag_ros that made it.
+        start_time: ns.
+    """
+
+    run_id: str
+    namespace: str
+    plan: str
+    software_version: str
+    start_time: int
+
+
 @dataclass
 class BagInfo:
     """Summary of a bag.
@@ -36,9 +58,11 @@ class BagInfo:
         intact: every checksum is right; None if that cannot be said of a file without its end.
         problem: what is wrong, and what to do; empty if nothing is.
         header: identity of the run; None if the bag has none.
+        runs: what is known of each run in the bag, in the order of their starts.
         start_time: first log time, ns.
         end_time: last log time, ns.
         topics: full name → type and number of messages.
+        repetitions: messages that were said again for late listeners and count once elsewhere.
         lines: finished lines, in words, in the order of measurement.
         diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
         gaps: in the sequence of the readings.
@@ -52,9 +76,11 @@ class BagInfo:
     intact: bool | None = None
     problem: str = ""
     header: RunHeader | None = None
+    runs: list[RunInBag] = field(default_factory=list)
     start_time: int = 0
     end_time: int = 0
     topics: dict[str, tuple[str, int]] = field(default_factory=dict)
+    repetitions: int = 0
     lines: list[str] = field(default_factory=list)
     diagnosis: str = ""
     gaps: list[SequenceGap] = field(default_factory=list)
@@ -81,6 +107,7 @@ class BagInfo:
             "intact": self.intact,
             "problem": self.problem,
             "run": None if header is None else header.metadata(),
+            "runs": [run._asdict() for run in self.runs],
             "attachments": []
             if header is None
             else [attachment.name for attachment in header.attachments()],
@@ -92,6 +119,7 @@ class BagInfo:
                 {"name": name, "type": type_name, "messages": count}
                 for name, (type_name, count) in self.topics.items()
             ],
+            "repetitions": self.repetitions,
             "lines": list(self.lines),
             "diagnosis": self.diagnosis or None,
             "gaps": [
@@ -103,19 +131,23 @@ class BagInfo:
         }
 
 
-def bag_info(path: str | Path) -> BagInfo:
+def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
     """Summarise a bag; a cut or damaged one is summarised as far as that is said in ``problem``.
 
+    Args:
+        path: the bag.
+        run_id: tell lines and diagnosis of this run only; of all if None.
+
     Raises:
-        BagError: the file is not there or no MCAP file.
+        BagError: the file is not there or no MCAP file, or it does not hold that run.
     """
     info = BagInfo(Path(path))
-    if info.path.is_file():
-        info.size = info.path.stat().st_size
+    files = info.path.iterdir() if info.path.is_dir() else (info.path,)
+    info.size = sum(file.stat().st_size for file in files if file.is_file())
     try:
-        with BagReader(path) as bag:
+        with open_bag(path) as bag:
             info.complete = True
-            _summarise(bag, info)
+            _summarise(bag, info, run_id)
             info.intact = True
     except BagCutError as error:
         info.problem = str(error)
@@ -124,7 +156,7 @@ def bag_info(path: str | Path) -> BagInfo:
     return info
 
 
-def _summarise(bag: BagReader, info: BagInfo) -> None:
+def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     info.chunks = bag.chunk_count
     info.data_checksum = bag.has_data_checksum
     info.start_time, info.end_time = bag.start_time, bag.end_time
@@ -132,20 +164,48 @@ def _summarise(bag: BagReader, info: BagInfo) -> None:
         info.header = bag.header
     except BagError:
         info.header = None  # recorded by something else, which is no fault
+    info.runs = _runs_of(bag)
+    if run_id is not None and run_id not in [run.run_id for run in info.runs]:
+        raise BagError(
+            f"{bag.path} holds no run '{run_id}', but"
+            f" {', '.join(run.run_id for run in info.runs) or 'none'}"
+        )
     counts = dict.fromkeys(bag.topics, 0)
     sequences: dict[str, int] = {}
+    repetitions = Repetitions()
     for record in bag.records():
         counts[record.topic] += 1
         known = topics.topic_of(record.topic)
         if known is None:
             continue
-        if known[0] is topics.READING:
+        if not repetitions.is_news(record):
+            info.repetitions += 1
+        elif known[0] is topics.READING:
             _follow(bag.decode(record), record.topic, sequences, info)
-        elif known[0] is topics.LINE:
-            info.lines.append(str(conversion.to_measured_line(bag.decode(record)).line))
-        elif known[0] is topics.DIAGNOSIS:
-            info.diagnosis = to_diagnosis(bag.decode(record)).words
+        elif known[0] in (topics.LINE, topics.DIAGNOSIS):
+            message = bag.decode(record)
+            if run_id in (None, message.run_id):
+                _conclude(known[0], message, info)
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
+
+
+def _runs_of(bag: Bag) -> list[RunInBag]:
+    found = []
+    for run in runs_in(bag).values():
+        try:
+            plan = plan_from_text(run.description.plan, "plan").name
+        except ValueError:
+            plan = ""
+        version = str(run.description.software_version)
+        found.append(RunInBag(run.run_id, run.namespace, plan, version, run.start_time))
+    return found
+
+
+def _conclude(topic: topics.Topic, message: Any, info: BagInfo) -> None:
+    if topic is topics.LINE:
+        info.lines.append(str(conversion.to_measured_line(message).line))
+    else:
+        info.diagnosis = to_diagnosis(message).words
 
 
 def _follow(message: Any, topic: str, sequences: dict[str, int], info: BagInfo) -> None:

@@ -1,46 +1,27 @@
 """Reads bags: ours and those of ``ros2 bag record``. Checksums are always compared."""
 
 import mmap
+import tempfile
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, NamedTuple
 
+import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from stepdiag_ros.bags import layout
+from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
-from stepdiag_ros.bags.header import METADATA_NAME, Attachment, RunHeader
-from stepdiag_ros.bags.types import MessageTypes, types_from_schemas
+from stepdiag_ros.bags.header import Attachment
 
-Order = Literal["file", "time"]
-
-
-class Record(NamedTuple):
-    """One recorded message.
-
-    Attributes:
-        topic: full name.
-        type_name: for example ``stepdiag_ros/msg/RunState``.
-        log_time: when it was received, ns.
-        publish_time: when it was sent, ns.
-        sequence: of the publisher; 0 if not known.
-        data: serialised message (CDR with its encapsulation).
-    """
-
-    topic: str
-    type_name: str
-    log_time: int
-    publish_time: int
-    sequence: int
-    data: bytes
+COMPRESSED = b"\x28\xb5\x2f\xfd"
+"""First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
 
 
 def map_file(path: Path) -> mmap.mmap:
-    """Map a file's bytes for reading.
+    """Map a file's bytes for reading; one that is compressed by zstd is decompressed.
 
     Raises:
         BagError: it is not there, cannot be read, is empty or is no MCAP file.
@@ -49,7 +30,11 @@ def map_file(path: Path) -> mmap.mmap:
         with path.open("rb") as file:
             if file.seek(0, 2) == 0:
                 raise BagCutError(f"{path} is empty; nothing was recorded into it")
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            file.seek(0)
+            if file.read(len(COMPRESSED)) == COMPRESSED:
+                data = _decompressed(path)
+            else:
+                data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except FileNotFoundError:
         raise BagError(f"there is no bag {path}") from None
     except OSError as error:
@@ -60,8 +45,21 @@ def map_file(path: Path) -> mmap.mmap:
     return data
 
 
-class BagReader:
-    """A complete bag, opened for reading; a context manager closes it.
+def _decompressed(path: Path) -> mmap.mmap:
+    """Map the content of a compressed file, from a file without a name."""
+    with path.open("rb") as source, tempfile.TemporaryFile() as target:
+        try:
+            zstandard.ZstdDecompressor().copy_stream(source, target)
+        except zstandard.ZstdError as error:
+            raise BagCorruptError(f"{path} cannot be decompressed: {error}") from None
+        target.flush()
+        if target.tell() == 0:
+            raise BagCutError(f"{path} is cut off: there is nothing in it")
+        return mmap.mmap(target.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+class BagReader(Bag):
+    """A complete bag in one file.
 
     Args:
         path: the file.
@@ -80,17 +78,6 @@ class BagReader:
         except BaseException:
             self._data.close()
             raise
-
-    def __enter__(self) -> "BagReader":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file; harmless when called again."""
@@ -126,35 +113,10 @@ class BagReader:
         """Return the last log time, ns; 0 without messages."""
         return max((self._times(chunk)[1] for chunk in self._chunks), default=0)
 
-    @cached_property
-    def header(self) -> RunHeader:
-        """Return the identity of the run and the texts that it was made from.
-
-        Raises:
-            BagError: the bag was not made by this software.
-        """
-        if METADATA_NAME not in self.metadata:
-            raise BagError(
-                f"{self.path} does not hold a run of stepdiag_ros: its identity is missing"
-            )
-        return RunHeader.from_parts(self.metadata[METADATA_NAME], self.attachments)
-
-    @cached_property
-    def types(self) -> MessageTypes:
-        """Return the message definitions that the bag carries.
-
-        Raises:
-            BagError: a topic's definition is not there as ``ros2msg`` text or cannot be used.
-        """
-        texts = {}
-        for schema in self._schemas.values():
-            if schema.encoding != "ros2msg":
-                raise BagError(
-                    f"{self.path}: the definition of {schema.name} is '{schema.encoding}'; "
-                    "only ros2msg can be decoded"
-                )
-            texts[schema.name] = schema.data.decode()
-        return types_from_schemas(texts)
+    def definitions(self) -> dict[str, str]:
+        """Return type → text of its definition; see ``Bag``."""
+        known = (schema for schema in self._schemas.values() if schema.encoding == "ros2msg")
+        return {schema.name: schema.data.decode() for schema in known}
 
     def records(
         self,
@@ -163,17 +125,7 @@ class BagReader:
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[Record]:
-        """Go through the recorded messages.
-
-        Args:
-            order: ``file``: as they were written; ``time``: by log time, equal times as written.
-            topics: full names of the wanted topics; all if None.
-            start: first log time, ns.
-            end: last log time, ns.
-
-        Raises:
-            BagCorruptError: a chunk's checksum is wrong; the text names the offset.
-        """
+        """Go through the recorded messages; see ``Bag``."""
         wanted = {
             number: (channel.topic, self._type_of(channel))
             for number, channel in self._channels.items()
@@ -190,27 +142,6 @@ class BagReader:
                 yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
             elif channel not in self._channels:
                 raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
-
-    def decode(self, record: Record) -> Any:
-        """Return a recorded message as an object with the message's attributes.
-
-        Raises:
-            BagError: it cannot be decoded; the text names topic and time.
-        """
-        try:
-            return self.types.decode(record.type_name, record.data)
-        except BagError as error:
-            raise BagError(
-                f"{self.path}: the message on {record.topic} at {record.log_time} ns "
-                f"cannot be decoded: {error}"
-            ) from None
-
-    def messages(
-        self, order: Order = "file", topics: Collection[str] | None = None
-    ) -> Iterator[tuple[Record, Any]]:
-        """Go through the recorded messages and decode each; see ``records`` and ``decode``."""
-        for record in self.records(order, topics):
-            yield record, self.decode(record)
 
     # -- opening --------------------------------------------------------------
 
@@ -229,8 +160,8 @@ class BagReader:
             self._footer = layout.footer_of(data)
         except layout.Damaged as error:
             raise BagCorruptError(f"{self.path}: {error}; {self._advice}") from None
-        self.metadata: dict[str, Mapping[str, str]] = {}
-        self.attachments: list[Attachment] = []
+        self.metadata = {}
+        self.attachments = []
         self._chunks: list[layout.RawRecord] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}

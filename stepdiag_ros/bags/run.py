@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.errors import BagError
-from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
@@ -67,6 +69,7 @@ class RecordedRun:
 
     Attributes:
         path: of the bag.
+        found: what in the bag belongs to the run.
         namespace: that the run's topics were in.
         run_id: identity of the run.
         software_version: of stepdiag_ros that made the run.
@@ -76,6 +79,8 @@ class RecordedRun:
         machine_text: YAML of the machine.
         cell_text: YAML of the simulated cell; empty on a real machine.
         plan: the test plan; its feed is NaN where it is not known (imported tables).
+        first_command: number of the first command to the machine that is in the bag, from 1; 0 if
+            there is none.
         commands: that end at a stop.
         arrivals: in position.
         stops: settled or rejected, as recorded.
@@ -90,6 +95,7 @@ class RecordedRun:
     """
 
     path: Path
+    found: FoundRun
     namespace: str
     run_id: str
     software_version: str
@@ -99,6 +105,7 @@ class RecordedRun:
     machine_text: str
     cell_text: str
     plan: Plan
+    first_command: int
     commands: tuple[StopCommand, ...]
     arrivals: tuple[Arrival, ...]
     stops: tuple[SettledStop, ...]
@@ -109,6 +116,11 @@ class RecordedRun:
     diagnoses: tuple[DiagnosisSummary, ...]
     states: tuple[StateChange, ...]
     diagnostics: tuple[Diagnostic, ...]
+
+    @property
+    def begun_late(self) -> bool:
+        """Say whether the recording lacks the run's first commands: it began after the run did."""
+        return self.first_command > 1
 
     @property
     def volume(self) -> Volume:
@@ -142,8 +154,8 @@ class RecordedRun:
             topics.absolute(topics.MACHINE_COMMAND, self.namespace): self._own_command,
             topics.absolute(topics.COMMAND_STATUS, self.namespace): self._own_arrival,
         }
-        with BagReader(self.path) as bag:
-            for record, message in bag.messages(topics=convert.keys()):
+        with open_bag(self.path) as bag:
+            for record, message in messages_of(bag, self.found, convert.keys()):
                 event = convert[record.topic](message)
                 if event is not None:
                     yield event
@@ -151,8 +163,8 @@ class RecordedRun:
     def readings(self) -> Iterator[Reading]:
         """Go through the readings in the order in which they were recorded."""
         name = topics.absolute(topics.READING, self.namespace)
-        with BagReader(self.path) as bag:
-            for _, message in bag.messages(topics=(name,)):
+        with open_bag(self.path) as bag:
+            for _, message in messages_of(bag, self.found, (name,)):
                 yield conversion.to_reading(message)
 
     def _own_command(self, message: Any) -> StopCommand | None:
@@ -173,18 +185,20 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
         BagError: the bag is cut off or damaged, or holds no run, several, or one that cannot be
             read, for example of a newer schema version.
     """
-    with BagReader(path) as bag:
-        namespace, description = _description(bag, run_id)
+    with open_bag(path) as bag:
+        found = choose_run(bag, run_id)
+        description = found.description
         check_version(bag.path, description.schema_version, description.software_version)
         source = f"{bag.path}: plan"
         try:
             plan = plan_from_text(description.plan, source)
         except ValueError as error:
             raise BagError(str(error)) from None
-        parts = _parts(bag, namespace, description.run_id)
+        parts = _parts(bag, found)
         return RecordedRun(
             path=bag.path,
-            namespace=namespace,
+            found=found,
+            namespace=found.namespace,
             run_id=description.run_id,
             software_version=description.software_version,
             schema_version=int(description.schema_version),
@@ -218,32 +232,7 @@ def check_version(path: Path, version: int, software_version: str) -> None:
         raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
 
 
-def _description(bag: BagReader, run_id: str | None) -> tuple[str, Any]:
-    names = _full_names(bag, topics.RUN_DESCRIPTION)
-    found: dict[str, tuple[str, Any]] = {}
-    for record, message in bag.messages(topics=names):
-        found[message.run_id] = (names[record.topic], message)
-    if run_id is not None:
-        found = {key: value for key, value in found.items() if key == run_id}
-    if not found:
-        which = "" if run_id is None else f" '{run_id}'"
-        raise BagError(f"{bag.path} holds no run{which}: there is no RunDescription in it")
-    if len(found) > 1:
-        raise BagError(f"{bag.path} holds several runs; say which: {', '.join(sorted(found))}")
-    return next(iter(found.values()))
-
-
-def _full_names(bag: BagReader, wanted: Topic) -> dict[str, str]:
-    """Return the full names under which a topic is in the bag, and their namespaces."""
-    found = {}
-    for name in bag.topics:
-        known = topics.topic_of(name)
-        if known is not None and known[0] is wanted:
-            found[name] = known[1]
-    return found
-
-
-def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, ...]]:
+def _parts(bag: Bag, run: FoundRun) -> dict[str, Any]:
     converters: dict[Topic, tuple[str, Callable[[Any], Any]]] = {
         topics.MACHINE_COMMAND: ("commands", conversion.to_stop_command),
         topics.COMMAND_STATUS: ("arrivals", conversion.to_arrival),
@@ -255,17 +244,20 @@ def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, 
         topics.DIAGNOSIS: ("diagnoses", to_diagnosis),
         topics.RUN_STATE: ("states", _state_change),
     }
-    by_name = {topics.absolute(topic, namespace): entry for topic, entry in converters.items()}
+    by_name = {topics.absolute(topic, run.namespace): entry for topic, entry in converters.items()}
     parts: dict[str, list[Any]] = {name: [] for name, _ in converters.values()}
     diagnostics = _DiagnosticChanges()
     diagnostics_name = topics.absolute(topics.DIAGNOSTICS)
-    for record, message in bag.messages(topics=(*by_name, diagnostics_name)):
+    first_command = 0
+    for record, message in messages_of(bag, run, (*by_name, diagnostics_name)):
         if record.topic == diagnostics_name:
             diagnostics.add(message)
             continue
         name, convert = by_name[record.topic]
-        if message.run_id != run_id:
+        if message.run_id != run.run_id:
             continue
+        if name == "commands":
+            first_command = min(first_command or message.command_id, message.command_id)
         try:
             converted = convert(message)
         except ValueError as error:
@@ -275,6 +267,7 @@ def _parts(bag: BagReader, namespace: str, run_id: str) -> dict[str, tuple[Any, 
     return {
         **{name: tuple(found) for name, found in parts.items()},
         "diagnostics": tuple(diagnostics.changes),
+        "first_command": int(first_command),
     }
 
 

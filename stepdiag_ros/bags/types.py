@@ -4,6 +4,7 @@ Our own definitions come from ``msg/``, the standard ones from the texts that sh
 A bag is decoded with the definitions that it carries, so that bags of older schemas stay readable.
 """
 
+import struct
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +22,10 @@ from stepdiag_ros import resources
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.embedded.packages import OWN, TEXTS
 
+_HEADER = 4
+"""Bytes of CDR's encapsulation."""
+_PLAIN = (b"\0\0", b"\0\1")
+"""How plain CDR begins, big-endian and little-endian."""
 _SEPARATOR = "=" * 80
 _DUMMY = "structure_needs_at_least_one_member"
 _WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
@@ -77,9 +82,18 @@ class MessageTypes:
         """
         self._require(type_name)
         try:
-            return self._store.deserialize_cdr(cdr, type_name)
-        except (SerdeError, AssertionError, IndexError) as error:
+            if bytes(cdr[:2]) not in _PLAIN:
+                raise ValueError("no plain CDR")
+            made = self._store.get_msgdef(type_name)
+            read = made.deserialize_cdr_le if cdr[1] else made.deserialize_cdr_be
+            message, end = read(cdr[_HEADER:], 0, made.cls, self._store)
+            # What stands behind the last field is not looked at: Fast DDS leaves a tail there of
+            # what rclpy has serialised.
+            if end > len(cdr) - _HEADER:
+                raise ValueError("the end is missing")
+        except (SerdeError, ValueError, struct.error, AssertionError, IndexError) as error:
             raise BagError(f"these {len(cdr)} bytes are no {type_name} ({error})") from None
+        return message
 
     def encode(self, type_name: str, message: Any) -> bytes:
         """Return any object with the message's attributes as CDR, little-endian.
@@ -93,6 +107,17 @@ class MessageTypes:
                 self._filled(type_name, message), type_name, little_endian=True
             )
         )
+
+    def normal(self, type_name: str, cdr: bytes) -> bytes:
+        """Return the same message in the bytes that every message of that content has.
+
+        CDR aligns numbers and leaves gaps for that. Fast DDS leaves in the gaps, and in a tail,
+        whatever was in memory, so that its bytes of one message differ from each other.
+
+        Raises:
+            BagError: the bytes are not such a message.
+        """
+        return self.encode(type_name, self.decode(type_name, cdr))
 
     def new(self, type_name: str) -> Any:
         """Return an object with the message's attributes, all zero or empty, to be filled."""

@@ -12,12 +12,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
+import yaml
 from mcap.writer import CompressionType, Writer
 
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.header import METADATA_NAME, RunHeader
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.topics import Qos, topic_of
+from stepdiag_ros.topics import Qos, Topic, topic_of
 
 CHUNK_SIZE = 32 * 1024
 PROFILE = "ros2"
@@ -26,6 +27,8 @@ SCHEMA_ENCODING = "ros2msg"
 LIBRARY = "stepdiag_ros"
 
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
+_FOREIGN = Topic("", "", Qos.COMMAND)
+"""Quality of service that is told of a topic that is none of the suite's."""
 Result = TypeVar("Result")
 
 
@@ -143,7 +146,6 @@ class BagWriter:
         log_time: int,
         publish_time: int | None = None,
         sequence: int = 0,
-        qos: Qos | None = None,
     ) -> None:
         """Add one message.
 
@@ -154,7 +156,6 @@ class BagWriter:
             log_time: when it was received, ns.
             publish_time: when it was sent, ns; the log time if not known.
             sequence: of the publisher; 0 if not known.
-            qos: quality of service that a replay offers; by default that of ``topics``.
 
         Raises:
             BagError: the topic has another type, the type is not known, or the bag is closed.
@@ -163,7 +164,7 @@ class BagWriter:
         self._require_open()
         known = self._channels.get(topic)
         if known is None:
-            known = self._guarded(lambda: self._register(topic, type_name, qos))
+            known = self._guarded(lambda: self._register(topic, type_name))
         channel, known_type = known
         if known_type != type_name:
             raise BagError(
@@ -210,8 +211,7 @@ class BagWriter:
 
     def _write_header(self, header: RunHeader) -> None:
         self._mcap.start(profile=PROFILE, library=f"{LIBRARY} {header.software_version}")
-        # Because of this record rosbag2, from Humble on, takes the numbers in offered_qos_profiles.
-        self._mcap.add_metadata("rosbag2", {"ROS_DISTRO": os.environ.get("ROS_DISTRO", "jazzy")})
+        self._mcap.add_metadata("rosbag2", _rosbag2_record(header.start_time))
         self._mcap.add_metadata(METADATA_NAME, header.metadata())
         for attachment in header.attachments():
             self._mcap.add_attachment(
@@ -223,20 +223,19 @@ class BagWriter:
             )
         self._file.sync()
 
-    def _register(self, topic: str, type_name: str, qos: Qos | None) -> tuple[int, str]:
+    def _register(self, topic: str, type_name: str) -> tuple[int, str]:
         types = own_types()
         if type_name not in self._schemas:
             text = types.schema(type_name).encode()
             self._schemas[type_name] = self._mcap.register_schema(type_name, SCHEMA_ENCODING, text)
-        if qos is None:
-            found = topic_of(topic)
-            qos = Qos.COMMAND if found is None else found[0].qos
+        found = topic_of(topic)
+        known = _FOREIGN if found is None else found[0]
         channel = self._mcap.register_channel(
             topic,
             MESSAGE_ENCODING,
             self._schemas[type_name],
             {
-                "offered_qos_profiles": offered_qos_profiles(qos),
+                "offered_qos_profiles": offered_qos_profiles(known),
                 "topic_type_hash": types.type_hash(type_name),
             },
         )
@@ -278,11 +277,36 @@ class BagWriter:
         self._file.close()
 
 
-def offered_qos_profiles(qos: Qos) -> str:
-    """Return a quality of service in the form in which rosbag2 keeps it with a topic (YAML)."""
+def _rosbag2_record(start_time: int) -> dict[str, str]:
+    """Return what rosbag2 looks for in an MCAP file.
+
+    Humble takes the numbers in offered_qos_profiles because ROS_DISTRO is there, later versions
+    because the version told here is one that had numbers. Times, counts, topics and files it takes
+    from the file's summary; it only wants to see the keys.
+    """
+    distro = os.environ.get("ROS_DISTRO", "jazzy")
+    told = {
+        "version": 8,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": 0},
+        "starting_time": {"nanoseconds_since_epoch": start_time},
+        "message_count": 0,
+        "topics_with_message_count": [],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [],
+        "files": [],
+        "custom_data": {},
+        "ros_distro": distro,
+    }
+    return {"ROS_DISTRO": distro, "serialized_metadata": yaml.safe_dump(told, sort_keys=False)}
+
+
+def offered_qos_profiles(topic: Topic) -> str:
+    """Return a topic's quality of service as rosbag2 keeps it with a topic (YAML)."""
     return (
-        f"- history: 1\n  depth: {qos.depth}\n  reliability: 1\n"
-        f"  durability: {1 if qos.transient_local else 2}\n"
+        f"- history: 1\n  depth: {topic.depth}\n  reliability: 1\n"
+        f"  durability: {1 if topic.qos.transient_local else 2}\n"
         f"  deadline: {_FOREVER}\n  lifespan: {_FOREVER}\n  liveliness: 1\n"
         f"  liveliness_lease_duration: {_FOREVER}\n  avoid_ros_namespace_conventions: false\n"
     )

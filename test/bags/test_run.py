@@ -176,7 +176,7 @@ def test_a_bag_of_several_runs_asks_which(tmp_path):
         for run_id in ("first", "second"):
             put(bag, topics.RUN_DESCRIPTION, description(run_id), START)
             put(bag, topics.LINE, conversion.from_measured_line(line(0, 1), run_id, NEW), START)
-    with pytest.raises(BagError, match="several runs; say which: first, second"):
+    with pytest.raises(BagError, match="several runs; say which by --run: first, second"):
         load_run(path)
     assert load_run(path, "second").run_id == "second"
     assert len(load_run(path, "second").lines) == 1

@@ -54,6 +54,36 @@ def test_the_schema_keeps_the_comments_of_the_definition():
     assert "MSG: builtin_interfaces/Time\n" in text
 
 
+def test_gaps_between_fields_mean_nothing_and_values_do():
+    types, type_name = own_types(), "stepdiag_ros/msg/RunState"
+    message = types.new(type_name)
+    message.run_id, message.line, message.remaining_time = "run", "ppp", 1.5
+    written = types.encode(type_name, message)
+    gaps = 0
+    for position in range(4, len(written)):
+        altered = bytearray(written)
+        altered[position] ^= 0x01
+        try:
+            same = types.decode(type_name, bytes(altered)) == types.decode(type_name, written)
+            normal = types.normal(type_name, bytes(altered))
+        except BagError:
+            continue
+        assert (normal == written) is same, position
+        gaps += same
+    # Behind texts, before the next number.
+    assert gaps > 0
+    assert types.normal(type_name, written + b"\xff" * 160) == written
+
+
+@pytest.mark.parametrize("missing", [1, 8, 40])
+def test_a_message_without_its_end_is_refused(missing):
+    types, type_name = own_types(), "stepdiag_ros/msg/RunState"
+    message = types.new(type_name)
+    message.text = "x" * 40
+    with pytest.raises(BagError, match="no stepdiag_ros/msg/RunState"):
+        types.decode(type_name, types.encode(type_name, message)[:-missing])
+
+
 def test_whole_numbers_in_a_list_become_doubles():
     types = own_types()
     name = "stepdiag_ros/msg/MeasuredLine"

@@ -117,9 +117,9 @@ def test_latched_topics_are_offered_as_transient_local(tmp_path):
     with AnyReader([path]) as bag:
         offered = {c.topic: c.ext.offered_qos_profiles[0] for c in bag.connections}
     assert offered["/run/description"].durability is QosDurability.TRANSIENT_LOCAL
-    assert offered["/run/description"].depth == topics.RUN_DESCRIPTION.qos.depth
+    assert offered["/run/description"].depth == topics.RUN_DESCRIPTION.depth
     assert offered[READING].durability is QosDurability.VOLATILE
-    assert offered[READING].depth == topics.READING.qos.depth
+    assert offered[READING].depth == topics.READING.depth
     assert all(qos.reliability is QosReliability.RELIABLE for qos in offered.values())
 
 
