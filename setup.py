@@ -4,9 +4,10 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-# msg/ and config/ stay at the root, where ROS 2 wants them, and travel inside the wheel.
+# msg/, action/ and config/ stay at the root, where ROS 2 wants them, and travel inside the wheel.
 SHARED = [
     "msg",
+    "action",
     "config",
     "config.plans",
     "config.machines",
@@ -14,6 +15,11 @@ SHARED = [
     "config.instruments",
     "config.trackers",
     "config.models",
+    "config.rviz",
+    "config.foxglove",
+    "config.plotjuggler",
+    "config.security",
+    "config.security.common",
 ]
 
 setup(
@@ -30,7 +36,7 @@ setup(
     ],
     package_dir={f"stepdiag_ros.share.{name}": name.replace(".", "/") for name in SHARED},
     package_data={
-        "": ["py.typed", "*.msg", "*.srv", "*.action", "*.json", "*.yaml"],
+        "": ["py.typed", "*.msg", "*.srv", "*.action", "*.json", "*.yaml", "*.rviz", "*.xml"],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [
             "interfaces/*/*/*.msg",

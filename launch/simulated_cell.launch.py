@@ -1,56 +1,42 @@
-"""A whole measurement in the simulated cell: ros2 launch stepdiag_ros simulated_cell.launch.py."""
+"""A whole measurement in the simulated cell: ros2 launch stepdiag_ros simulated_cell.launch.py.
 
-import time
+Nothing moves before a run is started, with the action /sequencer/measure or the service
+/sequencer/start.
+"""
 
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from pathlib import Path
 
 from launch import LaunchDescription
 
+from stepdiag_ros.session.cell import simulated_cell
+from stepdiag_ros.session.launching import Argument, description, number, started
+
 ARGUMENTS = {
-    "plan": ("demo", "test plan: YAML file, or a name in config/plans"),
-    "machine": ("demo", "machine: YAML file, or a name in config/machines"),
-    "cell": ("demo", "simulated cell: YAML file, or a name in config/cells"),
-    "model": ("free", "model that the run is compared with: YAML file, or a name in config/models"),
-    "folder": (".", "where the bag is written"),
-    "factor": ("1.0", "simulated seconds in a real second"),
+    "plan": Argument("test plan: YAML file, or a name in config/plans", "demo"),
+    "machine": Argument("machine: YAML file, or a name in config/machines", "demo"),
+    "cell": Argument("simulated cell: YAML file, or a name in config/cells", "demo"),
+    "model": Argument("model that the run is compared with: YAML file, or a name", "free"),
+    "folder": Argument("where the bags are written", "."),
+    "factor": Argument("simulated seconds in a real second", "1.0"),
+    "rate": Argument("readings in a simulated second; 0: the cell's own", "0.0"),
+    "seed": Argument("of the noise of the simulated readings", "0"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the nodes of the simulated cell; start a run with the service /sequencer/start."""
-
-    def text(name: str) -> ParameterValue:
-        return ParameterValue(LaunchConfiguration(name), value_type=str)
-
-    def node(name: str, **parameters: object) -> Node:
-        return Node(
-            package="stepdiag_ros",
-            executable=name,
-            output="screen",
-            parameters=[{"use_sim_time": name != "clock", **parameters}],
-        )
-
-    # The air that the beam feels and the air that the sensors feel are the same.
-    weather = {"device": "simulated", "cell": text("cell"), "weather_begins": time.time_ns()}
-    factor = ParameterValue(LaunchConfiguration("factor"), value_type=float)
-    return LaunchDescription(
-        [
-            *[
-                DeclareLaunchArgument(name, default_value=default, description=description)
-                for name, (default, description) in ARGUMENTS.items()
-            ],
-            node("clock", factor=factor),
-            node("recorder", folder=text("folder")),
-            node("assembler"),
-            node("solver"),
-            node("evaluator"),
-            node("diagnosis", model=text("model")),
-            node("weather", **weather),
-            node("bridge", device="simulated", machine=text("machine"), cell=text("cell")),
-            node("interferometer", **weather),
-            node("sequencer", plan=text("plan"), machine=text("machine"), cell=text("cell")),
-        ]
+    """Return the nodes of the simulated cell."""
+    return description(
+        ARGUMENTS,
+        lambda values: started(
+            simulated_cell(
+                plan=values["plan"],
+                machine=values["machine"],
+                cell=values["cell"],
+                folder=Path(values["folder"]),
+                factor=number(values, "factor"),
+                rate=number(values, "rate"),
+                seed=int(number(values, "seed")),
+                model=values["model"],
+            )
+        ),
     )

@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """The ``stepdiag`` command line.
 
 Exit codes: 0 done, 1 refused or failed (one sentence on standard error says why), 2 wrong usage,
@@ -18,6 +19,7 @@ COMMANDS = (
     "demo",
     "plan",
     "run",
+    "measure",
     "replay",
     "solve",
     "compare",
@@ -33,6 +35,7 @@ COMMANDS = (
     "info",
     "schema",
     "selftest",
+    "parameters",
     "node",
 )
 """Modules of ``stepdiag_ros.commands`` in the order in which the help lists them."""

@@ -246,6 +246,21 @@ def load_plan(name_or_path: str | Path) -> tuple[Plan, str]:
     return _load(name_or_path, "plans", plan_from_text)
 
 
+def plan_given(given: str) -> tuple[Plan, str]:
+    """Return a test plan that is given as a file, a name or the YAML text itself, and its text.
+
+    Args:
+        given: taken as the text if it has several lines or begins with a brace, otherwise as
+            ``load_plan`` does.
+
+    Raises:
+        ValueError: as ``load_plan`` and ``plan_from_text``.
+    """
+    if "\n" in given.strip() or given.lstrip().startswith("{"):
+        return plan_from_text(given, "the given plan"), given
+    return load_plan(given.strip())
+
+
 def load_machine(name_or_path: str | Path) -> "tuple[Machine, str]":
     """Return what is known of a real machine, and the text; see ``load_plan``.
 

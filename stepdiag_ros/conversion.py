@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import CURVES, Vector, moving_axis
+from stepdiag_ros.metrology.geometry import AXES, CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -24,9 +24,9 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.scene.frames import MACHINE
 
 NANOSECONDS = 1_000_000_000
-FRAME_MACHINE = "machine"
 
 PURPOSE_STOP = 0
 PURPOSE_POSITION = 1
@@ -63,7 +63,7 @@ def set_stamp(stamp: Any, nanoseconds: int) -> None:
     stamp.sec, stamp.nanosec = divmod(int(nanoseconds), NANOSECONDS)
 
 
-def set_header(message: Any, time: int, frame: str = FRAME_MACHINE) -> None:
+def set_header(message: Any, time: int, frame: str = MACHINE) -> None:
     """Write time (ns) and frame into a message's header."""
     set_stamp(message.header.stamp, time)
     message.header.frame_id = frame
@@ -72,6 +72,17 @@ def set_header(message: Any, time: int, frame: str = FRAME_MACHINE) -> None:
 def _triple(values: Iterable[Any]) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+def axis_positions(message: Any) -> tuple[float, float, float] | None:
+    """Return X, Y, Z (m) of a ``sensor_msgs/JointState``; None if it is that of something else.
+
+    The name of its topic is everybody's: a robot beside the machine may use it too.
+    """
+    positions = dict(zip(message.name, message.position, strict=False))
+    if not all(axis in positions for axis in AXES):
+        return None
+    return _triple(positions[axis] for axis in AXES)
 
 
 def doubles(values: Any) -> "array[float]":
@@ -103,19 +114,19 @@ def to_reading(message: Any) -> Reading:
 
 
 def from_reading(
-    reading: Reading, instrument: str, new: NewMessage = new_message, message: Any = None
+    reading: Reading, frame: str, new: NewMessage = new_message, message: Any = None
 ) -> Any:
     """Make an ``InterferometerReading``.
 
     Args:
         reading: the reading.
-        instrument: name of the instrument, written as the header's frame.
+        frame: of the instrument, for the header.
         new: makes the empty message.
         message: an ``InterferometerReading`` to fill instead of a new one, which is faster.
     """
     if message is None:
         message = new("stepdiag_ros/msg/InterferometerReading")
-    set_header(message, reading.time, instrument)
+    set_header(message, reading.time, frame)
     message.sequence = int(reading.sequence)
     message.raw_displacement = float(reading.raw_displacement)
     message.compensated_displacement = float(reading.compensated_displacement)

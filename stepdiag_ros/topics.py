@@ -5,28 +5,40 @@ Names are relative: a node started in a namespace uses them below it. Plain data
 
 from dataclasses import dataclass
 from enum import Enum
+from math import ceil
+
+KEPT_SECONDS = 1.0
+"""s: what a publisher sends in this time at its highest rate is kept for a slow subscriber."""
 
 
 class Qos(Enum):
-    """Quality of service of a topic; every kind is reliable and keeps the last ``depth`` messages.
+    """Quality of service of a topic by what its messages mean; every kind is reliable.
 
     Attributes:
-        depth: how many messages are kept for a slow subscriber (or, latched, for a late one).
+        depth: how many messages are kept, at least, for a slow subscriber (or, where it is
+            transient local, for a late one).
         transient_local: a late subscriber receives what was published before it came.
     """
 
-    STREAM = (2000, False)
-    """Many messages a second, none of which may be lost."""
+    STREAM = (10, False)
+    """Many messages a second, none of which may be lost; the rate tells how many are kept."""
     COMMAND = (100, False)
     """Single events; a late subscriber must not receive an old one."""
-    LATCHED = (10, True)
-    """States and descriptions that a late subscriber needs."""
+    LATCHED = (1, True)
+    """What takes the place of all before: descriptions, states, whole pictures for viewers."""
+    RESULTS = (20, True)
+    """What holds side by side, each in place of the one of its kind before."""
     HISTORY = (1000, True)
-    """Lines: a solver that is started again during a run needs all of them."""
+    """Lines and their tests: a solver that is started again during a run needs all of them."""
 
     def __init__(self, depth: int, transient_local: bool) -> None:
         self.depth = depth
         self.transient_local = transient_local
+
+    @property
+    def repeated(self) -> bool:
+        """Say whether what still holds is said again slowly, for late subscribers over a bridge."""
+        return self.transient_local
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,9 @@ class Topic:
             readings that it is derived from.
         conclusive: field of the message that is true in what follows from the recording alone; how
             many others come before it depends on the speed of the computer. Empty: all messages do.
+        highest_rate: messages in a second, at most; no parameter of a node allows more.
+        newest_of_each: fields of the message that tell apart what holds side by side, such as the
+            results of several methods; empty where each message takes the place of the one before.
     """
 
     name: str
@@ -50,6 +65,13 @@ class Topic:
     recorded: bool = True
     derived: bool = False
     conclusive: str = ""
+    highest_rate: float = 0.0
+    newest_of_each: tuple[str, ...] = ()
+
+    @property
+    def depth(self) -> int:
+        """Return how many messages publishers and subscribers keep."""
+        return max(self.qos.depth, ceil(self.highest_rate * KEPT_SECONDS))
 
 
 RUN_DESCRIPTION = Topic("run/description", "stepdiag_ros/msg/RunDescription", Qos.LATCHED)
@@ -57,24 +79,49 @@ RUN_STATE = Topic("run/state", "stepdiag_ros/msg/RunState", Qos.LATCHED)
 MACHINE_COMMAND = Topic("machine/command", "stepdiag_ros/msg/StepCommand", Qos.COMMAND)
 COMMAND_STATUS = Topic("machine/command_status", "stepdiag_ros/msg/CommandStatus", Qos.COMMAND)
 MACHINE_STATE = Topic("machine/state", "stepdiag_ros/msg/MachineState", Qos.LATCHED)
-JOINT_STATES = Topic("joint_states", "sensor_msgs/msg/JointState", Qos.STREAM)
-READING = Topic("interferometer/reading", "stepdiag_ros/msg/InterferometerReading", Qos.STREAM)
-AIR_TEMPERATURE = Topic("weather/air_temperature", "sensor_msgs/msg/Temperature", Qos.STREAM)
-MATERIAL_TEMPERATURE = Topic(
-    "weather/material_temperature", "sensor_msgs/msg/Temperature", Qos.STREAM
+JOINT_STATES = Topic(
+    "joint_states", "sensor_msgs/msg/JointState", Qos.STREAM, highest_rate=10_000.0
 )
-AIR_PRESSURE = Topic("weather/air_pressure", "sensor_msgs/msg/FluidPressure", Qos.STREAM)
+READING = Topic(
+    "interferometer/reading",
+    "stepdiag_ros/msg/InterferometerReading",
+    Qos.STREAM,
+    highest_rate=10_000.0,
+)
+AIR_TEMPERATURE = Topic(
+    "weather/air_temperature", "sensor_msgs/msg/Temperature", Qos.STREAM, highest_rate=1000.0
+)
+MATERIAL_TEMPERATURE = Topic(
+    "weather/material_temperature", "sensor_msgs/msg/Temperature", Qos.STREAM, highest_rate=1000.0
+)
+AIR_PRESSURE = Topic(
+    "weather/air_pressure", "sensor_msgs/msg/FluidPressure", Qos.STREAM, highest_rate=1000.0
+)
 RELATIVE_HUMIDITY = Topic(
-    "weather/relative_humidity", "sensor_msgs/msg/RelativeHumidity", Qos.STREAM
+    "weather/relative_humidity", "sensor_msgs/msg/RelativeHumidity", Qos.STREAM, highest_rate=1000.0
 )
 STOP = Topic("measurement/stop", "stepdiag_ros/msg/SettledStop", Qos.COMMAND, derived=True)
 BLOCK = Topic("measurement/block", "stepdiag_ros/msg/BlockDisplacement", Qos.COMMAND, derived=True)
-LINE = Topic("measurement/line", "stepdiag_ros/msg/MeasuredLine", Qos.HISTORY, derived=True)
+LINE = Topic(
+    "measurement/line",
+    "stepdiag_ros/msg/MeasuredLine",
+    Qos.HISTORY,
+    derived=True,
+    newest_of_each=("line_index", "attempt"),
+)
 VOLUMETRIC_ERRORS = Topic(
-    "result/volumetric_errors", "stepdiag_ros/msg/VolumetricErrors", Qos.LATCHED, derived=True
+    "result/volumetric_errors",
+    "stepdiag_ros/msg/VolumetricErrors",
+    Qos.RESULTS,
+    derived=True,
+    newest_of_each=("method",),
 )
 POSITIONING_TEST = Topic(
-    "result/positioning_test", "stepdiag_ros/msg/PositioningTest", Qos.HISTORY, derived=True
+    "result/positioning_test",
+    "stepdiag_ros/msg/PositioningTest",
+    Qos.HISTORY,
+    derived=True,
+    newest_of_each=("standard", "name", "kind", "setup"),
 )
 DIAGNOSIS = Topic(
     "result/diagnosis",
@@ -83,8 +130,16 @@ DIAGNOSIS = Topic(
     derived=True,
     conclusive="run_over",
 )
+ERROR_MARKERS = Topic(
+    "result/error_markers", "visualization_msgs/msg/MarkerArray", Qos.LATCHED, recorded=False
+)
+RUN_MARKERS = Topic(
+    "run/markers", "visualization_msgs/msg/MarkerArray", Qos.LATCHED, recorded=False
+)
+FRAMES = Topic("/tf", "tf2_msgs/msg/TFMessage", Qos.COMMAND, recorded=False)
+FIXED_FRAMES = Topic("/tf_static", "tf2_msgs/msg/TFMessage", Qos.LATCHED, recorded=False)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Qos.COMMAND)
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", Qos.STREAM, recorded=False)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", Qos.STREAM, recorded=False, highest_rate=2000.0)
 
 TOPICS = (
     RUN_DESCRIPTION,
@@ -104,6 +159,10 @@ TOPICS = (
     VOLUMETRIC_ERRORS,
     POSITIONING_TEST,
     DIAGNOSIS,
+    ERROR_MARKERS,
+    RUN_MARKERS,
+    FRAMES,
+    FIXED_FRAMES,
     DIAGNOSTICS,
     CLOCK,
 )

@@ -430,7 +430,7 @@ def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
     ("option", "value", "message"),
     [
         ("--factor", "0", "0 is not between 0.001 and 1000"),
-        ("--rate", "nan", "nan is not between 0.1 and 100000"),
+        ("--rate", "nan", "nan is not between 0.1 and 10000"),
         ("--seed", "-1", "'-1' is no whole number from 0 to 2147483648"),
     ],
 )

@@ -3,6 +3,7 @@
 from hashlib import sha256
 
 import pytest
+import yaml
 
 from stepdiag_ros.configuration import (
     available,
@@ -13,6 +14,7 @@ from stepdiag_ros.configuration import (
     load_plan,
     parse_yaml,
     plan_from_text,
+    plan_given,
     without_effects,
 )
 
@@ -105,6 +107,20 @@ def test_a_wrong_plan_is_refused_in_one_sentence(text, message, tmp_path):
         load_plan(path)
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_plan_is_given_by_file_by_name_or_by_its_text(tmp_path):
+    path = tmp_path / "good.yaml"
+    path.write_text(GOOD)
+    by_file, text = plan_given(f" {path}\n")
+    assert text == GOOD and plan_given(GOOD) == (by_file, GOOD)
+    assert plan_given("quick")[0] == load_plan("quick")[0]
+    in_one_line = str(yaml.safe_load(GOOD))
+    assert plan_given(in_one_line) == (by_file, in_one_line)
+    with pytest.raises(ValueError, match=r"^the given plan: 'blocks' is missing"):
+        plan_given(GOOD.replace("blocks: 2", "bloks: 2"))
+    with pytest.raises(ValueError, match=r"^there is no plan 'quik'"):
+        plan_given("quik")
 
 
 def test_a_file_that_is_not_there(tmp_path):

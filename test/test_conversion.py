@@ -222,3 +222,17 @@ def test_results_with_arrays_of_different_length_are_refused():
 def test_an_unknown_message_is_an_import_error():
     with pytest.raises(ImportError, match="no message Nothing"):
         conversion.new_message("stepdiag_ros/msg/Nothing")
+
+
+def test_positions_are_taken_by_the_names_of_the_axes():
+    from types import SimpleNamespace
+
+    def joints(names, positions):
+        return SimpleNamespace(name=names, position=positions)
+
+    assert conversion.axis_positions(joints(["X", "Y", "Z"], [1.0, 2.0, 3.0])) == (1.0, 2.0, 3.0)
+    swapped = joints(["tool", "Z", "X", "Y"], [9.0, 3.0, 1.0, 2.0])
+    assert conversion.axis_positions(swapped) == (1.0, 2.0, 3.0)
+    robot = joints([f"joint_{number}" for number in range(1, 7)], [0.0] * 6)
+    assert conversion.axis_positions(robot) is None
+    assert conversion.axis_positions(joints(["X", "Y", "Z"], [])) is None

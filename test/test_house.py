@@ -37,14 +37,25 @@ def test_the_version_is_the_same_everywhere():
 
 def test_every_node_is_started_the_same_three_ways():
     from stepdiag_ros.commands.node import NODES
+    from stepdiag_ros.session.cell import simulated_cell
 
     built = (ROOT / "CMakeLists.txt").read_text()
-    launched = (ROOT / "launch" / "simulated_cell.launch.py").read_text()
+    simulated = simulated_cell("quick", "demo", "demo", Path(), 1.0, 0.0, 1)
+    launched = {process.name for process in simulated} | {"scene"}
     for name in NODES:
         module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"
         assert module.read_text().startswith("#!/usr/bin/env python3\n"), name
         assert name in built.split("foreach(node ", 1)[1].split(")", 1)[0].split(), name
-        assert f'node("{name}"' in launched, name
+        assert name in launched, name
+
+
+def test_every_file_beside_the_code_travels_in_the_wheel():
+    setup = (ROOT / "setup.py").read_text()
+    for folder in ("msg", "action", "config"):
+        for path in (ROOT / folder).rglob("*.*"):
+            package = ".".join(path.parent.relative_to(ROOT).parts)
+            assert f'"{package}",' in setup, path
+            assert f'"*{path.suffix}"' in setup, path
 
 
 def test_devices_and_metrology_know_no_ros():
@@ -56,7 +67,17 @@ def test_devices_and_metrology_know_no_ros():
 
 def test_imports_point_inwards():
     """Whoever stands later in this list may import those before it, not the other way round."""
-    floors = ("metrology", "devices", "bags", "run", "report", "nodes", "session", "commands")
+    floors = (
+        "metrology",
+        "devices",
+        "bags",
+        "run",
+        "report",
+        "scene",
+        "nodes",
+        "session",
+        "commands",
+    )
     for height, floor in enumerate(floors):
         for path in (ROOT / "stepdiag_ros" / floor).rglob("*.py"):
             text = path.read_text()

@@ -132,7 +132,7 @@ def test_a_recorded_test_that_differs_in_one_bit_is_told(bag, capsys, tmp_path, 
     mean = recorded.tests[0].mean_forward.copy()
     mean[1] = np.nextafter(mean[1], 1.0)
     changed = (replace(recorded.tests[0], mean_forward=mean), *recorded.tests[1:])
-    monkeypatch.setattr(bags_run, "load_run", lambda _: replace(recorded, tests=changed))
+    monkeypatch.setattr(bags_run, "load_run", lambda *_: replace(recorded, tests=changed))
     code, out, _ = stepdiag(capsys, "iso230", bag, "--pictures", "none", "--output", tmp_path)
     assert code == 0
     assert "ppp diagonal: NOT the same numbers as the result recorded in the bag." in out

@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
-from stepdiag_ros.commands.output import HelpFormatter, number, progress_bar, say
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    add_run_option,
+    number,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -35,6 +41,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_run_option(parser)
     parser.add_argument(
         "--instrument",
         metavar="NAME|FILE",
@@ -113,7 +120,7 @@ def run(arguments: Namespace) -> int:
     if arguments.instrument is not None:
         instrument = load_instrument(arguments.instrument)[0]
     with progress_bar(f"reading {arguments.bag.name}") as progress:
-        recorded = load_run(arguments.bag)
+        recorded = load_run(arguments.bag, arguments.run_id)
         measured, remark = measurement_of(recorded, arguments.recorded_lines, progress)
     measurement, corrections = corrected(measured, arguments)
     if not measurement.lines:

@@ -5,7 +5,13 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter, add_result_options, progress_bar, say
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    add_result_options,
+    add_run_option,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -40,6 +46,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_run_option(parser)
     parser.add_argument(
         "--measured",
         type=Path,
@@ -62,7 +69,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.tables import make_console
 
     direct = read_direct(read_text(arguments.measured), str(arguments.measured))
-    report = report_of(arguments.bag)
+    report = report_of(arguments.bag, run_id=arguments.run_id)
     try:
         experiment = experiment_of(report, direct)
     except ValueError as error:

@@ -8,7 +8,14 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from stepdiag_ros.commands.output import HelpFormatter, Progress, number, progress_bar, say
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    Progress,
+    add_run_option,
+    number,
+    progress_bar,
+    say,
+)
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 
 if TYPE_CHECKING:
@@ -50,6 +57,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag (.mcap) or run table (.csv)")
+    add_run_option(parser)
     parser.add_argument(
         "further",
         type=Path,
@@ -161,9 +169,9 @@ def report_of(arguments: Namespace) -> "DiagnosisReport":
         source = str(arguments.model)
     runs = []
     paths = [arguments.bag, *arguments.further]
-    for path in paths:
+    for path, run_id in zip(paths, (arguments.run_id, *(None for _ in paths)), strict=False):
         with progress_bar(f"reading {path.name}") as progress:
-            runs.append(_run_of(path, progress))
+            runs.append(_run_of(path, progress, run_id))
     first = runs[0]
     measurement = first.measurement
     if len(runs) > 1:
@@ -207,8 +215,8 @@ class _Run(NamedTuple):
     machine: "Machine | None" = None
 
 
-def _run_of(path: Path, progress: Progress) -> _Run:
-    """Read a run."""
+def _run_of(path: Path, progress: Progress, run_id: str | None) -> _Run:
+    """Read a run; where a bag holds several, the one that is named."""
     if not is_bag(path):
         from stepdiag_ros.bags.table import load_table
 
@@ -217,7 +225,7 @@ def _run_of(path: Path, progress: Progress) -> _Run:
     from stepdiag_ros.commands.solve import measurement_of
     from stepdiag_ros.configuration import machine_from_text
 
-    recorded = load_run(path)
+    recorded = load_run(path, run_id)
     measurement, remark = measurement_of(recorded, False, progress)
     if not measurement.lines:
         raise ValueError(f"{path}: no line of this run was finished; there is nothing to compare")

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -22,6 +22,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_run_option(parser)
     parser.add_argument(
         "--output", type=Path, metavar="FOLDER", help="default: NAME_tables beside the bag"
     )
@@ -50,6 +51,7 @@ def run(arguments: Namespace) -> int:
             arguments.format,
             readings=arguments.readings,
             overwrite=arguments.overwrite,
+            run_id=arguments.run_id,
         )
     if arguments.json:
         document = {

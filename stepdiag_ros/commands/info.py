@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stepdiag_ros.bags.info import BagInfo
+    from stepdiag_ros.bags.info import BagInfo, RunInBag
 
 _MOST_GAPS = 10
 
@@ -27,7 +27,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         epilog="example:\n  stepdiag info run.mcap",
         formatter_class=HelpFormatter,
     )
-    parser.add_argument("bag", type=Path, help="the bag (.mcap)")
+    parser.add_argument("bag", type=Path, help="the bag (.mcap), or a folder of 'ros2 bag record'")
+    add_run_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -37,7 +38,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.info import bag_info
 
     with progress_bar(f"checking {arguments.bag.name}"):
-        info = bag_info(arguments.bag)
+        info = bag_info(arguments.bag, arguments.run_id)
     if arguments.json:
         print(schemas.json_text(schemas.document("info", info.as_dict())))
     else:
@@ -58,12 +59,14 @@ def _print(info: "BagInfo") -> None:
             ("Plan", info.header.plan_name),
             ("Made by", f"stepdiag_ros {info.header.software_version}, {info.header.middleware}"),
         ]
+    else:
+        rows += [("Run", _words_of(run)) for run in info.runs]
     rows += [
         ("State", _state(info)),
     ]
     if info.intact is not False and info.complete:
         rows += [
-            ("Messages", f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks"),
+            ("Messages", _messages(info)),
             ("Lines", str(len(info.lines))),
             ("Readings", _gaps(info)),
         ]
@@ -76,12 +79,23 @@ def _print(info: "BagInfo") -> None:
         console.print(_topics(info))
 
 
+def _words_of(run: "RunInBag") -> str:
+    where = "" if run.namespace == "/" else f" in {run.namespace}"
+    plan = run.plan or "with a plan that cannot be read"
+    return f"{run.run_id}{where}: {plan} (stepdiag_ros {run.software_version})"
+
+
 def _state(info: "BagInfo") -> str:
     if not info.complete:
         return "cut off: the end is missing"
     if info.intact is None:
         return "complete, checksums not checked"
     return "complete, every checksum is right" if info.intact else "DAMAGED: a checksum is wrong"
+
+
+def _messages(info: "BagInfo") -> str:
+    again = f"; {info.repetitions} of them said again" if info.repetitions else ""
+    return f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks{again}"
 
 
 def _gaps(info: "BagInfo") -> str:

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    add_run_option(parser)
     parser.add_argument("--axis", default="", help="name of the axis in a table")
     parser.add_argument(
         "--uncertainty",
@@ -69,7 +70,13 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.positioning import positioning_json, print_positioning
     from stepdiag_ros.report.positioning_figures import draw_positioning
 
-    report = report_of(arguments.source, arguments.axis, arguments.uncertainty, arguments.published)
+    report = report_of(
+        arguments.source,
+        arguments.axis,
+        arguments.uncertainty,
+        arguments.published,
+        arguments.run_id,
+    )
     return show(
         "iso230",
         positioning_json(report),
@@ -81,7 +88,11 @@ def run(arguments: Namespace) -> int:
 
 
 def report_of(
-    source: Path, axis: str = "", uncertainty: Path | None = None, published: Path | None = None
+    source: Path,
+    axis: str = "",
+    uncertainty: Path | None = None,
+    published: Path | None = None,
+    run_id: str | None = None,
 ) -> "PositioningReport":
     """Evaluate all tests in a bag or the one in a table.
 
@@ -90,6 +101,7 @@ def report_of(
         axis: name of the axis in a table.
         uncertainty: file that describes the measuring conditions.
         published: file of figures to compare with.
+        run_id: which run, where a bag holds several.
 
     Raises:
         ValueError: a file cannot be read, or there is no test in it; one sentence.
@@ -98,20 +110,20 @@ def report_of(
     from stepdiag_ros.report.positioning import PositioningReport
 
     description = _description(uncertainty)
-    run_id, equal = "", {}
+    measured_as, equal = "", {}
     if is_bag(source):
         from stepdiag_ros.bags.run import load_run
         from stepdiag_ros.metrology.standards.axis_test import all_runs
         from stepdiag_ros.report.positioning import same_test
 
         with progress_bar(f"reading {source.name}"):
-            recorded = load_run(source)
+            recorded = load_run(source, run_id)
         runs = all_runs(recorded.measurement)
         if not runs:
             raise ValueError(
                 f"{source}: no line of it is complete, so there is nothing to evaluate"
             )
-        run_id = recorded.run_id
+        measured_as = recorded.run_id
         last = {(test.setup, test.kind, test.name): test for test in recorded.tests}
         equal = {
             one.setup: same_test(evaluate(one), last[key])
@@ -125,7 +137,7 @@ def report_of(
     return PositioningReport(
         tests=tuple(evaluate(one, description) for one in runs),
         source=str(source),
-        run_id=run_id,
+        run_id=measured_as,
         unknown=description.unknown(),
         published=None if published is None else _published(published),
         equals_recorded=equal,

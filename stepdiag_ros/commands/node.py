@@ -12,6 +12,7 @@ NODES = (
     "evaluator",
     "interferometer",
     "recorder",
+    "scene",
     "sequencer",
     "solver",
     "weather",
@@ -24,7 +25,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "node",
         help="start one node of a measurement",
         description="Start one node and run it until Ctrl-C. Parameters and names are given the "
-        "ROS 2 way, behind --ros-args.",
+        "ROS 2 way, behind --ros-args; 'stepdiag parameters NAME' shows what there is.",
         epilog="example: stepdiag node solver --ros-args -p use_sim_time:=true",
     )
     parser.add_argument("name", choices=NODES, help="which node")

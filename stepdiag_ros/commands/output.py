@@ -84,6 +84,20 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield show
 
 
+def add_run_option(parser: ArgumentParser) -> None:
+    """Add the option that says which run of a bag is meant.
+
+    Args:
+        parser: of the command.
+    """
+    parser.add_argument(
+        "--run",
+        dest="run_id",
+        metavar="ID",
+        help="which run, where a recording of 'ros2 bag record' holds several",
+    )
+
+
 def add_result_options(parser: ArgumentParser, default_folder: str) -> None:
     """Add the options of every command that prints a result.
 

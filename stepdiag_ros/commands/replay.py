@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import number, progress_bar, say
+from stepdiag_ros.commands.output import add_run_option, number, progress_bar, say
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
@@ -24,7 +24,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "one that was made when the run was over.",
         epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
     )
-    parser.add_argument("bag", type=Path, help="the recorded run (.mcap)")
+    parser.add_argument(
+        "bag", type=Path, help="the recorded run (.mcap), or a folder of 'ros2 bag record'"
+    )
+    add_run_option(parser)
     parser.add_argument(
         "--rate",
         type=_rate,
@@ -33,6 +36,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument(
         "--check", action="store_true", help="assemble and solve again; compare with the recording"
+    )
+    parser.add_argument(
+        "--wait-for",
+        nargs="+",
+        default=(),
+        metavar="NODE",
+        help="begin when these nodes listen, for example assembler solver",
     )
     parser.add_argument("--json", action="store_true", help="print what was done as JSON")
     parser.set_defaults(run=run)
@@ -44,11 +54,18 @@ def _rate(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay, and compare if asked."""
-    from stepdiag_ros.bags.reader import BagReader
+    from stepdiag_ros.bags.folder import open_bag
     from stepdiag_ros.session.replay import replay
 
-    with BagReader(arguments.bag) as bag, progress_bar("replaying") as progress:
-        played = replay(bag, arguments.rate, arguments.check, progress)
+    with open_bag(arguments.bag) as bag, progress_bar("replaying") as progress:
+        played = replay(
+            bag,
+            arguments.rate,
+            arguments.check,
+            progress,
+            arguments.wait_for,
+            arguments.run_id,
+        )
     if arguments.json:
         print(schemas.json_text(schemas.document("replay", _document(arguments.bag, played))))
     else:

@@ -11,9 +11,10 @@ from stepdiag_ros.commands.output import (
     progress_bar,
     say,
 )
+from stepdiag_ros.topics import READING
 
 if TYPE_CHECKING:
-    from stepdiag_ros.session.measure import Told
+    from stepdiag_ros.session.following import Told
 
 DEFAULT_FOLDER = Path("stepdiag_results")
 LARGEST_SEED = 2**31
@@ -72,7 +73,7 @@ def _factor(text: str) -> float:
 
 
 def _reading_rate(text: str) -> float:
-    return number(text, 0.1, 1e5)
+    return number(text, 0.1, READING.highest_rate)
 
 
 def _seed(text: str) -> int:
@@ -87,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros.commands import solve
     from stepdiag_ros.metrology.live_effects import LiveEffects
     from stepdiag_ros.report.publish import make_folder
-    from stepdiag_ros.run.sequence import beyond_machine
+    from stepdiag_ros.run.feasibility import beyond_machine
     from stepdiag_ros.session.cell import simulated_cell
     from stepdiag_ros.session.measure import Session
 
@@ -128,5 +129,6 @@ def run(arguments: argparse.Namespace) -> int:
         "expansion": None,
         "material_temperature": None,
         "visibility": False,
+        "run_id": None,
     }
     return solve.run(argparse.Namespace(**shown))

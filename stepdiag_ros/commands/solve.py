@@ -10,6 +10,7 @@ from stepdiag_ros.commands.output import (
     HelpFormatter,
     Progress,
     add_result_options,
+    add_run_option,
     progress_bar,
     say,
     show_report,
@@ -40,7 +41,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C",
         formatter_class=HelpFormatter,
     )
-    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    parser.add_argument(
+        "bag", type=Path, help="the measurement: a bag (.mcap), or a folder of 'ros2 bag record'"
+    )
+    add_run_option(parser)
     parser.add_argument(
         "--recorded-lines",
         action="store_true",
@@ -74,6 +78,7 @@ def run(arguments: Namespace) -> int:
         arguments.truth,
         lambda measurement: corrected(measurement, arguments),
         arguments.visibility,
+        arguments.run_id,
     )
     return show_report(report, arguments, results_folder(arguments.bag))
 
@@ -84,6 +89,7 @@ def report_of(
     truth: Path | None = None,
     correct: "Callable[[Measurement], tuple[Measurement, tuple[str, ...]]] | None" = None,
     with_visibility: bool = False,
+    run_id: str | None = None,
 ) -> "Report":
     """Solve a bag by every method.
 
@@ -94,6 +100,7 @@ def report_of(
         correct: returns a measurement corrected, and in words how; a result that was corrected is
             not compared with the recorded one.
         with_visibility: say of each error whether these lines tell it.
+        run_id: which run, where the bag holds several.
 
     Raises:
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
@@ -102,7 +109,7 @@ def report_of(
     from stepdiag_ros.report.build import build_report
 
     with progress_bar(f"reading {bag.name}") as progress:
-        recorded = load_run(bag)
+        recorded = load_run(bag, run_id)
         measured, remark = measurement_of(recorded, recorded_lines, progress)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     name = recorded.machine.get("name", "")
@@ -174,6 +181,8 @@ def measurement_of(
     if not readings.count:
         return recorded.measurement, "solved from the lines as recorded: the bag has no readings"
     lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    if recorded.begun_late:
+        return recorded.measurement, _late(recorded.lines, lines, readings.count)
     if _same_lines(lines, recorded.lines):
         comparison = "the same lines to the last bit as recorded"
     else:
@@ -182,6 +191,21 @@ def measurement_of(
     return (
         Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
         f"assembled again from {readings.count} readings: {comparison}",
+    )
+
+
+def _late(
+    recorded: "tuple[MeasuredLine, ...]", assembled: "tuple[MeasuredLine, ...]", readings: int
+) -> str:
+    """Say what the readings of a recording that lacks the run's beginning confirm.
+
+    A line that was measured before the recording began cannot be assembled again, nor can one that
+    shares its zero with such a line.
+    """
+    same = sum(any(_same_lines((a,), (b,)) for b in assembled) for a in recorded)
+    return (
+        f"the recording began after the run did: solved from its {len(recorded)} lines as recorded;"
+        f" {same} of them were assembled again from {readings} readings, the same to the last bit"
     )
 
 
@@ -212,9 +236,9 @@ class _Counted:
         self._progress = progress
 
     def __iter__(self) -> "Iterator[Reading]":
-        from stepdiag_ros.bags.reader import BagReader
+        from stepdiag_ros.bags.folder import open_bag
 
-        with BagReader(self._recorded.path) as bag:
+        with open_bag(self._recorded.path) as bag:
             start, end = bag.start_time, bag.end_time
         length = max(end - start, 1)
         for reading in self._recorded.readings():

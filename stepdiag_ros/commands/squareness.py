@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    add_run_option(parser)
     add_output_options(parser, "NAME_squareness beside the source")
     parser.set_defaults(run=run)
 
@@ -52,7 +53,7 @@ def run(arguments: Namespace) -> int:
         squareness_json,
     )
 
-    report = report_of(arguments.source)
+    report = report_of(arguments.source, arguments.run_id)
     return show(
         "squareness",
         squareness_json(report),
@@ -63,8 +64,12 @@ def run(arguments: Namespace) -> int:
     )
 
 
-def report_of(source: Path) -> "SquarenessReport":
+def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
     """Evaluate the diagonals in a bag or a table.
+
+    Args:
+        source: the file.
+        run_id: which run, where a bag holds several.
 
     Raises:
         ValueError: the file cannot be read, or its diagonals tell no squareness; one sentence.
@@ -86,7 +91,7 @@ def report_of(source: Path) -> "SquarenessReport":
     from stepdiag_ros.bags.run import load_run
 
     with progress_bar(f"reading {source.name}"):
-        recorded = load_run(source)
+        recorded = load_run(source, run_id)
     measurement = recorded.measurement
     tests = [evaluate(runs) for runs in all_runs(measurement)]
     result = squareness_of(measurement)

@@ -18,8 +18,8 @@ _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 
 
 def is_bag(path: Path) -> bool:
-    """Say whether a file is a bag by its name; everything else is taken for a table."""
-    return path.suffix == ".mcap"
+    """Say whether a path is a bag by its name; every other file is taken for a table."""
+    return path.is_dir() or path.name.endswith((".mcap", ".mcap.zstd"))
 
 
 def add_output_options(parser: ArgumentParser, default_folder: str) -> None:

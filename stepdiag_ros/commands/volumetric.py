@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, nargs="?", help="the measurement (.mcap)")
+    add_run_option(parser)
     add_output_options(parser, "NAME_volumetric beside the bag; without one: ./volumetric_examples")
     parser.set_defaults(run=run)
 
@@ -37,7 +38,7 @@ def run(arguments: Namespace) -> int:
         volumetric_json,
     )
 
-    report = report_of(arguments.bag)
+    report = report_of(arguments.bag, arguments.run_id)
     folder = Path("volumetric_examples")
     if arguments.bag is not None:
         folder = arguments.bag.parent / f"{arguments.bag.stem}_volumetric"
@@ -51,8 +52,12 @@ def run(arguments: Namespace) -> int:
     )
 
 
-def report_of(bag: Path | None) -> "VolumetricReport":
+def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport":
     """Find the volumetric accuracy of a bag's error maps; without a bag there are the examples.
+
+    Args:
+        bag: the measurement.
+        run_id: which run, where the bag holds several.
 
     Raises:
         ValueError: the bag cannot be read or solved; one sentence.
@@ -64,7 +69,7 @@ def report_of(bag: Path | None) -> "VolumetricReport":
     from stepdiag_ros.commands.solve import report_of as solved
     from stepdiag_ros.metrology.standards.volumetric import of_result
 
-    report = solved(bag)
+    report = solved(bag, run_id=run_id)
     if not report.results:
         raise ValueError(f"{bag}: its lines are not enough for any method; see 'stepdiag solve'")
     return VolumetricReport(

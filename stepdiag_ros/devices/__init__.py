@@ -1,7 +1,13 @@
 """Drivers of controllers, interferometers and weather stations: one driver a module.
 
 A driver knows no ROS, holds no thread and no clock: time is given to it in whole nanoseconds, and
-it is asked (``poll``) for what has happened since. ``create`` makes one by its name.
+it is asked (``poll``) for what has happened since. ``prepare`` finds one by its name, checks its
+settings, and returns what opens the device; a device that there is, is open until its ``close``.
+
+Nothing of it takes long: while a device is opened or asked, its node is silent, and after 2 s the
+others take the node for lost. Opening a device, and any of its methods, may raise OSError (it does
+not answer) or ValueError (what it answers makes no sense, or it refuses). Whoever uses it closes it
+then, and opens it anew.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +22,7 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.machine import Machine
 
 Kind = Literal["cnc", "interferometer", "weather"]
+Device = CncDevice | InterferometerDevice | WeatherDevice
 
 
 @dataclass(frozen=True)
@@ -23,13 +30,10 @@ class Surroundings:
     """What a driver may need to know beside its own settings.
 
     Attributes:
-        start: time at which the device is switched on, ns; its samples lie on a grid that begins
-            here.
         machine: the machine under test; needed by controllers.
         cell: the simulated cell; needed by simulated devices only.
     """
 
-    start: int
     machine: Machine | None = None
     cell: SimulatedCell | None = None
 
@@ -43,36 +47,39 @@ _DRIVERS: dict[tuple[Kind, str], str] = {
 
 
 @overload
-def create(
+def prepare(
     kind: Literal["cnc"], name: str, settings: Mapping[str, Any], surroundings: Surroundings
-) -> CncDevice: ...
+) -> Callable[[int], CncDevice]: ...
 
 
 @overload
-def create(
+def prepare(
     kind: Literal["interferometer"],
     name: str,
     settings: Mapping[str, Any],
     surroundings: Surroundings,
-) -> InterferometerDevice: ...
+) -> Callable[[int], InterferometerDevice]: ...
 
 
 @overload
-def create(
+def prepare(
     kind: Literal["weather"], name: str, settings: Mapping[str, Any], surroundings: Surroundings
-) -> WeatherDevice: ...
+) -> Callable[[int], WeatherDevice]: ...
 
 
-def create(
+def prepare(
     kind: Kind, name: str, settings: Mapping[str, Any], surroundings: Surroundings
-) -> CncDevice | InterferometerDevice | WeatherDevice:
-    """Return a device made by the driver of that name.
+) -> Callable[[int], Device]:
+    """Return what opens a device of the driver of that name; nothing is opened yet.
+
+    It takes the time of the opening, ns, on which the grid of the device's samples begins, and may
+    be called again after the device was closed.
 
     Args:
         kind: ``cnc``, ``interferometer`` or ``weather``.
         name: of the driver; ``simulated`` is there for every kind.
         settings: of the driver; what it does not know is refused.
-        surroundings: time, machine and cell.
+        surroundings: machine and cell.
 
     Raises:
         ValueError: there is no such driver, or a setting is wrong; the text says what is expected.
@@ -82,8 +89,7 @@ def create(
         known = ", ".join(driver for other, driver in _DRIVERS if other == kind)
         raise ValueError(f"there is no {kind} driver '{name}'; known: {known}")
     module, function = place.split(":")
-    make: Callable[[Mapping[str, Any], Surroundings], Any] = getattr(
+    driver: Callable[[Mapping[str, Any], Surroundings], Callable[[int], Device]] = getattr(
         import_module(module), function
     )
-    device: CncDevice | InterferometerDevice | WeatherDevice = make(settings, surroundings)
-    return device
+    return driver(settings, surroundings)

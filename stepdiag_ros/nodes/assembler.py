@@ -4,6 +4,7 @@
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from stepdiag_ros import topics
@@ -20,6 +21,8 @@ from stepdiag_ros.conversion import (
 from stepdiag_ros.metrology.assembly import Assembler, Event
 from stepdiag_ros.metrology.measurement import BlockDisplacement, SettledStop
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.run.health import Finding, Gaps
+from stepdiag_ros.run.work_health import Arrival, Stops
 
 
 class AssemblerNode(StepdiagNode):
@@ -35,6 +38,13 @@ class AssemblerNode(StepdiagNode):
         self._stops = self.announce(topics.STOP)
         self._blocks = self.announce(topics.BLOCK)
         self._lines = self.announce(topics.LINE)
+        self._gaps = Gaps()
+        self._coming = Arrival("reading", self.parameter("reading_timeout"))
+        self.on_change("reading_timeout", partial(setattr, self._coming, "stale_after"))
+        self._decided = Stops()
+        self.health.add_task("readings", self._judge_readings)
+        self.health.add_task("sequence", self._judge_sequence)
+        self.health.add_task("stops", lambda: self._decided.judge(), log=False)
         self.follow_run()
         # A fast replay on a busy computer may be seconds ahead of this node.
         self.listen(topics.MACHINE_COMMAND, self._on_command, keep_all=True)
@@ -46,6 +56,9 @@ class AssemblerNode(StepdiagNode):
         plan = plan_from_text(description.plan, "plan of the run")
         self._assembler = Assembler(plan, to_nanoseconds(description.header.stamp))
         self.run_id = description.run_id
+        self._gaps.begin()
+        self._coming.begin(self.now(), self.real_time())
+        self._decided = Stops()
         for _ in range(len(self._early)):
             callback, message = self._early.popleft()
             callback(message)
@@ -71,19 +84,30 @@ class AssemblerNode(StepdiagNode):
             self._publish(self._assembler.add_arrival(arrival))
 
     def _on_reading(self, message: Any) -> None:
+        reading, real = to_reading(message), self.real_time()
+        self._coming.take(reading.time, real)
+        self._gaps.take(reading.sequence, reading.time, real)
         if self._assembler is not None:
-            self._publish(self._assembler.add_reading(to_reading(message)))
+            self._publish(self._assembler.add_reading(reading))
+
+    def _judge_readings(self) -> Finding:
+        return self._coming.judge(not self.run_over, self.now(), self.real_time())
+
+    def _judge_sequence(self) -> Finding:
+        return self._gaps.judge(not self.run_over, self.real_time())
 
     def _publish(self, events: Iterable[Event]) -> None:
         for event in events:
             if isinstance(event, SettledStop):
+                where = f"{event.line}, stop {event.command.stop}"
+                self._decided.take("" if event.settled else f"{where}: {event.reason}")
                 if not event.settled:
-                    where = f"{event.line}, stop {event.command.stop}"
                     self.get_logger().warning(f"{where} rejected: {event.reason}")
                 self._stops.publish(from_settled_stop(event, self.run_id))
             elif isinstance(event, BlockDisplacement):
                 self._blocks.publish(from_block(event, self.run_id))
             else:
+                self._decided.lines += 1
                 self._lines.publish(from_measured_line(event, self.run_id))
 
 

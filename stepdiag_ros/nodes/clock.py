@@ -10,9 +10,12 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import to_nanoseconds
-from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
+from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.links import message_class
+from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.pacing import RECORDER_LAG, GovernedTime
 from stepdiag_ros.run.supervision import HEARD_UNTIL, Peer
+from stepdiag_ros.run.work_health import Reached
 
 
 class ClockNode(StepdiagNode):
@@ -26,26 +29,33 @@ class ClockNode(StepdiagNode):
 
     def __init__(self) -> None:
         super().__init__("clock")
-        factor = self.parameter("factor", 1.0, "simulated seconds in a real second", 0.001, 1000.0)
-        period = self.parameter("period", 0.004, "real seconds between two ticks", 0.0005, 1.0)
+        factor = self.parameter("factor")
+        period = self.parameter("period")
         start = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._governed = GovernedTime(factor, origin=start, real_start=self.real_time())
         self._publisher = self.announce(topics.CLOCK)
+        self._reached = Reached()
+        self.health.add_task("pace", self._judge_pace, log=False)
         self.follow_run()
         # Only the newest reading matters, and none is worth a repetition.
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         reading = topics.READING
         self.create_subscription(message_class(reading), reading.name, self._on_reading, newest)
+        self.on_change("factor", lambda new: self._governed.run_at(new, self.real_time()))
         self.every(period, self._tick, real=True)
 
     def _on_reading(self, message: Any) -> None:
-        self._governed.heard(to_nanoseconds(message.header.stamp), self.real_time())
+        time = to_nanoseconds(message.header.stamp)
+        self._governed.heard(time, self.real_time(), "interferometer")
 
     def on_heartbeat(self, peer: Peer) -> None:
         """Wait for a recorder that is behind."""
         if HEARD_UNTIL in peer.facts:
             until = int(peer.facts[HEARD_UNTIL])
             self._governed.heard(until, self.real_time(), peer.role, RECORDER_LAG)
+
+    def _judge_pace(self) -> Finding:
+        return self._reached.judge(self._governed, self.real_time())
 
     def _tick(self) -> None:
         seconds, nanoseconds = divmod(self._governed.advance(self.real_time()), 1_000_000_000)

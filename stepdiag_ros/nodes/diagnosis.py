@@ -12,15 +12,17 @@ from stepdiag_ros.diagnosis_conversion import from_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.discrepancy.extension import with_chain
 from stepdiag_ros.metrology.measurement import Measurement, latest_attempts
+from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.background import BackgroundProcess, WorkFailed
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
+from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
+from stepdiag_ros.run.work_health import Work
 
 LOOK_PERIOD = 0.02
 """Real seconds between two looks at what has been diagnosed."""
-LARGEST_SEED = 2**31 - 1
 
 
 class DiagnosisNode(LineNode):
@@ -36,22 +38,9 @@ class DiagnosisNode(LineNode):
 
     def __init__(self) -> None:
         super().__init__("diagnosis")
-        model = self.parameter(
-            "model", "free", "model of the machine: YAML file, or a name in config/models"
-        )
-        seed = self.parameter(
-            "seed", 0, "of the random draws that guard against false names", 0, LARGEST_SEED
-        )
-        self._pause: float = self.parameter(
-            "pause_s",
-            10.0,
-            "real seconds, at least, between the end of one diagnosis and the begin of the next"
-            " while a run goes on; that of the whole run is made at once",
-            0.0,
-            3600.0,
-        )
-        self._model, self._model_text = load_model(model)
-        self._seed: int = seed
+        self._model, self._model_text = load_model(self.parameter("model"))
+        self.on_change("model", self._take_model, self._another_model)
+        self.on_change("seed", prepare=self._when_done)
         self._background = BackgroundProcess()
         self._plan: Plan
         self._chain = ""
@@ -64,8 +53,26 @@ class DiagnosisNode(LineNode):
         self._told_last = False
         self._diagnoses = self.announce(topics.DIAGNOSIS)
         self.facts[WORK_LEFT] = "0"
+        self._work = Work("comparison")
+        self.health.add_task("work", self._judge_work)
         self.follow_lines()
         self.every(LOOK_PERIOD, self._look, real=True)
+
+    @property
+    def _pause(self) -> float:
+        return float(self.parameter("pause_s"))
+
+    def _another_model(self, name: str) -> tuple[MachineModel, str]:
+        return load_model(self._when_done(name))
+
+    def _take_model(self, loaded: tuple[MachineModel, str]) -> None:
+        self._model, self._model_text = loaded
+
+    def _when_done(self, value: Any) -> Any:
+        """Refuse to change what the last diagnosis of a run, which is still to come, is made by."""
+        if self.facts[WORK_LEFT] != "0":
+            raise ValueError(f"run {self.run_id} is still being diagnosed: wait for its end")
+        return value
 
     def take_up(self, description: Any) -> None:
         """Begin anew; a diagnosis of the run before is dropped."""
@@ -89,6 +96,7 @@ class DiagnosisNode(LineNode):
         """Publish what is done, begin what is due, and say how much is left."""
         if self._task is not None and self._task.done():
             task, self._task = self._task, None
+            self._work.end(self.real_time())
             self._compared, self._ended = self._task_lines, self.real_time()
             self._summary = self._result_of(task)
             self._told_last = False
@@ -106,9 +114,13 @@ class DiagnosisNode(LineNode):
         lines = latest_attempts(tuple(self.lines))
         measurement = Measurement(self._plan.volume, lines, self._chain)
         self._task = self._background.submit(
-            diagnose_lines, measurement, self._plan, self._model_text, self._seed
+            diagnose_lines, measurement, self._plan, self._model_text, self.parameter("seed")
         )
         self._task_lines = len(self.lines)
+        self._work.begin(self.real_time())
+
+    def _judge_work(self) -> Finding:
+        return self._work.judge(int(self.facts[WORK_LEFT]), len(self.lines))
 
     def _result_of(self, task: "Future[DiagnosisSummary]") -> DiagnosisSummary | None:
         try:

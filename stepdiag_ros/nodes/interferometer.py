@@ -2,37 +2,34 @@
 """Node: streams the readings of a laser interferometer."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from math import nan
 from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, plan_from_text
 from stepdiag_ros.conversion import (
     PURPOSE_STOP,
+    axis_positions,
     from_reading,
     new_message,
     to_command,
     to_nanoseconds,
 )
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
-from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
-from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.base import spin
+from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.run.device_health import Air, Beam
+from stepdiag_ros.run.health import Finding, Gaps, Rate
 from stepdiag_ros.run.sequence import Answer
 from stepdiag_ros.run.supervision import fact_of_run
+from stepdiag_ros.scene.frames import LASER
 
-POLL_PERIOD = 0.002
-WEATHER_BEGINS = (
-    "weather_begins",
-    0,
-    "ROS time in ns at which the weather of the simulated cell begins, the same for all its nodes; "
-    "0: when this node starts",
-    0,
-    2**62,
-)
-"""Declaration of a parameter of the simulated cell that two nodes share."""
 WEATHER = {
     "air_temperature": (topics.AIR_TEMPERATURE, "temperature"),
     "air_pressure": (topics.AIR_PRESSURE, "fluid_pressure"),
@@ -40,75 +37,108 @@ WEATHER = {
     "material_temperature": (topics.MATERIAL_TEMPERATURE, "temperature"),
 }
 """Field of Environment → topic and field of its message."""
+SETTINGS = {
+    "rate": "rate_hz",
+    "seed": "seed",
+    "hold_after": "hold_after_s",
+    "weather_age": "weather_age_s",
+    "index_equation": "index_equation",
+    "weather_begins": "weather_begins_ns",
+}
+"""Parameter → setting of the driver."""
 
 
-class InterferometerNode(StepdiagNode):
+class InterferometerNode(DeviceNode[InterferometerDevice]):
     """Publishes every reading, compensated for the weather that the weather topics tell."""
 
     role = "interferometer"
+    thing = "interferometer"
+    poll_period = 0.002
 
     def __init__(self) -> None:
         super().__init__("interferometer")
-        self._driver = self.parameter("device", "simulated", "driver of the instrument")
-        cell = self.parameter("cell", "demo", "simulated cell: YAML file or name, config/cells")
-        rate = self.parameter("rate", 0.0, "readings in a second; 0: the cell's own", 0.0, 1e5)
-        seed = self.parameter("seed", 0, "of the noise of the simulated readings", 0, 2**31)
-        hold = self.parameter(
-            "hold_after",
-            1.0,
-            "s without axis positions after which the last one holds",
-            0.0,
-            3600.0,
-        )
-        age = self.parameter(
-            "weather_age", 10.0, "s after which the weather counts as unknown", 0.1, 86400.0
-        )
-        equation = self.parameter(
-            "index_equation", "edlen", "refractive index of air by edlen (modified) or ciddor"
-        )
-        begins = self.parameter(*WEATHER_BEGINS)
-        self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
-        self._settings: dict[str, Any] = {
-            "seed": seed,
-            "hold_after_s": hold,
-            "weather_age_s": age,
-            "index_equation": equation,
-            "weather_begins_ns": begins,
-        }
-        if rate:
-            self._settings["rate_hz"] = rate
+        simulated = self.parameter("device") == "simulated"
+        self._cell = load_cell(self.parameter("cell"))[0] if simulated else None
+        self.opener()
+        self._beam = Beam(self.parameter("reading_timeout"), self.parameter("dim_signal"))
+        self.on_change("reading_timeout", partial(setattr, self._beam, "stale_after"))
+        self.on_change("dim_signal", partial(setattr, self._beam, "dim_below"))
+        self.on_change("rate_tolerance", lambda new: setattr(self._rate, "tolerance", new))
+        self._gaps = Gaps()
+        self._judge_anew()
+        for task in (self._judge_beam, self._judge_rate, self._judge_sequence, self._judge_weather):
+            self.add_device_task(task.__name__.removeprefix("_judge_"), task)
         self._plan: Plan | None = None
+        self._run_begins = 0
         self._setup = ""
         # Since when a good reading of the present setup is waited for, ns; 0 if it has come.
         self._aligned = 0
         self._environment = Environment()
         self._weather_time = 0
-        self._device: InterferometerDevice
-        self._readings = self.announce(topics.READING)
+        self._readings = self.stream(topics.READING)
         self._message = new_message(topics.READING.type_name)
-        self.await_clock(self._open)
+        self._listens = False
 
-    def _open(self) -> None:
-        surroundings = Surroundings(self.now(), cell=self._cell)
-        self._device = create("interferometer", self._driver, self._settings, surroundings)
-        if isinstance(self._device, FollowsRun):
-            self.listen(topics.MACHINE_COMMAND, partial(self._on_command, self._device))
-            self.listen(topics.COMMAND_STATUS, partial(self._on_answer, self._device))
+    def opener(self, **changed: Any) -> Callable[[int], InterferometerDevice]:
+        """Return what opens the instrument (see ``DeviceNode.opener``)."""
+        given = {name: self.parameter(name) for name in SETTINGS} | changed
+        settings = {setting: given[name] for name, setting in SETTINGS.items()}
+        if not given["rate"]:
+            del settings["rate_hz"]
+        surroundings = Surroundings(cell=self._cell)
+        return prepare("interferometer", self.parameter("device"), settings, surroundings)
+
+    def open_device(self) -> InterferometerDevice:
+        """Open the instrument; what it is asked for may have changed since it was closed."""
+        self._judge_anew()
+        return super().open_device()
+
+    def _judge_anew(self) -> None:
+        asked = self.parameter("rate") or (self._cell.reading_rate if self._cell else nan)
+        self._rate = Rate(asked, self.parameter("rate_tolerance"))
+        self._air = Air(self.parameter("weather_age"))
+
+    def on_open(self, device: InterferometerDevice) -> None:
+        """Feed the instrument from now on; tell it of a run that goes on already."""
+        if self._plan is not None and not self.run_over and isinstance(device, FollowsRun):
+            device.begin_run(self._plan, self._run_begins)
+        if self._listens:
+            return
+        self._listens = True
+        if isinstance(device, FollowsRun):
+            self.listen(topics.MACHINE_COMMAND, self._on_command)
+            self.listen(topics.COMMAND_STATUS, self._on_answer)
         self.follow_run()
         self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
         for name, (topic, field) in WEATHER.items():
             self.listen(topic, partial(self._on_weather, name, field))
-        self.every(POLL_PERIOD, self._poll, real=True)
+
+    def on_begin(self, device: InterferometerDevice) -> None:  # noqa: ARG002
+        """Expect readings from now on."""
+        self._beam.begin(self.real_time())
+        # What was read and dropped before is not missed.
+        self._gaps = Gaps()
+
+    def on_end(self, device: InterferometerDevice, reason: str) -> None:  # noqa: ARG002
+        """Forget beam and zero: whoever uses the instrument again has to set them up again."""
+        self._setup, self._aligned = "", 0
+        if self.facts.pop("beam", ""):
+            self.beat()
 
     def on_run(self, description: Any) -> None:
         """Take the plan, which says where the beam of each line is to go."""
         self._plan = plan_from_text(description.plan, "plan of the run")
+        self._run_begins = to_nanoseconds(description.header.stamp)
         self._setup = ""
-        if isinstance(self._device, FollowsRun):
-            self._device.begin_run(self._plan, to_nanoseconds(description.header.stamp))
+        self._gaps.begin()
+        self._beam.expect_setup()
+        if isinstance(self.device, FollowsRun):
+            self.device.begin_run(self._plan, self._run_begins)
 
     def on_run_state(self, state: Any) -> None:
         """Set beam and zero up for the line that is to be measured."""
+        if self.device is None or not self.active:
+            return
         if self._plan is None or state.run_id != self.run_id:
             return
         if not state.setup or state.setup == self._setup:
@@ -117,37 +147,70 @@ class InterferometerNode(StepdiagNode):
         # The laser stands before the first stop of the forward pass, whichever pass comes first.
         x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
         self._setup, self._aligned = state.setup, self.now()
-        self._device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
+        self._beam.set_up(self._aligned)
+        with self.failing(f"align the interferometer for {state.setup}"):
+            self.device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
 
-    def _on_command(self, device: FollowsRun, message: Any) -> None:
-        if message.run_id == self.run_id:
-            device.update_command(to_command(message), int(message.purpose) == PURPOSE_STOP)
+    def _on_command(self, message: Any) -> None:
+        if message.run_id == self.run_id and isinstance(self.device, FollowsRun):
+            at_stop = int(message.purpose) == PURPOSE_STOP
+            self.device.update_command(to_command(message), at_stop)
 
-    def _on_answer(self, device: FollowsRun, message: Any) -> None:
-        if message.run_id == self.run_id and message.status not in (Answer.ACCEPTED, Answer.MOVING):
+    def _on_answer(self, message: Any) -> None:
+        if message.run_id != self.run_id or not isinstance(self.device, FollowsRun):
+            return
+        if message.status not in (Answer.ACCEPTED, Answer.MOVING):
             in_position = message.status == Answer.IN_POSITION
             time = to_nanoseconds(message.header.stamp)
-            device.update_answer(int(message.command_id), time, in_position)
+            self.device.update_answer(int(message.command_id), time, in_position)
 
     def _on_joints(self, message: Any) -> None:
-        x, y, z = message.position
-        self._device.update_position(to_nanoseconds(message.header.stamp), (x, y, z))
+        position = axis_positions(message)
+        if self.device is not None and position is not None:
+            with self.failing("tell the interferometer the position"):
+                self.device.update_position(to_nanoseconds(message.header.stamp), position)
 
     def _on_weather(self, name: str, field: str, message: Any) -> None:
         self._environment = self._environment._replace(**{name: float(getattr(message, field))})
         # The four sensors speak one after another with the same stamp; each word counts.
         stamp = to_nanoseconds(message.header.stamp)
         self._weather_time = max(stamp, self._weather_time + 1)
-        self._device.update_environment(self._weather_time, self._environment)
+        self._air.take(name, getattr(self._environment, name), stamp, self.real_time())
+        if self.device is not None:
+            with self.failing("tell the interferometer the weather"):
+                self.device.update_environment(self._weather_time, self._environment)
 
-    def _poll(self) -> None:
-        for reading in self._device.poll(self.now()):
-            message = from_reading(reading, "interferometer", message=self._message)
+    def poll(self, device: InterferometerDevice) -> None:
+        """Publish the readings; while the node is not active they are read and dropped."""
+        readings = device.poll(self.now())
+        for reading in readings:
+            message = from_reading(reading, LASER, message=self._message)
             self._readings.publish(message)
             if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
                 self._aligned = 0
                 self.facts["beam"] = fact_of_run(self.run_id, self._setup)
                 self.beat()
+        if readings and self.active:
+            self._look_at(readings)
+
+    def _look_at(self, readings: list[Reading]) -> None:
+        real = self.real_time()
+        self._gaps.take_all(readings, real)
+        self._rate.take(len(readings), readings[-1].time)
+        if self._beam.take(readings, real):
+            self.health.look()
+
+    def _judge_beam(self) -> Finding:
+        return self._beam.judge(self.now(), self.real_time(), in_run=not self.run_over)
+
+    def _judge_rate(self) -> Finding:
+        return self._rate.judge(self.real_time())
+
+    def _judge_sequence(self) -> Finding:
+        return self._gaps.judge(not self.run_over, self.real_time())
+
+    def _judge_weather(self) -> Finding:
+        return self._air.judge(self.now(), self.real_time())
 
 
 def main() -> int:

@@ -23,7 +23,7 @@ class LineNode(StepdiagNode):
         super().__init__(name)
         self.lines: list[MeasuredLine] = []
         self._described = False
-        self._early: deque[Any] = deque(maxlen=topics.LINE.qos.depth)
+        self._early: deque[Any] = deque(maxlen=topics.LINE.depth)
 
     def follow_lines(self) -> None:
         """Call ``take_up`` when a run begins and ``on_line`` with each of its lines."""

@@ -1,20 +1,26 @@
 """Node of the command line: what an operator does and sees; lives in ``stepdiag run``."""
 
+import os
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
 from stepdiag_ros.nodes.base import StepdiagNode
+from stepdiag_ros.nodes.measure_action import measure_type
 
 SERVICE_LIMIT = 5.0
-"""Real seconds that a service may take to answer."""
+"""Real seconds that a service, or the action for a new goal, may take to answer."""
 
 
 class OperatorNode(StepdiagNode):
-    """Starts, aborts and follows a run.
+    """Starts, cancels and follows a run.
+
+    It starts by the action, so that the result of the run comes back to whoever has started it; a
+    pause or a setup, which anyone may end, goes by the services.
 
     Attributes:
         state: last RunState of the run that this operator started; None before.
@@ -24,10 +30,37 @@ class OperatorNode(StepdiagNode):
     role = "operator"
 
     def __init__(self) -> None:
-        super().__init__("stepdiag_operator")
+        # Several may look on at the same time, and nodes of one name are an error.
+        super().__init__(f"stepdiag_operator_{os.getpid()}")
         self.state: Any = None
         self.started_run = ""
+        self._last_state: Any = None
+        action = measure_type()
+        self._new_goal = action.Goal
+        self._action = ActionClient(self, action, "sequencer/measure")
+        self._handle: Any = None
+        self._answer: Any = None
+        # Goal → its last feedback.
+        self._feedback: dict[bytes, Any] = {}
         self.listen(topics.RUN_STATE, self._on_state)
+
+    @property
+    def result(self) -> Any:
+        """The result of the run (as in Measure.action) once it is known; None before."""
+        return self._answer.result().result if self._answer and self._answer.done() else None
+
+    @property
+    def sequencer(self) -> str:
+        """Which process the sequencer of this namespace is; empty if none is there."""
+        name = f"{self.get_namespace().rstrip('/')}/sequencer"
+        peer = self.watch.peers.get(name)
+        return "" if peer is None or name in self.watch.lost else peer.session
+
+    @property
+    def text(self) -> str:
+        """What is going on, as the run itself says it; empty before it has said anything."""
+        told = self._handle and self._feedback.get(bytes(self._handle.goal_id.uuid))
+        return str(told.text) if told else ""
 
     def spin_until(self, done: Callable[[], bool], limit: float) -> bool:
         """Handle messages until a condition holds; say whether it did within ``limit`` real s."""
@@ -58,16 +91,58 @@ class OperatorNode(StepdiagNode):
             raise ValueError(response.message)
         return str(response.message)
 
-    def start(self) -> str:
+    def start(self, plan: str = "") -> str:
         """Start a run and return its identity.
 
+        Args:
+            plan: as the sequencer knows it, or the YAML text; empty for the sequencer's own.
+
         Raises:
-            ValueError: the sequencer refuses, and says why.
+            ValueError: the sequencer refuses, and says why, or nobody answers.
         """
-        answer = self.call("sequencer/start")
-        self.started_run = answer.split()[1]
+        if not self.spin_until(self._action.server_is_ready, SERVICE_LIMIT):
+            namespace = self.get_namespace().rstrip("/")
+            raise ValueError(f"nobody offers the action {namespace}/sequencer/measure")
+        sent = self._action.send_goal_async(self._new_goal(plan=plan), self._on_feedback)
+        if not self.spin_until(sent.done, SERVICE_LIMIT):
+            # Whoever is told that nothing was started must not see a machine move later.
+            sent.add_done_callback(lambda late: late.result().cancel_goal_async())
+            raise ValueError("the action sequencer/measure does not answer")
+        handle = sent.result()
+        if not handle.accepted:
+            raise ValueError("the action sequencer/measure does not take the goal")
+        key = bytes(handle.goal_id.uuid)
+        answer = handle.get_result_async()
+        if not self.spin_until(lambda: key in self._feedback or answer.done(), SERVICE_LIMIT):
+            handle.cancel_goal_async()
+            raise ValueError("the sequencer does not say which run it has begun")
+        if answer.done():
+            raise ValueError(str(answer.result().result.text))
+        self._handle, self._answer = handle, answer
+        self.started_run = str(self._feedback[key].run_id)
+        self.state = None
+        if self._last_state is not None:
+            self._on_state(self._last_state)
         return self.started_run
 
+    def cancel(self) -> None:
+        """Have the machine stopped at once and the run ended that this operator has started.
+
+        Raises:
+            ValueError: it has ended, or nobody answers.
+        """
+        if self._handle is None:
+            raise ValueError("no run was started")
+        future = self._handle.cancel_goal_async()
+        if not self.spin_until(future.done, SERVICE_LIMIT):
+            raise ValueError("the action sequencer/measure does not answer")
+        if not future.result().goals_canceling:
+            raise ValueError("the run has ended already")
+
+    def _on_feedback(self, message: Any) -> None:
+        self._feedback[bytes(message.goal_id.uuid)] = message.feedback
+
     def _on_state(self, message: Any) -> None:
+        self._last_state = message
         if self.started_run and message.run_id == self.started_run:
             self.state = message

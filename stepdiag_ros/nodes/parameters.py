@@ -1,15 +1,21 @@
-"""Collects the parameters of all nodes, for the record."""
+"""Collects the parameters of all nodes, for the record, and follows their changes."""
 
 from typing import Any
 
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
+from rclpy.qos import qos_profile_parameter_events
 
 PATIENCE = 5.0
 """Real seconds that a node has to answer before a run starts without its parameters."""
 RETRY = 1.0
 """Real seconds after which a node is asked again: an answer that was sent before the two ends of a
 service had found each other wholly is lost."""
+GHOST = 30.0
+"""Real seconds after which a process that was killed is no longer taken for there by any
+middleware. A client that is destroyed earlier waits, up to a second, for it to confirm a request:
+the node that destroys it is deaf meanwhile."""
 VALUE_FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -32,7 +38,7 @@ def plain(value: Any) -> Any:
 
 
 class ParameterCollector:
-    """Asks nodes for their parameters by the standard services.
+    """Asks nodes for their parameters by the standard services, and hears of changes.
 
     Args:
         node: that asks.
@@ -45,7 +51,13 @@ class ParameterCollector:
         self._node = node
         self._asked: dict[str, Any] = {}
         self._asked_last: dict[str, float] = {}
+        self._sessions: dict[str, str] = {}
+        self._revived: dict[str, float] = {}
+        self._changed: dict[str, dict[str, Any]] = {}
         self.values: dict[str, dict[str, Any]] = {}
+        node.create_subscription(
+            ParameterEvent, "/parameter_events", self._on_event, qos_profile_parameter_events
+        )
 
     def waiting(self, real: float) -> bool:
         """Say whether a node that was first asked less than ``PATIENCE`` ago has yet to answer.
@@ -58,15 +70,26 @@ class ParameterCollector:
             for name, asked in self._asked.items()
         )
 
-    def ask(self, name: str, real: float) -> None:
+    def ask(self, name: str, session: str, real: float) -> None:
         """Ask a node, once it can be reached; harmless when called again.
 
         Args:
             name: of the node, in full.
+            session: of its process; one that was started anew is asked anew.
             real: time on a clock that never steps, s.
         """
+        if self._sessions.get(name) != session:
+            if name in self._sessions:
+                self._revived[name] = real
+            self._sessions[name] = session
+            self.values.pop(name, None)
+            self._changed.pop(name, None)
+            self._asked_last.pop(name, None)
+            if name in self._asked:
+                self._asked[name] = (real, *self._asked[name][1:])
         if name in self.values:
-            self._forget(name)
+            if real - self._revived.get(name, -GHOST) >= GHOST:
+                self._forget(name)
             return
         if real - self._asked_last.get(name, -RETRY) < RETRY:
             return
@@ -82,15 +105,26 @@ class ParameterCollector:
         self._asked_last[name] = real
 
         def listed(future: Any) -> None:
+            if self._sessions[name] != session:
+                return
             names = list(future.result().result.names)
 
             def got(answer: Any) -> None:
-                values = [plain(value) for value in answer.result().values]
-                self.values[name] = dict(zip(names, values, strict=True))
+                if self._sessions[name] == session:
+                    values = [plain(value) for value in answer.result().values]
+                    # What was changed while the answer was on its way is newer, or the same.
+                    changed = self._changed.get(name, {})
+                    self.values[name] = {**dict(zip(names, values, strict=True)), **changed}
 
             getter.call_async(GetParameters.Request(names=names)).add_done_callback(got)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
+
+    def _on_event(self, event: Any) -> None:
+        changed = {each.name: plain(each.value) for each in event.changed_parameters}
+        self._changed.setdefault(event.node, {}).update(changed)
+        if event.node in self.values:
+            self.values[event.node].update(changed)
 
     def _forget(self, name: str) -> None:
         """Let go of the clients of a node that has answered; each would cost time in every wait."""

@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import rclpy
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.reader import BagReader
-from stepdiag_ros.nodes.base import StepdiagNode, message_class, quality
+from stepdiag_ros.bags.bag import Bag
+from stepdiag_ros.bags.runs import FoundRun, records_of
+from stepdiag_ros.nodes.base import StepdiagNode
+from stepdiag_ros.nodes.links import Outlet
 from stepdiag_ros.run.pacing import Pace
 from stepdiag_ros.topics import Topic
 
@@ -17,8 +18,12 @@ TICK = 0.001
 """Real seconds between two ticks of /clock, at least."""
 LOOK_AROUND = 1.5
 """Real seconds in which other nodes would be heard."""
-NEVER_REPLAYED = (topics.DIAGNOSTICS,)
-"""Heartbeats of nodes that are long gone would be taken for live ones."""
+NEVER_REPLAYED = (
+    topics.DIAGNOSTICS,
+    *(topic for topic in topics.TOPICS if not topic.recorded),
+)
+"""Heartbeats of nodes that are long gone would be taken for live ones. What our recorder does not
+keep, other recorders do: time, frames and markers, which live nodes make anew."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +59,21 @@ class PlayerNode(StepdiagNode):
     """Publishes a bag's messages byte for byte, in order and at a rate.
 
     Args:
-        bag: the recorded run.
+        bag: that holds the run.
+        run: which.
         derived: publish the lines too; for a bag without readings.
+        late: the recording was begun while the run was going on: publish the lines instead of what
+            only some of them can be assembled from, and compare the newest results of each kind.
     """
 
     role = "player"
 
-    def __init__(self, bag: BagReader, derived: bool) -> None:
+    def __init__(self, bag: Bag, run: FoundRun, derived: bool, late: bool) -> None:
         super().__init__("stepdiag_player")
         self._bag = bag
-        self._outlets: dict[str, Publisher] = {}
+        self._run = run
+        self._late = late
+        self._outlets: dict[str, Outlet] = {}
         self._derived: dict[str, Topic] = {}
         self._heard: dict[str, list[bytes]] = {}
         self._last_heard = 0.0
@@ -72,14 +82,16 @@ class PlayerNode(StepdiagNode):
             found = topics.topic_of(name)
             if found is None or found[0] in NEVER_REPLAYED:
                 continue
+            if not found[0].name.startswith("/") and found[1] != run.namespace:
+                continue
+            if late and found[0] in (topics.MACHINE_COMMAND, topics.COMMAND_STATUS):
+                continue
             topic = replace(found[0], name=name, type_name=type_name)
-            if found[0].derived and not (derived and found[0] is topics.LINE):
+            if found[0].derived and not ((derived or late) and found[0] is topics.LINE):
                 self._derived[name] = topic
                 continue
             # Keep all: a hurried replay waits for a slow subscriber instead of losing messages.
-            self._outlets[name] = self.create_publisher(
-                message_class(topic), name, quality(topic, keep_all=True)
-            )
+            self._outlets[name] = self.announce(topic, keep_all=True)
 
     def refuse_company(self, roles: Sequence[str]) -> None:
         """Refuse to compare while other nodes of these roles would answer as well.
@@ -133,11 +145,11 @@ class PlayerNode(StepdiagNode):
             rate: seconds of the recording in a real second; 0 for as fast as possible.
             progress: is told the part that has been published, 0..1.
         """
-        start, end = self._bag.start_time, self._bag.end_time
+        start, end = self._span()
         began = self.real_time()
         pace = Pace(rate or 1.0, origin=start, real_start=began)
         count, last_tick, last_progress = 0, began - TICK, began
-        for record in self._bag.records(topics=self._outlets.keys()):
+        for record, _ in records_of(self._bag, self._run, self._outlets.keys()):
             if rate:
                 self._wait_until(pace.real(record.log_time))
             real = self.real_time()
@@ -159,10 +171,14 @@ class PlayerNode(StepdiagNode):
         while self.watch.working() or self.real_time() - self._last_heard < quiet:
             rclpy.spin_once(self, timeout_sec=0.1)
         recorded: dict[str, list[bytes]] = {name: [] for name in self._heard}
-        for record in self._bag.records(topics=self._heard.keys()):
+        for record, _ in records_of(self._bag, self._run, self._heard.keys()):
             recorded[record.topic].append(record.data)
         heard = {name: self._conclusive(name, found) for name, found in self._heard.items()}
         recorded = {name: self._conclusive(name, found) for name, found in recorded.items()}
+        for name in recorded:
+            if recorded[name] != heard[name]:
+                recorded[name] = self._normal(name, recorded[name])
+                heard[name] = self._normal(name, heard[name])
         return replace(
             played,
             same={name: recorded[name] == heard[name] for name in recorded},
@@ -173,13 +189,31 @@ class PlayerNode(StepdiagNode):
             },
         )
 
+    def _normal(self, name: str, messages: list[bytes]) -> list[bytes]:
+        """Return messages without what some middlewares leave in the gaps between fields."""
+        kind = self._derived[name].type_name
+        return [self._bag.types.normal(kind, data) for data in messages]
+
     def _conclusive(self, name: str, messages: list[bytes]) -> list[bytes]:
         """Return the messages that must be the same however fast the computer is."""
         topic = self._derived[name]
-        if not topic.conclusive:
+        if not topic.conclusive and not self._late:
             return messages
-        decoded = ((data, self._bag.types.decode(topic.type_name, data)) for data in messages)
-        return [data for data, message in decoded if getattr(message, topic.conclusive)][-1:]
+        decoded = [(data, self._bag.types.decode(topic.type_name, data)) for data in messages]
+        if topic.conclusive:
+            return [data for data, message in decoded if getattr(message, topic.conclusive)][-1:]
+        newest = {
+            tuple(getattr(message, field) for field in topic.newest_of_each): data
+            for data, message in decoded
+        }
+        return [newest[kind] for kind in sorted(newest)]
+
+    def _span(self) -> tuple[int, int]:
+        """Return the first and the last log time of the run, ns."""
+        if self._run.alone:
+            return self._bag.start_time, self._bag.end_time
+        times = [record.log_time for record, _ in records_of(self._bag, self._run)]
+        return min(times, default=0), max(times, default=0)
 
     def _wait_until(self, real: float) -> None:
         while (left := real - self.real_time()) > 0.0:

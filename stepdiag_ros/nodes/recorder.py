@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """Node: records each run into one MCAP file that survives a crash."""
 
+import os
 import sys
 from collections import deque
+from errno import EACCES
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,19 +16,37 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.peek import head_of, stamp_of
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.embedded import client
-from stepdiag_ros.nodes.base import StepdiagNode, message_class, spin
+from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.nodes.parameters import ParameterCollector
+from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
+from stepdiag_ros.run.health import Finding, Gaps
 from stepdiag_ros.run.sequence import STORE_LIMIT
 from stepdiag_ros.run.supervision import HEARD_UNTIL, fact_of_run
+from stepdiag_ros.run.work_health import Arrival, Storage, judge_recording
 from stepdiag_ros.topics import Topic
 
 ASK_PERIOD = 0.2
 LINGER = 1.0
 """Real seconds of silence on lines and results after a run, before its bag is closed."""
+
+
+def made_folder(name: str) -> Path:
+    """Return a folder for bags; it is made if it is not there.
+
+    Raises:
+        OSError: it cannot be made, or nothing may be written there; names it.
+    """
+    folder = Path(name).expanduser()
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(EACCES, "nothing may be written there", str(folder))
+    return folder
 
 
 class RecorderNode(StepdiagNode):
@@ -37,17 +57,38 @@ class RecorderNode(StepdiagNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        folder = self.parameter("folder", ".", "folder in which bags are written, RUN.mcap each")
-        self._folder = Path(folder).expanduser()
-        self._folder.mkdir(parents=True, exist_ok=True)
+        made_folder(self.parameter("folder"))
+        self.on_change("folder", prepare=made_folder)
         self._writer: BagWriter | None = None
         self._close_at: float | None = None
         self._close_latest = 0.0
         # Stops whose readings are still on their way: on a busy computer the many readings come
         # seconds after the few stops that were made from them.
         self._incomplete: deque[Any] = deque()
+        # States, lines and results of a run that is not described yet: a recorder that comes late
+        # is sent them in any order.
+        self._early = {
+            topic: deque[bytes](maxlen=topic.depth)
+            for topic in topics.RECORDED
+            if topic.qos.repeated
+        }
         self._failure = ""
+        self._bag_run = ""
+        self.health.live_facts[HEARD_UNTIL] = lambda: str(self._heard_until() or "")
         self._collector = ParameterCollector(self)
+        self._gaps = Gaps()
+        self._readings = Arrival("reading", self.parameter("reading_timeout"))
+        self._positions = Arrival("actual position", self.parameter("position_timeout"))
+        self._storage = Storage(self.parameter("space_wanted"), self.parameter("space_needed"))
+        self.on_change("reading_timeout", partial(setattr, self._readings, "stale_after"))
+        self.on_change("position_timeout", partial(setattr, self._positions, "stale_after"))
+        self.on_change("space_wanted", partial(setattr, self._storage, "warn_below"))
+        self.on_change("space_needed", partial(setattr, self._storage, "stop_below"))
+        self.health.add_task("recording", self._judge_recording, log=False)
+        self.health.add_task("disk", self._judge_disk)
+        self.health.add_task("readings", partial(self._judge_arrival, self._readings))
+        self.health.add_task("positions", partial(self._judge_arrival, self._positions))
+        self.health.add_task("sequence", self._judge_sequence)
         self.follow_run()
         for topic in topics.RECORDED:
             if topic is not topics.RUN_DESCRIPTION:
@@ -72,9 +113,28 @@ class RecorderNode(StepdiagNode):
         )
         writer = BagWriter(self._free_path(description.run_id), header)
         self._writer, self._close_at, self._failure = writer, None, ""
+        # Whoever joins just now, such as the operator who has started the run, is not waited for.
+        self.ready()
+        self._bag_run = description.run_id
+        for fact in (BAG_CLOSED, BAG_FAILURE):
+            self.facts.pop(fact, None)
+        self._say_of_bag(BAG, str(writer.path.resolve()))
         self._incomplete.clear()
+        self._gaps.begin()
+        for arrival in (self._readings, self._positions):
+            arrival.begin(self.now(), self.real_time())
         self._record(topics.RUN_DESCRIPTION, serialize_message(description))
+        self._record_early(description.run_id)
         self.get_logger().info(f"recording {writer.path}")
+
+    def _record_early(self, run_id: str) -> None:
+        """Record what came before the description of its run."""
+        for topic, messages in self._early.items():
+            kind = message_class(topic)
+            for message in messages:
+                if getattr(deserialize_message(message, kind), "run_id", "") == run_id:
+                    self._record(topic, message)
+            messages.clear()
 
     def on_run_end(self) -> None:
         """Close the bag after the last results, and the readings of the last stop, have come."""
@@ -86,9 +146,10 @@ class RecorderNode(StepdiagNode):
         self._close()
 
     def _record(self, topic: Topic, message: bytes) -> None:
-        if topic is topics.READING:
-            self._newest_reading = message
+        self._take_note(topic, message)
         if self._writer is None:
+            if topic in self._early:
+                self._early[topic].append(message)
             return
         try:
             name = self.resolve_topic_name(topic.name)
@@ -102,9 +163,19 @@ class RecorderNode(StepdiagNode):
                 self._complete_stops(self._writer)
         except BagError as error:
             self._writer, self._failure = None, str(error)
+            self._say_of_bag(BAG_FAILURE, self._failure)
             self.unwell(self._failure)
         if self._close_at is not None and topic.derived:
             self._close_at = self.real_time() + LINGER
+
+    def _take_note(self, topic: Topic, message: bytes) -> None:
+        if topic is topics.READING:
+            self._newest_reading = message
+            head, real = head_of(message), self.real_time()
+            self._gaps.take(head.sequence, head.time, real)
+            self._readings.take(head.time, real)
+        elif topic is topics.JOINT_STATES:
+            self._positions.take(stamp_of(message), self.real_time())
 
     def _complete_stops(self, writer: BagWriter) -> None:
         """Put stops on the disk whose readings are all there; only then may the machine go on."""
@@ -117,16 +188,23 @@ class RecorderNode(StepdiagNode):
             self.beat()
 
     def _heard_until(self) -> int:
-        if not self._newest_reading:
-            return 0
-        reading = deserialize_message(self._newest_reading, message_class(topics.READING))
-        return to_nanoseconds(reading.header.stamp)
+        return stamp_of(self._newest_reading) if self._newest_reading else 0
 
-    def beat(self) -> None:
-        """Say with the heartbeat how far the readings have been taken."""
-        if self._newest_reading:
-            self.facts[HEARD_UNTIL] = str(self._heard_until())
-        super().beat()
+    def _judge_recording(self) -> Finding:
+        writer, stored = self._writer, self.facts.get("stored", "")
+        path, messages = (str(writer.path), writer.message_count) if writer else ("", 0)
+        return judge_recording(path, messages, stored, len(self._incomplete), self._failure)
+
+    def _judge_disk(self) -> Finding:
+        folder = Path(self.parameter("folder")).expanduser()
+        bag = self._writer.path if self._writer else None
+        return self._storage.look(folder, bag, self.real_time())
+
+    def _judge_arrival(self, arrival: Arrival) -> Finding:
+        return arrival.judge(not self.run_over, self.now(), self.real_time())
+
+    def _judge_sequence(self) -> Finding:
+        return self._gaps.judge(not self.run_over, self.real_time())
 
     def _close_when_over(self) -> None:
         if self._close_at is None:
@@ -146,21 +224,28 @@ class RecorderNode(StepdiagNode):
         try:
             writer.close()
         except BagError as error:
+            self._say_of_bag(BAG_FAILURE, str(error))
             self.unwell(str(error))
             return
+        self._say_of_bag(BAG_CLOSED, str(writer.message_count))
         self.get_logger().info(f"closed {writer.path}: {writer.message_count} messages")
         self.healthy(f"ready; recorded {writer.path}")
 
+    def _say_of_bag(self, fact: str, value: str) -> None:
+        self.facts[fact] = fact_of_run(self._bag_run, value)
+
     def _free_path(self, run_id: str) -> Path:
-        path, part = self._folder / f"{run_id}.mcap", 1
+        folder = Path(self.parameter("folder")).expanduser()
+        path, part = folder / f"{run_id}.mcap", 1
         while path.exists():
             part += 1
-            path = self._folder / f"{run_id}_part{part}.mcap"
+            path = folder / f"{run_id}_part{part}.mcap"
         return path
 
     def _ask_parameters(self) -> None:
-        for name in (self.get_fully_qualified_name(), *self.watch.peers):
-            self._collector.ask(name, self.real_time())
+        self._collector.ask(self.get_fully_qualified_name(), "", self.real_time())
+        for name, peer in self.watch.peers.items():
+            self._collector.ask(name, peer.session, self.real_time())
         if self.run_over and self._collector.waiting(self.real_time()):
             self.not_ready("asking the other nodes for their parameters")
         else:

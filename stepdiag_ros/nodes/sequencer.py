@@ -3,20 +3,25 @@
 
 import sys
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 from std_srvs.srv import Trigger
 
 import stepdiag_ros
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import load_cell, load_machine, load_plan, without_effects
+from stepdiag_ros.configuration import load_cell, load_machine, plan_given, without_effects
 from stepdiag_ros.conversion import (
     from_stop_command,
     new_message,
     set_header,
     to_nanoseconds,
 )
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
+from stepdiag_ros.nodes.measure_action import MeasureAction, write_progress
+from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
+from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import (
     Answer,
@@ -24,10 +29,9 @@ from stepdiag_ros.run.sequence import (
     Progress,
     Sequence,
     State,
-    beyond_machine,
-    out_of_limits,
 )
 from stepdiag_ros.run.supervision import Peer, said_of_run
+from stepdiag_ros.run.work_health import judge_run
 
 UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
@@ -36,6 +40,8 @@ FOLLOWER_LIMIT = 5.0
 RESET_LIMIT = 1.0
 """Real seconds within which the bridge should answer a reset before it is asked again."""
 RESET_TRIES = 5
+STOP_LIMIT = 2.0
+"""Real seconds within which the bridge must say that it has stopped the machine."""
 FOLLOWERS = ("cnc_bridge", "assembler", "solver", "recorder")
 """Roles that say in their heartbeat which run they have taken up."""
 REQUIRED = ("interferometer", *FOLLOWERS)
@@ -47,21 +53,18 @@ WELCOME = ("clock", "weather")
 class SequencerNode(StepdiagNode):
     """Sends step commands one at a time, each only when the stop before has been assembled.
 
-    Services: ``~/start``, ``~/pause``, ``~/resume``, ``~/abort`` (std_srvs/Trigger).
+    Services: ``~/start``, ``~/pause``, ``~/resume``, ``~/abort`` (std_srvs/Trigger). Action:
+    ``~/measure`` (stepdiag_ros/Measure).
     """
 
     role = "sequencer"
 
     def __init__(self) -> None:
         super().__init__("sequencer")
-        plan = self.parameter("plan", "demo", "test plan: YAML file, or a name in config/plans")
-        machine = self.parameter("machine", "demo", "machine: YAML file or name, config/machines")
-        cell = self.parameter("cell", "", "simulated cell: YAML file or name; empty on a machine")
-        self._plan, self._plan_text = load_plan(plan)
-        model, self._machine_text = load_machine(machine)
-        beyond = beyond_machine(self._plan, model)
-        if beyond:
-            raise ValueError(f"plan '{plan}' cannot be executed on machine '{machine}': {beyond}")
+        self._machine, self._machine_text = load_machine(self.parameter("machine"))
+        self._set_plan(self._executable(self.parameter("plan")))
+        self.on_change("plan", self._set_plan, self._executable)
+        cell = self.parameter("cell")
         self._cell_text = without_effects(load_cell(cell)[1], cell) if cell else ""
         self._sequence: Sequence | None = None
         self._needed: tuple[str, ...] = REQUIRED
@@ -69,6 +72,7 @@ class SequencerNode(StepdiagNode):
         self._after_reset: Callable[[], None] | None = None
         self._reset_tries = 0
         self._reset_asked = 0.0
+        self._stop_asked: float | None = None
         self._machine_state: Any = None
         self._published: Progress | None = None
         self._not_before = 0
@@ -81,42 +85,54 @@ class SequencerNode(StepdiagNode):
         self.listen(topics.STOP, self._on_stop)
         self._stop_client = self.create_client(Trigger, "cnc_bridge/stop")
         self._reset_client = self.create_client(Trigger, "cnc_bridge/reset")
-        self.offer("~/start", self.start)
+        self._measure = MeasureAction(
+            self, self.start, self._abort, self._progress, lambda: self._running().incomplete
+        )
+        self.offer("~/start", lambda: f"run {self.start()} begins")
         self.offer("~/pause", self.pause)
         self.offer("~/resume", self.resume)
         self.offer("~/abort", self.abort)
+        self.health.add_task("run", self._judge_run, log=False)
         self.every(UPDATE_PERIOD, self._update, real=True)
         self.every(STATE_PERIOD, self._publish_state, real=True)
         self._publish_state()
 
     # What an operator asks for ------------------------------------------------------------------
 
-    def start(self) -> str:
+    def start(self, plan: str = "") -> str:
         """Begin a new run: describe it, and move once every node has taken it up.
 
+        Args:
+            plan: file, name or YAML text; empty for the one of the parameter.
+
+        Returns:
+            the identity of the run.
+
         Raises:
-            ValueError: a run is going on, a node is missing, or the plan leaves the soft limits.
+            ValueError: a run is going on, a node is missing, or the plan is wrong or leaves the
+                limits.
         """
         if self._waiting_since is not None or (self._sequence and self._sequence.active):
             raise ValueError("a run is going on: abort it before starting another")
-        missing = self.watch.missing(REQUIRED)
-        if missing or self._machine_state is None:
-            raise ValueError(f"cannot start: {'; '.join(missing) or 'the machine is silent'}")
+        chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
+        present = tuple(role for role in WELCOME if self.watch.present(role))
+        missing = self.watch.missing(REQUIRED + present) or self._unknown_of_machine()
+        if missing:
+            raise ValueError(f"cannot start: {'; '.join(missing)}")
         state = self._machine_state
-        beyond = out_of_limits(
-            self._plan, tuple(state.soft_limits_low), tuple(state.soft_limits_high)
-        )
+        low, high = tuple(state.soft_limits_low), tuple(state.soft_limits_high)
+        beyond = out_of_limits(chosen, low, high)
         if beyond:
             raise ValueError(f"cannot start: {beyond}")
-        present = tuple(role for role in WELCOME if self.watch.present(role))
+        self._measure.run_begins()
         self._needed = REQUIRED + present
         self.run_id = new_run_id()
         self.run_over = False
-        self._sequence = Sequence(self._plan, tuple(state.position), self._send, self._stop_machine)
+        self._sequence = Sequence(chosen, tuple(state.position), self._send, self._stop_machine)
         self._published = None
-        self._describe()
+        self._describe(text)
         self._waiting_since = self.real_time()
-        return f"run {self.run_id} begins"
+        return self.run_id
 
     def pause(self) -> str:
         """Stand still after the present stop."""
@@ -127,7 +143,7 @@ class SequencerNode(StepdiagNode):
     def resume(self) -> str:
         """Go on after a pause, a setup or a fault."""
         sequence = self._running()
-        missing = self.watch.missing(self._needed)
+        missing = self.watch.missing(self._needed) or self._unknown_of_machine()
         if missing:
             raise ValueError(f"cannot resume: {'; '.join(missing)}")
         if sequence.state is State.FAULT:
@@ -138,11 +154,28 @@ class SequencerNode(StepdiagNode):
 
     def abort(self) -> str:
         """Stop the machine at once and end the run."""
+        self._abort("aborted by the operator")
+        return "aborted"
+
+    def _abort(self, reason: str) -> None:
         self._waiting_since = None
         self._after_reset = None
-        self._running().abort("aborted by the operator")
+        self._running().abort(reason)
         self._ended()
-        return "aborted"
+
+    def _executable(self, given: str) -> tuple[Plan, str]:
+        """Return a plan and its text; refuse one that the machine cannot execute."""
+        plan, text = plan_given(given)
+        beyond = beyond_machine(plan, self._machine)
+        if beyond:
+            machine = self.parameter("machine")
+            raise ValueError(
+                f"plan '{plan.name}' cannot be executed on machine '{machine}': {beyond}"
+            )
+        return plan, text
+
+    def _set_plan(self, chosen: tuple[Plan, str]) -> None:
+        self._plan, self._plan_text = chosen
 
     def on_heartbeat(self, peer: Peer) -> None:
         """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
@@ -174,6 +207,13 @@ class SequencerNode(StepdiagNode):
             self._sequence.fault(message.reason)
             self._publish_changes()
 
+    def _unknown_of_machine(self) -> list[str]:
+        """Return a sentence if nobody knows where the machine stands."""
+        state = self._machine_state
+        if state is None or not all(isfinite(value) for value in state.position):
+            return ["the bridge has not said where the machine stands"]
+        return []
+
     def _on_stop(self, message: Any) -> None:
         if self._sequence is not None and message.run_id == self.run_id:
             rejection = "" if message.settled else message.reason
@@ -186,6 +226,8 @@ class SequencerNode(StepdiagNode):
     def _update(self) -> None:
         if self._sequence is None:
             return
+        self._insist_on_stop()
+        self._measure.update()
         self._insist_on_reset()
         if self._waiting_since is not None:
             self._begin_when_taken_up()
@@ -220,27 +262,35 @@ class SequencerNode(StepdiagNode):
         self.healthy(f"run {self.run_id}")
         self._publish_state()
 
+    def _judge_run(self) -> Finding:
+        if self._sequence is None:
+            return judge_run(None, "")
+        beginning = self._waiting_since is not None
+        waits_for = "all nodes to take up the run" if beginning else self._sequence.waits_for
+        return judge_run(self._progress(), waits_for)
+
+    def _progress(self) -> Progress:
+        return self._running().progress(self.now())
+
     def _running(self) -> Sequence:
         if self._sequence is None:
             raise ValueError("no run was started")
         return self._sequence
 
     def _ended(self) -> None:
-        assert self._sequence is not None
-        self.get_logger().info(f"run {self.run_id}: {self._sequence.text}")
+        self.get_logger().info(f"run {self.run_id}: {self._progress().text}")
         self.run_over = True
-        self._publish_state()
-        self.healthy(f"ready; last run: {self._sequence.text}")
+        self._say_how_it_stands()
 
     # Messages ------------------------------------------------------------------------------------
 
-    def _describe(self) -> None:
+    def _describe(self, plan: str) -> None:
         message = new_message(topics.RUN_DESCRIPTION.type_name)
         set_header(message, self.now())
         message.schema_version = message.SCHEMA_VERSION
         message.run_id = self.run_id
         message.software_version = stepdiag_ros.__version__
-        message.plan = self._plan_text
+        message.plan = plan
         message.machine = self._machine_text
         message.simulated_cell = self._cell_text
         self._description.publish(message)
@@ -254,9 +304,38 @@ class SequencerNode(StepdiagNode):
 
     def _stop_machine(self) -> None:
         if self._stop_client.service_is_ready():
-            self._stop_client.call_async(Trigger.Request())
+            self._stop_asked = self.real_time()
+            self._stop_client.call_async(Trigger.Request()).add_done_callback(self._on_stopped)
         else:
-            self.get_logger().error("the CNC bridge does not offer its stop service")
+            # Said with the fault or the end that is to follow.
+            self._running().not_stopped("the CNC bridge does not offer its stop service")
+
+    def _on_stopped(self, future: Any) -> None:
+        self._stop_asked = None
+        response = future.result()
+        self._say_not_stopped("" if response.success else response.message)
+
+    def _insist_on_stop(self) -> None:
+        if self._stop_asked is not None and self.real_time() - self._stop_asked > STOP_LIMIT:
+            self._stop_asked = None
+            self._say_not_stopped("the CNC bridge does not answer its stop service")
+
+    def _say_not_stopped(self, why: str) -> None:
+        # A run that goes on was resumed since, on a machine that was reset.
+        sequence = self._running()
+        if not sequence.active and sequence.not_stopped(why):
+            self._say_how_it_stands()
+
+    def _say_how_it_stands(self) -> None:
+        """Say of a run that does not go on how it has ended or why it stands."""
+        self._publish_state()
+        progress = self._progress()
+        if progress.state is State.FAULT:
+            self.unwell(f"run stopped: {progress.text}")
+        elif self._running().unstopped:
+            self.unwell(f"last run: {progress.text}")
+        else:
+            self.healthy(f"ready; last run: {progress.text}")
 
     def _reset_machine(self, then: Callable[[], None]) -> None:
         self._after_reset, self._reset_tries = then, 0
@@ -269,17 +348,19 @@ class SequencerNode(StepdiagNode):
 
     def _on_reset(self, future: Any) -> None:
         response, then = future.result(), self._after_reset
-        self._after_reset = None
         if then is None:
             return
         if response.success:
+            self._after_reset = None
             then()
-        else:
+        elif self._reset_tries >= RESET_TRIES:
+            self._after_reset = None
             self.unwell(f"the CNC bridge cannot be reset: {response.message}")
 
     def _insist_on_reset(self) -> None:
-        # A bridge that was started again is heard before its services are found; what was asked
-        # meanwhile went to the one that is gone.
+        # A machine that was just stopped still brakes, and cannot be reset yet. A bridge that was
+        # started again is heard before its services are found; what was asked meanwhile went to the
+        # one that is gone.
         if self._after_reset is None or self.real_time() - self._reset_asked < RESET_LIMIT:
             return
         if self._reset_tries < RESET_TRIES:
@@ -295,9 +376,11 @@ class SequencerNode(StepdiagNode):
         progress, before = self._sequence.progress(self.now()), self._published
         if before is None or progress.state is not before.state:
             if progress.state is State.FAULT:
-                self.unwell(f"run stopped: {progress.text}")
+                self._say_how_it_stands()
+                return
             if progress.state is State.FINISHED:
                 self._ended()
+                return
         elif (progress.setup, progress.line_index, progress.stop) == (
             before.setup,
             before.line_index,
@@ -312,20 +395,12 @@ class SequencerNode(StepdiagNode):
         if self._sequence is None:
             message.text = "nothing was started"
         else:
-            progress = self._published = self._sequence.progress(self.now())
+            progress = self._published = self._progress()
             message.run_id = self.run_id
-            message.state = int(progress.state)
-            message.line_index = progress.line_index
-            message.line_count = len(self._plan.lines)
-            message.line = progress.line
             message.setup = progress.setup
-            message.stop = progress.stop
-            message.stop_count = progress.stop_count
-            message.stops_done = progress.stops_done
-            message.stops_total = progress.stops_total
-            message.remaining_time = progress.remaining_time
-            message.text = progress.text
+            write_progress(message, progress)
         self._state.publish(message)
+        self._measure.tell()
 
 
 def main() -> int:

@@ -14,7 +14,9 @@ from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
+from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
+from stepdiag_ros.run.work_health import Work
 from stepdiag_ros.solving import solve_reproducibly
 
 PUBLISH_PERIOD = 0.01
@@ -40,6 +42,8 @@ class SolverNode(LineNode):
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
         self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
         self.facts[WORK_LEFT] = "0"
+        self._work = Work("solution")
+        self.health.add_task("work", self._judge_work)
         self.follow_lines()
         self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
@@ -52,6 +56,8 @@ class SolverNode(LineNode):
         """Solve all lines so far."""
         measurement = Measurement(self._volume, latest_attempts(tuple(self.lines)), self._chain)
         solved = self._worker.submit(solve_reproducibly, measurement)
+        if not self._solving:
+            self._work.begin(self.real_time())
         self._solving.append((self.run_id, len(self.lines), line, solved))
         self._say_work_left()
 
@@ -59,6 +65,7 @@ class SolverNode(LineNode):
         """Publish what is solved by now, in the order of the lines."""
         while self._solving and self._solving[0][-1].done():
             run_id, count, line, solved = self._solving.popleft()
+            self._work.end(self.real_time())
             results, _ = solved.result()
             for result in results.values():
                 self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
@@ -69,6 +76,9 @@ class SolverNode(LineNode):
         before, self.facts[WORK_LEFT] = self.facts[WORK_LEFT], str(len(self._solving))
         if "0" in (before, self.facts[WORK_LEFT]):
             self.beat()
+
+    def _judge_work(self) -> Finding:
+        return self._work.judge(len(self._solving), len(self.lines))
 
     def close(self) -> None:
         """Let go of what is not solved yet."""

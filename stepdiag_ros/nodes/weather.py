@@ -2,49 +2,66 @@
 """Node: publishes what the weather sensors say, on topics of standard types."""
 
 import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
+from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell
 from stepdiag_ros.conversion import new_message, set_header
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
-from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.nodes.interferometer import WEATHER, WEATHER_BEGINS
+from stepdiag_ros.nodes.base import spin
+from stepdiag_ros.nodes.interferometer import WEATHER
+from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.run.device_health import Air
+from stepdiag_ros.run.health import Finding
+from stepdiag_ros.scene.frames import LASER, MACHINE
 
-POLL_PERIOD = 0.01
+SENSOR_FRAMES = {topics.MATERIAL_TEMPERATURE: MACHINE}
+"""Of the sensors that do not stand at the beam."""
+SETTINGS = {"rate": "rate_hz", "weather_begins": "weather_begins_ns"}
+"""Parameter → setting of the driver."""
 
 
-class WeatherNode(StepdiagNode):
+class WeatherNode(DeviceNode[WeatherDevice]):
     """Publishes temperature of air and material, pressure and humidity."""
 
     role = "weather"
+    thing = "weather station"
 
     def __init__(self) -> None:
         super().__init__("weather")
-        self._driver = self.parameter("device", "simulated", "driver of the weather station")
-        cell = self.parameter("cell", "demo", "simulated cell: YAML file or name, config/cells")
-        rate = self.parameter("rate", 1.0, "values in a second", 0.001, 1000.0)
-        self._cell = load_cell(cell)[0] if self._driver == "simulated" else None
-        begins = self.parameter(*WEATHER_BEGINS)
-        self._settings = {"rate_hz": rate, "weather_begins_ns": begins}
-        self._device: WeatherDevice
+        simulated = self.parameter("device") == "simulated"
+        self._cell = load_cell(self.parameter("cell"))[0] if simulated else None
+        self.opener()
         self._outlets = {
-            name: (self.announce(topic), topic, field) for name, (topic, field) in WEATHER.items()
+            name: (self.stream(topic), topic, field) for name, (topic, field) in WEATHER.items()
         }
+        self._air = Air(self.parameter("value_timeout"))
+        self.on_change("value_timeout", partial(setattr, self._air, "stale_after"))
+        self.add_device_task("sensors", self._judge_sensors)
         self.follow_run()
-        self.await_clock(self._open)
 
-    def _open(self) -> None:
-        surroundings = Surroundings(self.now(), cell=self._cell)
-        self._device = create("weather", self._driver, self._settings, surroundings)
-        self.every(POLL_PERIOD, self._poll, real=True)
+    def opener(self, **changed: Any) -> Callable[[int], WeatherDevice]:
+        """Return what opens the weather station (see ``DeviceNode.opener``)."""
+        given = {name: self.parameter(name) for name in SETTINGS} | changed
+        settings = {setting: given[name] for name, setting in SETTINGS.items()}
+        surroundings = Surroundings(cell=self._cell)
+        return prepare("weather", self.parameter("device"), settings, surroundings)
 
-    def _poll(self) -> None:
-        for time, environment in self._device.poll(self.now()):
+    def poll(self, device: WeatherDevice) -> None:
+        """Publish what the sensors have said."""
+        for time, environment in device.poll(self.now()):
+            self._air.take_all(environment, time, self.real_time())
             for name, (publisher, topic, field) in self._outlets.items():
                 message = new_message(topic.type_name)
-                set_header(message, time, "weather")
+                set_header(message, time, SENSOR_FRAMES.get(topic, LASER))
                 setattr(message, field, getattr(environment, name))
                 publisher.publish(message)
+
+    def _judge_sensors(self) -> Finding:
+        return self._air.judge(self.now(), self.real_time())
 
 
 def main() -> int:

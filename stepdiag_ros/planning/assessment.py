@@ -8,7 +8,7 @@ from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
 from stepdiag_ros.planning.expectation import Expectation, expect
 from stepdiag_ros.planning.limits import limits, warnings
-from stepdiag_ros.run.sequence import beyond_machine
+from stepdiag_ros.run.feasibility import beyond_machine
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from stepdiag_ros.planning.candidates import (
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
 from stepdiag_ros.planning.expectation import Expectation, expect, worst
 from stepdiag_ros.planning.moves import Point
-from stepdiag_ros.run.sequence import beyond_machine
+from stepdiag_ros.run.feasibility import beyond_machine
 
 COVERAGE_FACTOR = 1.96
 """Of an expanded uncertainty: 95 % of a normal distribution."""

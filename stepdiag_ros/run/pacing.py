@@ -58,10 +58,15 @@ class GovernedTime:
         factor: simulated seconds in a real second, where nobody is behind.
         origin: simulated time at the start, ns.
         real_start: real time at the start, s.
+
+    Attributes:
+        factor: that is wished for now.
+        waited_for: follower → real time, s, at which it was waited for last.
     """
 
     def __init__(self, factor: float, origin: int, real_start: float) -> None:
-        self._factor = factor
+        self.factor = factor
+        self.waited_for: dict[str, float] = {}
         self._time = origin
         self._real = real_start
         self._followers: dict[str, _Follower] = {}
@@ -79,17 +84,25 @@ class GovernedTime:
         if before is None or time != before.time:
             self._followers[name] = _Follower(time, real, lag)
 
+    def run_at(self, factor: float, real: float) -> None:
+        """Go on at another factor, in simulated seconds a real second, from a real time (s) on."""
+        self.advance(real)
+        self.factor = factor
+
     def advance(self, real: float) -> int:
         """Go on to a real time (s) and return the simulated time, ns."""
         if not self._must_wait(real):
-            self._time += round((real - self._real) * self._factor * 1e9)
+            self._time += round((real - self._real) * self.factor * 1e9)
         self._real = real
         return self._time
 
     def _must_wait(self, real: float) -> bool:
         # A follower that has died must not stop time for all the others.
-        return any(
-            real - follower.real <= FOLLOWER_PATIENCE
-            and self._time - follower.time > follower.lag * max(self._factor, 10.0) * 1e9
-            for follower in self._followers.values()
-        )
+        behind = [
+            name
+            for name, follower in self._followers.items()
+            if real - follower.real <= FOLLOWER_PATIENCE
+            and self._time - follower.time > follower.lag * max(self.factor, 10.0) * 1e9
+        ]
+        self.waited_for.update(dict.fromkeys(behind, real))
+        return bool(behind)

@@ -8,8 +8,7 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, Vector
-from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 
@@ -86,12 +85,15 @@ class Command:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run is (fields as in RunState.msg; s)."""
+    """Where a run is (fields as in RunState.msg and in the feedback of Measure.action; s)."""
 
     state: State
     line_index: int
+    line_count: int
     line: str
     setup: str
+    block: int
+    block_count: int
     stop: int
     stop_count: int
     stops_done: int
@@ -101,11 +103,13 @@ class Progress:
 
 
 class _Phase(Enum):
-    READY = 1
-    ANSWER = 2
-    MOTION = 3
-    SETTLING = 4
-    DWELL = 5
+    """What a run that goes on waits for."""
+
+    READY = "the beam of the setup"
+    ANSWER = "the answer of the bridge to a command"
+    MOTION = "the machine to be in position"
+    SETTLING = "the stop to settle"
+    DWELL = "the stop to be stored"
 
 
 class _Approach(Enum):
@@ -145,7 +149,8 @@ class Sequence:
         self._stops = [line.stops(plan.volume) for line in plan.lines]
         self._total = plan.stop_count
         self.state = State.IDLE
-        self.text = "nothing was started"
+        self.text = "waiting for all nodes to take up the run"
+        self.unstopped = ""
         self._line_index = 0
         self._attempt = 1
         self._stop = 0
@@ -235,6 +240,15 @@ class Sequence:
 
     # What the other nodes say ----------------------------------------------------------------
 
+    def not_stopped(self, why: str) -> bool:
+        """Take note why the machine, told to stop, may not have; empty if it has after all.
+
+        Returns:
+            whether that is news.
+        """
+        before, self.unstopped = self.unstopped, why
+        return why != before
+
     def answered(
         self,
         command_id: int,
@@ -322,23 +336,36 @@ class Sequence:
             each = (now - self._first_stop_time) / NANOSECONDS / self._stops_measured
             remaining = each * (self._total - stops_done)
         ended = done == len(self._stops)
+        text = self.text
+        if self.unstopped:
+            text += f"; the machine may still move: {self.unstopped}"
         return Progress(
             state=self.state,
             line_index=self._line_index,
+            line_count=len(self._stops),
             line="" if ended else str(self._line),
             setup="" if ended else self._setup(),
+            block=0 if ended else self._line.block_of(self._stop),
+            block_count=0 if ended else self._plan.volume.blocks,
             stop=self._stop,
             stop_count=0 if ended else len(self._stops[done]),
             stops_done=stops_done,
             stops_total=self._total,
             remaining_time=remaining,
-            text=self.text,
+            text=text,
         )
 
     @property
     def active(self) -> bool:
         """Say whether the run has begun and not ended (a fault or pause may hold it)."""
         return self.state in (State.RUNNING, State.PAUSED, State.WAITING_FOR_SETUP)
+
+    @property
+    def waits_for(self) -> str:
+        """Return what has to happen before the run goes on; empty if it is not begun, or over."""
+        if self.state is State.RUNNING:
+            return self._phase.value
+        return "~/resume" if self.active or self.state is State.FAULT else ""
 
     @property
     def _line(self) -> Line:
@@ -354,6 +381,8 @@ class Sequence:
         self.state = state
         self.text = text
         self._pause_wanted = False
+        if state is State.RUNNING:
+            self.unstopped = ""
 
     def _restart_line(self) -> None:
         self._attempt += 1
@@ -458,35 +487,3 @@ class Sequence:
         # Back from beyond the first stop along the line itself, so that the beam is kept.
         self._approach = _Approach.ON_LINE
         return stops[self._stop], Purpose.STOP
-
-
-def beyond_machine(plan: Plan, machine: Machine) -> str:
-    """Say why a machine cannot execute a plan; empty if it can."""
-    if math.isnan(plan.feed):
-        return "the plan has no feed_m_per_s: it can be solved, but not executed"
-    if plan.feed > machine.feed_limit_m_per_s:
-        return (
-            f"the plan's feed_m_per_s {plan.feed:g} is above the machine's feed limit "
-            f"{machine.feed_limit_m_per_s:g} m/s"
-        )
-    return out_of_limits(plan, machine.travel_low_m, machine.travel_high_m)
-
-
-def out_of_limits(
-    plan: Plan, low: tuple[float, float, float], high: tuple[float, float, float]
-) -> str:
-    """Say which line first leaves the soft limits (m); empty if none does."""
-    for line in plan.lines:
-        stops = line.stops(plan.volume)
-        beyond = plan.run_up(line)
-        if beyond is not None:
-            stops = np.vstack((beyond, stops))
-        for axis in range(3):
-            reach = stops[:, axis].min(), stops[:, axis].max()
-            if reach[0] < low[axis] or reach[1] > high[axis]:
-                overrun = "" if beyond is None else f", overrun of {plan.overrun:g} m included"
-                return (
-                    f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m"
-                    f"{overrun}, outside the soft limits {low[axis]:g} m to {high[axis]:g} m"
-                )
-    return ""

@@ -1,7 +1,15 @@
 """Who takes part in a run and who has fallen silent, from heartbeats alone."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+HEARTBEAT = "heartbeat"
+"""Task of /diagnostics by which nodes know each other; its values hold the next three."""
+ROLE, RUN_ID, SESSION = "role", "run_id", "session"
+FAULTY_LEVEL = 2
+"""Level of a heartbeat, ERROR of diagnostic_msgs/DiagnosticStatus, with which no run can go on."""
+TIME_SOURCE = "time_source"
+"""Fact by which a node says where its ROS time comes from: /clock or computer."""
 HEARTBEAT_PERIOD = 0.5
 """Real seconds between two heartbeats of a node."""
 SILENCE_LIMIT = 2.0
@@ -34,6 +42,35 @@ class Peer:
     text: str = ""
     faulty: bool = False
     facts: dict[str, str] = field(default_factory=dict)
+
+
+def peer_of(
+    name: str, level: int, message: str, values: Mapping[str, str], heard: float
+) -> "tuple[str, Peer] | None":
+    """Return whose heartbeat a status of /diagnostics is; None if it is none.
+
+    Args:
+        name: of the status, for example ``cell/recorder: heartbeat``.
+        level: 0 good, 1 warning, 2 error.
+        message: what the node says of itself.
+        values: of the status.
+        heard: s of a clock that never steps.
+
+    Returns:
+        the node's full name, for example ``/cell/recorder``, and what is known of it.
+    """
+    node, _, task = name.rpartition(": ")
+    if task != HEARTBEAT or ROLE not in values or SESSION not in values:
+        return None
+    return "/" + node, Peer(
+        role=values[ROLE],
+        last_seen=heard,
+        session=values[SESSION],
+        run_id=values.get(RUN_ID, ""),
+        text=message,
+        faulty=level >= FAULTY_LEVEL,
+        facts=dict(values),
+    )
 
 
 def fact_of_run(run_id: str, value: str) -> str:

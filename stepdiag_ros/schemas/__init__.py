@@ -22,6 +22,7 @@ VERSIONS = {
     "squareness": 1,
     "volumetric": 1,
     "plan": 1,
+    "measurement": 1,
     "tracker_plan": 1,
     "tracker_readings": 1,
     "tracker_result": 1,

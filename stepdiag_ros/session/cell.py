@@ -1,9 +1,41 @@
-"""Which nodes a simulated measurement needs, and with which parameters."""
+"""Which nodes a measurement needs, in the simulated cell or on a machine, and a replay."""
 
 import time
 from pathlib import Path
 
+from stepdiag_ros.session.cell_file import check_cell_file
 from stepdiag_ros.session.processes import NodeProcess
+
+
+def evaluation(model: str = "free") -> list[NodeProcess]:
+    """Return the nodes that evaluate a simulated or recorded run, in its own time.
+
+    Args:
+        model: YAML file or name of the model that the run is compared with.
+    """
+    simulated: dict[str, object] = {"use_sim_time": True}
+    return [
+        NodeProcess("assembler", simulated),
+        NodeProcess("solver", simulated),
+        NodeProcess("evaluator", simulated),
+        NodeProcess("diagnosis", {**simulated, "model": model}),
+    ]
+
+
+def machine_cell(parameter_file: str, namespace: str = "") -> list[NodeProcess]:
+    """Return the nodes of a measurement on a machine; their parameters are in the file.
+
+    Args:
+        parameter_file: in the usual form of ROS 2.
+        namespace: in which the nodes will be.
+
+    Raises:
+        ValueError: the file does not fit the nodes; says where.
+    """
+    check_cell_file(parameter_file, namespace)
+    evaluating = [NodeProcess(node.name) for node in evaluation()]
+    devices = [NodeProcess(name) for name in ("weather", "bridge", "interferometer")]
+    return [NodeProcess("recorder"), *evaluating, *devices, NodeProcess("sequencer")]
 
 
 def simulated_cell(
@@ -34,10 +66,7 @@ def simulated_cell(
     return [
         NodeProcess("clock", {"factor": factor}),
         NodeProcess("recorder", {**simulated, "folder": folder}),
-        NodeProcess("assembler", simulated),
-        NodeProcess("solver", simulated),
-        NodeProcess("evaluator", simulated),
-        NodeProcess("diagnosis", {**simulated, "model": model}),
+        *evaluation(model),
         NodeProcess("weather", weather),
         NodeProcess(
             "bridge", {**simulated, "device": "simulated", "machine": machine, "cell": cell}

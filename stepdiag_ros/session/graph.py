@@ -4,13 +4,18 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from stepdiag_ros.session.processes import ENCLAVE
+
 
 @contextmanager
-def in_graph() -> Iterator[None]:
+def in_graph(namespace: str = "") -> Iterator[None]:
     """Be part of the ROS graph while the block runs.
 
     Ctrl-C and a request to end (SIGTERM) both raise KeyboardInterrupt in the block, which leaves
     time to stop the machine and to close the bag.
+
+    Args:
+        namespace: of the nodes that are made in the block, such as ``/cell_1``; empty for none.
 
     Raises:
         ValueError: the graph cannot be joined, for example because of a wrong ROS_DOMAIN_ID.
@@ -21,7 +26,9 @@ def in_graph() -> Iterator[None]:
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         try:
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            arguments = ["--ros-args", "--enclave", f"{ENCLAVE}/operator"]
+            arguments += ["-r", f"__ns:={namespace}"] if namespace else []
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:
             raise ValueError(str(error)) from error
         yield

@@ -2,48 +2,24 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.session.following import FollowedRun, RunFailed, Told
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode
+    from stepdiag_ros.run.supervision import Peer
 
 LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be heard."""
+ONLOOKERS = ("scene",)
+"""Roles of nodes that show a run and have no part in it."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
-SETTLE_LIMIT = 3.0
-"""Real seconds in which a refused start is tried again."""
-RESUME_LIMIT = 5.0
-"""Real seconds in which the run must go on after it was resumed."""
-CLOSE_LIMIT = 15.0
-"""Real seconds that the recorder has to close the bag after the run and the last result."""
-
-
-class RunFailed(ValueError):
-    """The run did not finish; the text says why, and what was recorded."""
-
-
-@dataclass(frozen=True)
-class Told:
-    """What whoever shows the run is told (fields of RunState.msg).
-
-    Attributes:
-        text: what is going on, in words.
-        done: stops measured.
-        total: stops of the plan; 0 while the nodes start.
-        remaining: s of ROS time; NaN if not known.
-    """
-
-    text: str
-    done: int = 0
-    total: int = 0
-    remaining: float = float("nan")
 
 
 class Session:
@@ -84,8 +60,8 @@ class Session:
                 return self._measure(operator, processes)
 
     def _refuse_company(self, operator: "OperatorNode") -> None:
-        operator.spin_until(lambda: bool(operator.watch.peers), LOOK_AROUND)
-        others = sorted(operator.watch.peers)
+        operator.spin_until(lambda: bool(_of_a_measurement(operator)), LOOK_AROUND)
+        others = sorted(_of_a_measurement(operator))
         if others:
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
             raise RunFailed(
@@ -97,100 +73,42 @@ class Session:
         self._tell(Told("starting the nodes"))
         # Each process is a node with a role of its own; all of them beat before anything is asked.
         count = len(self._nodes)
-        peers = operator.watch.peers
 
         def all_up() -> bool:
+            peers = _of_a_measurement(operator)
             return len(peers) >= count and not any(peer.faulty for peer in peers.values())
 
         operator.spin_until(lambda: all_up() or bool(processes.ended()), START_LIMIT)
-        self._check(processes)
+        _check(processes)
         if not all_up():
+            peers = _of_a_measurement(operator)
             faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
             raise RunFailed(f"only {len(peers)} of {count} nodes came up. {'; '.join(faults)}")
-        self.bag = self._folder / f"{self._start(operator)}.mcap"
+        run = FollowedRun(operator, self._tell, lambda: _check(processes), _go_on)
         try:
-            self._follow(operator, processes)
-        except BaseException:
-            self._abort(operator)
-            raise
+            measured = run.measure()
         finally:
-            closed = self._wait_for_bag(operator)
-        if not closed:
-            raise RunFailed("the recorder has not closed the bag in time")
-        return self.bag
-
-    def _start(self, operator: "OperatorNode") -> str:
-        deadline = operator.real_time() + SETTLE_LIMIT
-        while True:
-            try:
-                return operator.start()
-            except ValueError as error:
-                # The sequencer may not have heard yet what this node has heard already.
-                if operator.real_time() > deadline:
-                    raise RunFailed(str(error)) from None
-            operator.spin_until(lambda: False, 0.2)
-
-    def _follow(self, operator: "OperatorNode", processes: Processes) -> None:
-        ended = (State.FINISHED, State.ABORTED, State.FAULT)
-        while operator.state is None or operator.state.state not in ended:
-            operator.spin_until(lambda: False, 0.2)
-            self._check(processes)
-            if operator.state is not None:
-                self._tell(_told(operator.state))
-                if operator.state.state == State.WAITING_FOR_SETUP:
-                    # The simulated cell is aligned already; nobody has to touch it.
-                    self._resume(operator)
-        if operator.state.state != State.FINISHED:
-            raise RunFailed(f"the run has stopped: {operator.state.text}")
-
-    def _resume(self, operator: "OperatorNode") -> None:
-        setup = operator.state
-        try:
-            operator.call("sequencer/resume")
-        except ValueError as error:
-            raise RunFailed(f"{setup.text}: {error}") from None
-        operator.spin_until(
-            lambda: (
-                operator.state.state != State.WAITING_FOR_SETUP
-                or operator.state.line_index != setup.line_index
-            ),
-            RESUME_LIMIT,
-        )
-
-    def _wait_for_bag(self, operator: "OperatorNode") -> bool:
-        """Wait for the results that nodes still owe, and for the bag; say whether it is closed."""
-        while True:
-            closed = operator.spin_until(
-                lambda: _bag_is_closed(operator) or operator.watch.working(), CLOSE_LIMIT
-            )
-            if _bag_is_closed(operator) or not closed:
-                return closed
-            self._tell(Told("waiting for the last results"))
-            operator.spin_until(lambda: not operator.watch.working(), CLOSE_LIMIT)
-
-    def _check(self, processes: Processes) -> None:
-        ended = processes.ended()
-        if ended:
-            raise RunFailed(ended)
-
-    def _abort(self, operator: "OperatorNode") -> None:
-        try:
-            operator.call("sequencer/abort")
-        except ValueError:
-            # It has ended already, or the sequencer itself is what died.
-            self._tell(Told("the run could not be aborted: it has ended or its sequencer is gone"))
+            if run.run_id:
+                told = run.measured.bag if run.measured else None
+                self.bag = told or self._folder / f"{run.run_id}.mcap"
+        if not measured.bag_closed or measured.bag is None:
+            raise RunFailed(f"the bag is not whole: {measured.bag_text}")
+        return measured.bag
 
 
-def _told(state: Any) -> Told:
-    words = {
-        State.RUNNING: state.line,
-        State.IDLE: "waiting until all nodes are ready for the run",
-        State.WAITING_FOR_SETUP: f"aligning for {state.line}",
-    }
-    text = words.get(State(state.state), state.text)
-    return Told(text, state.stops_done, state.stops_total, state.remaining_time)
+def _of_a_measurement(operator: "OperatorNode") -> "dict[str, Peer]":
+    """Return the nodes that were heard, without those that only look on and may always be there."""
+    return {name: peer for name, peer in operator.watch.peers.items() if peer.role not in ONLOOKERS}
 
 
-def _bag_is_closed(operator: "OperatorNode") -> bool:
-    recorders = [peer for peer in operator.watch.peers.values() if peer.role == "recorder"]
-    return bool(recorders) and recorders[0].text.startswith("ready; recorded")
+def _check(processes: Processes) -> None:
+    ended = processes.ended()
+    if ended:
+        raise RunFailed(ended)
+
+
+def _go_on(state: State, text: str) -> bool:
+    """Pass a pause for a setup: the simulated cell is aligned already, nobody has to touch it."""
+    if state is State.FAULT:
+        raise RunFailed(f"the run has stopped: {text}")
+    return state is State.WAITING_FOR_SETUP

@@ -1,6 +1,7 @@
 """Starts the nodes of a run as processes and sees to it that none is left behind."""
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -10,10 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from stepdiag_ros.declaration import written
+from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.refusals import PREFIX
 
 PR_SET_PDEATHSIG = 1
 """From linux/prctl.h."""
+ENCLAVE = "/stepdiag"
+"""Folder of the security enclaves in ``config/security``; counts where ROS_SECURITY_ENABLE does."""
+OVERRIDE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
+"""Environment variable with the enclave of a process; an empty one counts as none."""
 END_LIMIT = 5.0
 """Real seconds that a node has to end after it was asked to."""
 
@@ -25,26 +32,33 @@ class NodeProcess:
     Attributes:
         name: of the module in ``stepdiag_ros.nodes``.
         parameters: name → value, given as ``-p name:=value``.
+
+    Raises:
+        ValueError: the node would refuse a parameter.
     """
 
     name: str
     parameters: dict[str, object] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        node = declared_node(self.name)
+        for name, value in self.parameters.items():
+            node.check(name, str(value) if isinstance(value, Path) else value)
+
+    @property
+    def enclave(self) -> str:
+        """The node's own security enclave."""
+        return f"{ENCLAVE}/{self.name}"
+
     def command(self) -> list[str]:
         """Return the command line."""
         arguments = [sys.executable, "-m", f"stepdiag_ros.nodes.{self.name}", "--ros-args"]
+        arguments += ["--enclave", self.enclave]
         for name, value in self.parameters.items():
-            arguments += ["-p", f"{name}:={_yaml(value)}"]
+            # Quoted, so that a name such as 'on' or '12' stays a text.
+            given = written(str(value) if isinstance(value, Path) else value)
+            arguments += ["-p", f"{name}:={given}"]
         return arguments
-
-
-def _yaml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str | Path):
-        # Quoted, so that a name such as 'on' or '12' stays a text.
-        return "'" + str(value).replace("'", "''") + "'"
-    return repr(value)
 
 
 def _end_with_parent() -> None:
@@ -90,6 +104,8 @@ class Processes:
                 stderr=subprocess.STDOUT,
                 # Ctrl-C is for the command line, which then ends the nodes in order.
                 start_new_session=True,
+                # The enclave of the command line is not that of its nodes.
+                env={**os.environ, OVERRIDE: ""},
                 preexec_fn=_end_with_parent,
             )
 

@@ -1,7 +1,7 @@
 """A recorded run into a live graph, with the nodes that evaluate it to compare if wanted."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,11 +11,14 @@ from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
-    from stepdiag_ros.bags.reader import BagReader
+    from stepdiag_ros.bags.bag import Bag
+    from stepdiag_ros.bags.runs import FoundRun
     from stepdiag_ros.nodes.player import Played
 
 START_LIMIT = 20.0
 """Real seconds within which the nodes that evaluate must be up."""
+LISTENERS_LIMIT = 60.0
+"""The same for nodes that somebody else starts, maybe by hand, maybe after this."""
 QUIET = 2.0
 """Real seconds without a new message after which the nodes that evaluate are taken to be done."""
 
@@ -24,7 +27,12 @@ _FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, *_FROM_LINES)
 
 
 def replay(
-    bag: "BagReader", rate: float, check: bool, progress: Callable[[float], None]
+    bag: "Bag",
+    rate: float,
+    check: bool,
+    progress: Callable[[float], None],
+    listeners: Sequence[str] = (),
+    run_id: str | None = None,
 ) -> "Played":
     """Publish a bag into the live graph.
 
@@ -34,20 +42,26 @@ def replay(
         check: start an assembler, a solver, an evaluator and (where the bag holds a diagnosis) a
             diagnosis, and compare their messages with the recorded ones.
         progress: is told the part that has been published, 0..1.
+        listeners: roles of nodes, started by somebody else, without which nothing is published.
+        run_id: which run, where the bag holds several.
 
     Raises:
-        ValueError: the bag holds no run, or one of a newer schema version, or (with ``check``)
-            nothing to compare with; or a node could not be started.
+        ValueError: the bag holds no run, or several and none is named, or one of a newer schema
+            version, or (with ``check``) nothing to compare with; or a node could not be started.
     """
     from stepdiag_ros.bags.run import check_version
+    from stepdiag_ros.bags.runs import choose_run
     from stepdiag_ros.nodes.player import PlayerNode
 
     present = {found[0] for name in bag.topics if (found := topics.topic_of(name)) is not None}
-    if topics.RUN_DESCRIPTION not in present:
-        raise ValueError(f"{bag.path} holds no run: there is no RunDescription in it")
-    check_version(bag.path, bag.header.schema_version, bag.header.software_version)
-    # Without one of these there is nothing to assemble; the recorded lines are taken then.
-    assembled = present >= {topics.READING, topics.MACHINE_COMMAND, topics.COMMAND_STATUS}
+    run = choose_run(bag, run_id)
+    version, software_version = run.description.schema_version, run.description.software_version
+    check_version(bag.path, version, software_version)
+    # Without one of these there is nothing to assemble, and without the run's beginning what is
+    # assembled has another zero; the recorded lines are taken then.
+    streams = {topics.READING, topics.MACHINE_COMMAND, topics.COMMAND_STATUS}
+    late = _is_late(bag, run)
+    assembled = present >= streams and not late
     compared = _FROM_READINGS if assembled else _FROM_LINES
     if check and not present.intersection(compared):
         raise ValueError(
@@ -60,37 +74,44 @@ def replay(
     }
     with ExitStack() as stack:
         stack.enter_context(in_graph())
-        player = PlayerNode(bag, derived=not assembled)
+        player = PlayerNode(bag, run, derived=not assembled, late=late)
         if check:
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             if topics.DIAGNOSIS in present:
-                parameters["diagnosis"] = {"use_sim_time": True, **_compared_as(bag, logs)}
+                parameters["diagnosis"] = {"use_sim_time": True, **_compared_as(bag, run, logs)}
             roles = list(parameters)
             player.refuse_company(roles)
             nodes = [NodeProcess(role, given) for role, given in parameters.items()]
             processes = stack.enter_context(Processes(nodes, logs))
             player.wait_for(roles, START_LIMIT, processes.ended)
             player.listen_to_derived(compared)
+        if listeners:
+            player.wait_for(listeners, LISTENERS_LIMIT, lambda: "")
         played = player.play(rate, progress)
         return player.compare(played, QUIET) if check else played
 
 
-def _compared_as(bag: "BagReader", folder: Path) -> dict[str, object]:
+def _is_late(bag: "Bag", run: "FoundRun") -> bool:
+    """Say whether the recording began after the run did: its first commands are missing."""
+    from stepdiag_ros.bags.runs import full_names, messages_of
+
+    names = full_names(bag, topics.MACHINE_COMMAND)
+    first = next((message for _, message in messages_of(bag, run, names)), None)
+    return bool(names) and (first is None or first.command_id > 1)
+
+
+def _compared_as(bag: "Bag", run: "FoundRun", folder: Path) -> dict[str, object]:
     """Return the parameters with which the diagnosis of a recorded run was made.
 
     The model of the machine is written into the folder: what is recorded is the text of it.
     """
-    names = [name for name in bag.topics if _is_diagnosis(name)]
+    from stepdiag_ros.bags.runs import full_names, messages_of
+
     last = None
-    for _, message in bag.messages(topics=names):
+    for _, message in messages_of(bag, run, full_names(bag, topics.DIAGNOSIS)):
         last = message
     if last is None:
         return {}
     model = folder / "model.yaml"
     model.write_text(last.model, encoding="utf-8")
     return {"model": model, "seed": int(last.seed)}
-
-
-def _is_diagnosis(name: str) -> bool:
-    found = topics.topic_of(name)
-    return found is not None and found[0] is topics.DIAGNOSIS

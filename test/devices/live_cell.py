@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, PositionSample
 from stepdiag_ros.metrology.assembly import Assembler
 from stepdiag_ros.metrology.machine import Machine
@@ -46,11 +46,11 @@ class LiveCell:
         self.plan, self.tick = plan, tick
         self.random = None if late is None else np.random.default_rng(late)
         self.now, self.start = START, START + before_run
-        around = Surroundings(START, MACHINE, cell)
-        self.cnc = create("cnc", "simulated", {"position_rate_hz": 50.0}, around)
+        around = Surroundings(MACHINE, cell)
+        self.cnc = prepare("cnc", "simulated", {"position_rate_hz": 50.0}, around)(START)
         settings = {"rate_hz": rate, "hold_after_s": 3600.0, "weather_age_s": 3600.0}
-        self.laser = create("interferometer", "simulated", settings, around)
-        self.weather = create("weather", "simulated", {"rate_hz": 20.0}, around)
+        self.laser = prepare("interferometer", "simulated", settings, around)(START)
+        self.weather = prepare("weather", "simulated", {"rate_hz": 20.0}, around)(START)
         self.assembler = Assembler(plan, self.start)
         self.sequence = Sequence(plan, (0.0, 0.0, 0.0), self._send, lambda: None)
         self.post: list[tuple[int, Callable[[], None]]] = []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from live_cell import MS, START, LiveCell
 
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import FollowsRun
 from stepdiag_ros.metrology.cell import DriveModel, SimulatedCell
 from stepdiag_ros.metrology.effects import catalogue
@@ -266,7 +266,7 @@ def test_an_effect_of_a_setup_stays_when_the_setup_is_aligned_again():
 
 def test_an_effect_that_cannot_act_is_refused_before_the_run():
     cell = with_effects(active("fringe slip", {**SLIP, "repeat": 7}, size=1e-6))
-    device = create("interferometer", "simulated", {}, Surroundings(START, None, cell))
+    device = prepare("interferometer", "simulated", {}, Surroundings(cell=cell))(START)
     assert isinstance(device, FollowsRun)
     with pytest.raises(
         ValueError,

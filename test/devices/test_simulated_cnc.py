@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, MoveRefused, PositionSample, StateChange
 from stepdiag_ros.devices.cnc.simulated import SimulatedCnc
 from stepdiag_ros.metrology.cell import DriveModel, SimulatedCell
@@ -294,15 +294,15 @@ def test_created_by_name_with_checked_settings():
     cell = SimulatedCell.from_mapping(
         {"chain": "YXZ", "errors": {"travel_low_m": [0, 0, 0], "travel_high_m": [1, 1, 1]}}, "cell"
     )
-    around = Surroundings(START, MACHINE, cell)
-    cnc = create("cnc", "simulated", {"start_position_m": [0.1, 0.2, 0.3]}, around)
+    around = Surroundings(MACHINE, cell)
+    cnc = prepare("cnc", "simulated", {"start_position_m": [0.1, 0.2, 0.3]}, around)(START)
     assert samples(cnc.poll(START))[0].position == (0.1, 0.2, 0.3)
     assert cnc.soft_limits == ((-0.1, -0.1, -0.1), (0.5, 0.4, 0.3))
     with pytest.raises(ValueError, match="did you mean 'position_rate_hz'"):
-        create("cnc", "simulated", {"position_rate": 100}, around)
+        prepare("cnc", "simulated", {"position_rate": 100}, around)
     with pytest.raises(ValueError, match=r"Z = 0\.31 m lies beyond"):
-        create("cnc", "simulated", {"start_position_m": [0.0, 0.0, 0.31]}, around)
+        prepare("cnc", "simulated", {"start_position_m": [0.0, 0.0, 0.31]}, around)
     with pytest.raises(ValueError, match="needs a machine and a simulated cell"):
-        create("cnc", "simulated", {}, Surroundings(START))
+        prepare("cnc", "simulated", {}, Surroundings())
     with pytest.raises(ValueError, match="no cnc driver 'linuxcnx'; known: simulated"):
-        create("cnc", "linuxcnx", {}, around)
+        prepare("cnc", "linuxcnx", {}, around)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.metrology.air import compensated_displacement, index_of
 from stepdiag_ros.metrology.cell import SimulatedCell, WeatherModel
 from stepdiag_ros.metrology.measurement import Environment
@@ -40,11 +40,11 @@ NOISY = replace(CELL, reading_noise=1e-7)
 
 
 def laser(cell=CELL, **options):
-    return create("interferometer", "simulated", options, Surroundings(START, None, cell))
+    return prepare("interferometer", "simulated", options, Surroundings(cell=cell))(START)
 
 
 def weather(cell=CELL, **options):
-    return create("weather", "simulated", options, Surroundings(START, None, cell))
+    return prepare("weather", "simulated", options, Surroundings(cell=cell))(START)
 
 
 def feed(device, until, position, station=None, begin=START, every=5 * MS):
@@ -299,7 +299,7 @@ def test_settings_are_checked():
     with pytest.raises(ValueError, match="did you mean 'rate_hz'"):
         laser(rate=10)
     with pytest.raises(ValueError, match="needs a simulated cell"):
-        create("interferometer", "simulated", {}, Surroundings(START))
+        prepare("interferometer", "simulated", {}, Surroundings())
 
 
 def test_the_compensation_takes_the_equation_that_it_is_told():

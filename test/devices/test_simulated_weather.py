@@ -3,7 +3,7 @@
 import pytest
 from test_simulated_interferometer import CELL, SECOND, START, weather
 
-from stepdiag_ros.devices import Surroundings, create
+from stepdiag_ros.devices import Surroundings, prepare
 
 
 def test_samples_lie_on_their_grid_and_are_the_cell_s_weather():
@@ -41,4 +41,4 @@ def test_settings_are_checked():
     with pytest.raises(ValueError, match="unknown key 'rate'"):
         weather(rate=2)
     with pytest.raises(ValueError, match="needs a simulated cell"):
-        create("weather", "simulated", {}, Surroundings(START))
+        prepare("weather", "simulated", {}, Surroundings())

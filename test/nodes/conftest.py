@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +21,15 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return number
+
+
+@pytest.fixture(autouse=True)
+def signals() -> Iterator[None]:
+    """Handle signals as before, whatever a node did that ended in this process."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 class CellUnderTest:
@@ -75,7 +85,10 @@ class CellUnderTest:
 
     def _hear(self, array) -> None:
         for status in array.status:
-            self.said.setdefault(status.hardware_id, []).append((time.monotonic(), status.message))
+            values = {entry.key: entry.value for entry in status.values}
+            if "role" in values:
+                said = self.said.setdefault(values["role"], [])
+                said.append((time.monotonic(), status.message))
 
     def wait(self, condition: Callable[[], bool], limit: float, what: str) -> None:
         if not self.operator.spin_until(condition, limit):
@@ -85,8 +98,8 @@ class CellUnderTest:
             )
             raise AssertionError(f"not in {limit} s: {what}\n{logs}")
 
-    def start(self) -> str:
-        return self._insist(self.operator.start)
+    def start(self, plan: str = "") -> str:
+        return self._insist(lambda: self.operator.start(plan))
 
     def resume(self) -> None:
         """Resume as an operator would: again, until the node that was started is up."""

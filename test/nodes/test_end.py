@@ -1,9 +1,12 @@
 """How a node process ends."""
 
+import os
+import signal
 import sys
 
 import pytest
 import rclpy
+from rclpy.exceptions import NotInitializedException
 
 from stepdiag_ros.nodes import base
 
@@ -36,6 +39,50 @@ def _no_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_callback_cut_short_by_the_end_is_no_failure() -> None:
     assert base.spin(_Failing) == 0
     assert _Failing.last.closed
+
+
+class _ToldWhileItStarts(base.StepdiagNode):
+    """Is told to end while it is being made; what it makes after that is refused by rclpy."""
+
+    role = "solver"
+    signal = True
+
+    def __init__(self) -> None:
+        super().__init__("starting")
+        if self.signal:
+            rclpy.shutdown()
+        raise NotInitializedException
+
+
+def test_to_be_told_to_end_while_starting_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert base.spin(_ToldWhileItStarts) == 0
+    monkeypatch.setattr(_ToldWhileItStarts, "signal", False)
+    with pytest.raises(NotInitializedException):
+        base.spin(_ToldWhileItStarts)
+    rclpy.try_shutdown()
+
+
+class _ToldTwice(base.StepdiagNode):
+    """Is told to end again while it closes, as by ros2 launch after the terminal's own Ctrl-C."""
+
+    role = "solver"
+
+    def __init__(self) -> None:
+        super().__init__("twice")
+        self.closed = False
+        _ToldTwice.last = self
+        self.every(0.01, lambda: os.kill(os.getpid(), signal.SIGINT), real=True)
+
+    def close(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            os.kill(os.getpid(), number)
+        self.closed = True
+
+
+def test_a_second_request_to_end_does_not_cut_the_closing_short() -> None:
+    assert base.spin(_ToldTwice) == 0
+    assert _ToldTwice.last.closed
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_a_failure_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.configuration import load_machine, load_plan
-from stepdiag_ros.nodes.base import message_class
+from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.nodes.recorder import LINGER, RecorderNode
 from stepdiag_ros.run.sequence import STORE_LIMIT
 from stepdiag_ros.run.supervision import HEARD_UNTIL

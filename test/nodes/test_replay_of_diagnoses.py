@@ -11,6 +11,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.bags.runs import FoundRun
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.diagnosis_conversion import from_diagnosis
@@ -36,8 +37,11 @@ def bag(tmp_path):
         yield reader
 
 
+RUN = FoundRun("/cell", None, -(2**63), 2**63, alone=True)
+
+
 def test_the_node_is_given_model_and_seed_of_the_recording(bag, tmp_path):
-    given = _compared_as(bag, tmp_path)
+    given = _compared_as(bag, RUN, tmp_path)
     assert given["model"].read_text(encoding="utf-8") == RECORDED.model.text
     assert given["seed"] == RECORDED.seed != 0
 
@@ -47,7 +51,7 @@ def test_only_the_last_conclusive_diagnosis_is_compared(bag):
 
     rclpy.init(args=[])
     try:
-        player = PlayerNode(bag, derived=False)
+        player = PlayerNode(bag, RUN, derived=False, late=False)
         player.listen_to_derived((topics.DIAGNOSIS,))
         conclusive = encoded(lines=3, run_over=True)
         heard = player._heard[NAME]

@@ -25,7 +25,11 @@ def start(name, *arguments):
             "'plan' of node sequencer is 3; expected a text",
         ),
         ("sequencer", ("-p", "plans:=demo"), "has no parameter 'plans'; did you mean 'plan'?"),
-        ("solver", ("-p", "use_sim_time:=maybe"), "'use_sim_time' of node solver is no true/false"),
+        (
+            "solver",
+            ("-p", "use_sim_time:=maybe"),
+            "'use_sim_time' of node solver is 'maybe'; expected true or",
+        ),
         ("weather", ("-r", "__node:=1bad"), "Invalid node name"),
         ("clock", ("-p", "factor:=2"), "is 2; expected a number with a point"),
         (

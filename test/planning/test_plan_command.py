@@ -15,7 +15,7 @@ from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.moves import passes_of
 from stepdiag_ros.planning.nc_program import DWELL_FORMS
 from stepdiag_ros.report.plan_picture import plan_picture
-from stepdiag_ros.run.sequence import beyond_machine
+from stepdiag_ros.run.feasibility import beyond_machine
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -31,7 +31,7 @@ from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, Request, propose
 from stepdiag_ros.report import numbers
 from stepdiag_ros.report.build import truth_of
-from stepdiag_ros.run.sequence import beyond_machine
+from stepdiag_ros.run.feasibility import beyond_machine
 
 MACHINE = load_machine("demo")[0]
 NOISE = 0.1e-6

@@ -24,6 +24,13 @@ def test_time_runs_free_without_followers():
     assert time.advance(3.0) == 60 * SECOND
 
 
+def test_another_factor_holds_from_when_it_is_set():
+    time = GovernedTime(factor=20.0, origin=0, real_start=0.0)
+    time.run_at(0.5, 3.0)
+    assert time.advance(3.0) == 60 * SECOND
+    assert time.advance(5.0) == 61 * SECOND
+
+
 def test_time_waits_for_a_follower_and_does_not_jump_afterwards():
     time = GovernedTime(factor=20.0, origin=0, real_start=0.0)
     time.heard(0, 0.0)

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.plan import (
     Sampling,
     Volume,
 )
+from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
 from stepdiag_ros.run.sequence import (
     ANSWER_LIMIT,
     Answer,
@@ -25,8 +26,6 @@ from stepdiag_ros.run.sequence import (
     Purpose,
     Sequence,
     State,
-    beyond_machine,
-    out_of_limits,
 )
 
 SECOND = 1_000_000_000
@@ -415,6 +414,24 @@ def test_remaining_time_is_unknown_at_first_and_then_falls():
     first = rig.sequence.progress(rig.now).remaining_time
     rig.obey()
     assert 0.0 < rig.sequence.progress(rig.now).remaining_time < first
+
+
+def test_the_progress_says_in_which_block_of_which_line_the_run_is():
+    rig = Rig()
+    rig.start()
+    places = []
+    while rig.sequence.state is State.RUNNING:
+        told = rig.sequence.progress(rig.now)
+        assert told.line_count == 2 and told.block_count == 2
+        if rig.sent[-1].purpose is Purpose.STOP:
+            places.append((told.line_index, told.stop, told.block))
+        rig.obey()
+    # A linear line has a stop at the end of each block, a step diagonal three.
+    linear = [(0, 0, 0), (0, 1, 1), (0, 2, 2)]
+    diagonal = [(1, 0, 0), (1, 1, 1), (1, 2, 1), (1, 3, 1), (1, 4, 2), (1, 5, 2), (1, 6, 2)]
+    assert places == linear + diagonal
+    told = rig.sequence.progress(rig.now)
+    assert (told.line_count, told.block, told.block_count) == (2, 0, 0)
 
 
 def test_a_plan_beyond_the_soft_limits_is_named():

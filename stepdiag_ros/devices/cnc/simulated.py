@@ -1,6 +1,6 @@
 """A simulated controller: trapezoidal moves, drives with lag, exact in-position times."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import Any
 
@@ -244,19 +244,20 @@ class SimulatedCnc:
         raise AssertionError("the axes never come to rest")
 
 
-def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> SimulatedCnc:
-    """Make a simulated controller.
+def from_settings(
+    settings: Mapping[str, Any], surroundings: Surroundings
+) -> Callable[[int], SimulatedCnc]:
+    """Return what switches a simulated controller on at a time, ns.
 
     Settings: ``position_rate_hz`` (default 200), ``start_position_m`` (default: 0, 0, 0, moved into
-        the
-    travel where that lies outside it).
+    the travel where that lies outside it).
 
     Raises:
         ValueError: a setting is wrong, or there is no machine or cell.
     """
     if surroundings.machine is None or surroundings.cell is None:
         raise ValueError("the simulated controller needs a machine and a simulated cell")
-    machine = surroundings.machine
+    machine, drive = surroundings.machine, surroundings.cell.drive
     section = Section(settings, "settings of the simulated controller")
     inside = np.clip(np.zeros(3), machine.travel_low_m, machine.travel_high_m)
     position = section.vector("start_position_m", default=tuple(inside.tolist()))
@@ -270,4 +271,4 @@ def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> Si
                 f"start_position_m: {name} = {value:g} m lies beyond the soft limits "
                 f"{low:g} m to {high:g} m"
             )
-    return SimulatedCnc(machine, surroundings.cell.drive, surroundings.start, position, rate)
+    return lambda start: SimulatedCnc(machine, drive, start, position, rate)

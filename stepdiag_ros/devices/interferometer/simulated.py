@@ -1,8 +1,8 @@
 """A simulated interferometer: the exact reading of the cell, counted in real air, with noise."""
 
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from itertools import repeat
 from math import isnan, nan
 from typing import Any
@@ -348,8 +348,8 @@ class SimulatedInterferometer:
 
 def from_settings(
     settings: Mapping[str, Any], surroundings: Surroundings
-) -> SimulatedInterferometer:
-    """Make a simulated interferometer.
+) -> Callable[[int], SimulatedInterferometer]:
+    """Return what switches a simulated interferometer on at a time, ns.
 
     Settings: ``rate_hz`` (default: the cell's), ``seed`` of the noise (default 0), ``hold_after_s``
     (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation reckons
@@ -373,11 +373,15 @@ def from_settings(
             "dead_path_m", low=0.0, high=100.0, default=cell.dead_path
         ),
         fastest=section.number("fastest_m_per_s", low=1e-3, high=1e3, default=4.0),
-        weather_begins=section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0)
-        or surroundings.start,
+        weather_begins=section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0),
         index_equation=section.names(
             "index_equation", tuple(EQUATIONS), default=(DEFAULT_EQUATION,)
         )[0],
     )
     section.finish()
-    return SimulatedInterferometer(cell, surroundings.start, behaviour)
+
+    def switch_on(start: int) -> SimulatedInterferometer:
+        begins = behaviour.weather_begins or start
+        return SimulatedInterferometer(cell, start, replace(behaviour, weather_begins=begins))
+
+    return switch_on

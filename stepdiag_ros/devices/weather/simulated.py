@@ -1,6 +1,6 @@
 """A simulated weather station: the cell's weather with the errors of its sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from stepdiag_ros.devices import Surroundings
@@ -58,8 +58,10 @@ class SimulatedWeather:
         return Environment(*told)
 
 
-def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> SimulatedWeather:
-    """Make a simulated weather station.
+def from_settings(
+    settings: Mapping[str, Any], surroundings: Surroundings
+) -> Callable[[int], SimulatedWeather]:
+    """Return what switches a simulated weather station on at a time, ns.
 
     Settings: ``rate_hz`` (default 1), ``weather_begins_ns`` (the same for all devices of a cell;
     default 0: when this one is switched on) and the errors of the sensors, each 0 by default:
@@ -69,7 +71,8 @@ def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> Si
     Raises:
         ValueError: a setting is wrong, or there is no cell.
     """
-    if surroundings.cell is None:
+    cell = surroundings.cell
+    if cell is None:
         raise ValueError("the simulated weather station needs a simulated cell")
     section = Section(settings, "settings of the simulated weather station")
     rate = section.number("rate_hz", low=1e-3, high=1000.0, default=1.0)
@@ -81,6 +84,4 @@ def from_settings(settings: Mapping[str, Any], surroundings: Surroundings) -> Si
     )
     begins = section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0)
     section.finish()
-    return SimulatedWeather(
-        surroundings.cell, surroundings.start, rate, errors, begins or surroundings.start
-    )
+    return lambda start: SimulatedWeather(cell, start, rate, errors, begins or start)

@@ -1,0 +1,144 @@
+"""``stepdiag measure``: a run on nodes that are there already, started by others."""
+
+import re
+import sys
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, _SubParsersAction
+from typing import TYPE_CHECKING
+
+from stepdiag_ros import schemas
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+
+if TYPE_CHECKING:
+    from stepdiag_ros.run.sequence import State
+    from stepdiag_ros.session.following import Measured, Told
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "measure",
+        help="measure on nodes that are there already, started by ros2 launch or one by one",
+        description="Start a run on the nodes that are in the ROS graph, by the sequencer's action,"
+        " and follow it until it is recorded and evaluated. Where the run waits for a setup, or was"
+        " stopped by a fault, it says so: Enter goes on once all is in order. Without a terminal a"
+        " fault ends the run, and a setup is confirmed by the service sequencer/resume. Ctrl-C"
+        " stops the machine and ends the run. The exit code is 0 if all lines were measured and the"
+        " bag is whole, 1 if not, 130 after Ctrl-C.",
+        epilog="examples:\n"
+        "  stepdiag measure                        the plan that the sequencer was started with\n"
+        "  stepdiag measure --plan my_plan.yaml    another one; the file need be here only",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument(
+        "--plan", default="", help="YAML file, or a name (default: the plan of the sequencer)"
+    )
+    parser.add_argument(
+        "--namespace",
+        type=_namespace,
+        default="",
+        metavar="NS",
+        help="of the nodes, such as /cell_1 (default: none)",
+    )
+    parser.add_argument("--json", action="store_true", help="print what the run came to as JSON")
+    parser.set_defaults(run=run)
+
+
+def _namespace(text: str) -> str:
+    if not text:
+        return ""
+    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
+        raise ArgumentTypeError(f"'{text}' is no namespace, such as /cell_1")
+    return "/" + text.lstrip("/")
+
+
+def run(arguments: Namespace) -> int:
+    """Measure and say what came of it; see the module."""
+    from stepdiag_ros import configuration
+    from stepdiag_ros.session.following import RunFailed
+    from stepdiag_ros.session.joining import JoinedRun
+
+    # Read and checked here: what is executed is what the user sees, wherever the sequencer runs.
+    text = configuration.load_plan(arguments.plan)[1] if arguments.plan else ""
+    with progress_bar("measuring") as progress:
+
+        def tell(told: "Told") -> None:
+            progress(told.done / told.total if told.total else 0.0, told.text)
+
+        joined = JoinedRun(arguments.namespace, tell, _Attendant())
+        try:
+            joined.measure(text)
+        finally:
+            if joined.measured is not None:
+                _show(joined.measured, arguments.json)
+    if joined.measured is not None and not joined.measured.bag_closed:
+        raise RunFailed(f"the bag is not whole: {joined.measured.bag_text}")
+    return 0
+
+
+class _Attendant:
+    """Whoever sits before the terminal, if there is one."""
+
+    def __init__(self) -> None:
+        self._said = ""
+
+    def __call__(self, state: "State", text: str) -> bool:
+        """Say why the run is held, and whether it is to go on."""
+        from stepdiag_ros.run.sequence import State
+        from stepdiag_ros.session.following import RunFailed
+
+        attended = sys.stdin is not None and sys.stdin.isatty()
+        if state is State.FAULT and not attended:
+            raise RunFailed(f"the run has stopped: {text}")
+        news = f"{state.name} {text}"
+        if news != self._said:
+            self._said = news
+            if attended:
+                _forget_typed()
+                say(f"{text}: Enter goes on, Ctrl-C ends the run")
+            else:
+                say(f"{text}: the service sequencer/resume goes on")
+            return False
+        if attended and _enter_was_pressed():
+            self._said = ""
+            return True
+        return False
+
+
+def _forget_typed() -> None:
+    """Forget what was typed before: only who has read why the machine stands may start it."""
+    import termios
+
+    termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+def _enter_was_pressed() -> bool:
+    import select
+
+    ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+    return bool(ready and sys.stdin.readline())
+
+
+def _show(measured: "Measured", as_json: bool) -> None:
+    bag = None if measured.bag is None else str(measured.bag)
+    if as_json:
+        document = {
+            "run_id": measured.run_id,
+            "outcome": measured.outcome.name.lower(),
+            "text": measured.text,
+            "stops_done": measured.stops_done,
+            "stops_total": measured.stops_total,
+            "incomplete": list(measured.incomplete),
+            "verdict": measured.verdict,
+            "sentence": measured.sentence,
+            "bag": bag,
+            "bag_closed": measured.bag_closed,
+            "bag_text": measured.bag_text,
+        }
+        print(schemas.json_text(schemas.document("measurement", document)))
+        return
+    print(f"run:     {measured.run_id}")
+    print(f"outcome: {measured.text} ({measured.stops_done} of {measured.stops_total} stops)")
+    for line in measured.incomplete:
+        print(f"left:    {line}")
+    print(f"verdict: {measured.verdict}, {measured.sentence}")
+    print(f"bag:     {bag or 'unknown'} ({measured.bag_text})")

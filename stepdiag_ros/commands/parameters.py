@@ -1,0 +1,84 @@
+"""``stepdiag parameters``: what can be set on the nodes, as a table, a page or a parameter file."""
+
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+
+from stepdiag_ros.commands.output import HelpFormatter
+from stepdiag_ros.declaration import DeclaredNode
+from stepdiag_ros.parameters import NODES
+
+_EXAMPLES = """\
+examples:
+  stepdiag parameters interferometer
+  stepdiag parameters --yaml > cell.yaml            all nodes, to be edited
+  stepdiag node interferometer --ros-args --params-file cell.yaml"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "parameters",
+        help="show what can be set on the nodes: unit, range, default, meaning",
+        description="Show the parameters of the nodes with unit, range, default and meaning, or"
+        " print a ROS 2 parameter file in which they are explained.",
+        epilog=_EXAMPLES,
+        formatter_class=HelpFormatter,
+    )
+    names = [node.module for node in NODES]
+    parser.add_argument(
+        "nodes",
+        nargs="*",
+        metavar="NODE",
+        help=f"which nodes (default: all): {', '.join(names)}",
+    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--yaml", action="store_true", help="print a ROS 2 parameter file")
+    form.add_argument("--markdown", action="store_true", help="print the page docs/parameters.md")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Print the parameters; see the module.
+
+    Raises:
+        ValueError: there is no such node.
+    """
+    from stepdiag_ros.parameter_documents import markdown, parameter_file
+
+    nodes = [_node(name) for name in arguments.nodes] or list(NODES)
+    if arguments.yaml:
+        sys.stdout.write(parameter_file(nodes))
+    elif arguments.markdown:
+        sys.stdout.write(markdown(nodes))
+    else:
+        _print(nodes)
+    return 0
+
+
+def _node(name: str) -> DeclaredNode:
+    for node in NODES:
+        if name in (node.module, node.name):
+            return node
+    known = ", ".join(node.module for node in NODES)
+    raise ValueError(f"there is no node '{name}'; use {known}")
+
+
+def _print(nodes: list[DeclaredNode]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    from stepdiag_ros.parameter_documents import COLUMNS, row
+    from stepdiag_ros.report.tables import make_console
+
+    console = make_console(sys.stdout)
+    for node in nodes:
+        console.print(f"{node.name}: {node.purpose}", soft_wrap=True)
+        if not node.parameters:
+            console.print("  no parameters of its own\n")
+            continue
+        table = Table(*COLUMNS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        for column in table.columns[:-1]:
+            column.no_wrap = True
+        for declaration in node.parameters:
+            table.add_row(*row(declaration))
+        console.print(table)

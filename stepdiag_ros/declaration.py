@@ -1,0 +1,191 @@
+"""What a parameter of a node is: name, default, meaning, unit, range, and when it may be set.
+
+Plain data, no ROS client. Says in words why a value cannot be a parameter's.
+"""
+
+import math
+from dataclasses import dataclass
+from difflib import get_close_matches
+from enum import Enum
+
+Value = bool | int | float | str
+"""What a parameter may be."""
+
+_KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", str: "a text"}
+_NUMBER = "a number with a point, such as 1.0"
+
+
+class Change(Enum):
+    """When a parameter may be changed; the value says it in words."""
+
+    AT_START = "at start only"
+    WHILE_CLOSED = "while the device is closed"
+    BETWEEN_RUNS = "between runs"
+    ANY_TIME = "at any time"
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One parameter of a node.
+
+    Attributes:
+        name: of the parameter.
+        default: its value where none is given; says the type too.
+        description: what it means; a phrase without a full stop.
+        unit: of the value and the range, such as ``s``; empty if it has none.
+        low: least allowed number, itself allowed; None for a text or a truth value.
+        high: greatest allowed number, itself allowed; None likewise.
+        choices: the only texts allowed; empty if any is.
+        change: when it may be changed.
+
+    Raises:
+        ValueError: the declaration contradicts itself.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    change: Change = Change.AT_START
+
+    def __post_init__(self) -> None:
+        ranged = type(self.default) in (int, float)
+        if ranged is (self.low is None) or ranged is (self.high is None):
+            raise ValueError(f"parameter '{self.name}': a number, and no other, has a range")
+        if refusal := self.refusal(self.default):
+            raise ValueError(f"the default of parameter '{self.name}' is {refusal}")
+
+    @property
+    def type_name(self) -> str:
+        """Return the type as ``ros2 param describe`` names it."""
+        return {bool: "boolean", int: "integer", float: "double", str: "string"}[type(self.default)]
+
+    @property
+    def limits(self) -> str:
+        """Return range or choices in words, without the unit; empty if there are none."""
+        if self.choices:
+            return f"{', '.join(self.choices[:-1])} or {self.choices[-1]}"
+        if self.low is None or self.high is None:
+            return ""
+        if isinstance(self.default, int):
+            return f"{int(self.low)} to {int(self.high)}"
+        return f"{self.low:.15g} to {self.high:.15g}"
+
+    @property
+    def expected(self) -> str:
+        """Return in words what may be given."""
+        if self.choices:
+            return self.limits
+        kind = _KINDS.get(type(self.default), _NUMBER)
+        if not self.limits:
+            return kind
+        unit = f" {self.unit}" if self.unit else ""
+        comma = "," if kind is _NUMBER else ""
+        return f"{kind}{comma} from {self.limits}{unit}"
+
+    def refusal(self, value: object) -> str:
+        """Say why a value cannot be the parameter's; empty if it can.
+
+        Returns:
+            the value and what is expected, to be put behind "parameter 'NAME' is".
+        """
+        if type(value) is not type(self.default):
+            return f"{value!r}; expected {self.expected}{self._hint(value)}"
+        allowed = value in self.choices if self.choices else True
+        if isinstance(value, int | float) and self.low is not None and self.high is not None:
+            # NaN is neither within nor without.
+            allowed = self.low <= value <= self.high
+        return "" if allowed else f"{value!r}; expected {self.expected}{self._near(value)}"
+
+    def _hint(self, value: object) -> str:
+        """Say how to write a value that is meant well but is of another type."""
+        if isinstance(self.default, float):
+            number = _number(value)
+            if number is not None and not self.refusal(number):
+                return f"; write {written(number)}"
+        elif isinstance(self.default, str) and isinstance(value, int | float):
+            return f'; if a text is meant, put it in quotes: "{written(written(value))}"'
+        elif isinstance(self.default, int) and not isinstance(self.default, bool):
+            number = _number(value)
+            if number is not None and number.is_integer() and not self.refusal(int(number)):
+                return f"; write {int(number)}"
+        return ""
+
+    def _near(self, value: object) -> str:
+        near = get_close_matches(str(value), self.choices, n=1) if self.choices else []
+        return f"; did you mean {near[0]}?" if near else ""
+
+
+def _number(value: object) -> float | None:
+    """Return the number that an integer, a double or a text such as '1e5' stands for."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def written(value: object) -> str:
+    """Return a value as it is written in YAML, in any parameter file or on a command line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    mantissa, exponent, power = repr(value).partition("e")
+    # Many YAML readers take 1e-05 for a text.
+    return f"{mantissa}.0e{power}" if exponent and "." not in mantissa else repr(value)
+
+
+USE_SIM_TIME = Declaration(
+    "use_sim_time", False, "take the time from the topic /clock instead of the computer's clock"
+)
+"""Declared by every ROS client for every node."""
+
+
+@dataclass(frozen=True)
+class DeclaredNode:
+    """A node and its parameters.
+
+    Attributes:
+        module: in ``stepdiag_ros.nodes``, and the name of its executable.
+        name: that the node has in the graph unless it is renamed; its role too.
+        purpose: what it does, in a phrase.
+        parameters: its own, in the order of their declaration.
+    """
+
+    module: str
+    name: str
+    purpose: str
+    parameters: tuple[Declaration, ...] = ()
+
+    def find(self, name: str) -> Declaration:
+        """Return the declaration of a parameter.
+
+        Raises:
+            ValueError: the node has no such parameter; names one that is near, or all.
+        """
+        for declaration in (*self.parameters, USE_SIM_TIME):
+            if declaration.name == name:
+                return declaration
+        raise ValueError(self.no_such(name, self.name))
+
+    def no_such(self, name: str, node: str) -> str:
+        """Say that the node, by the name it has now, has no parameter of that name."""
+        own = [declaration.name for declaration in (*self.parameters, USE_SIM_TIME)]
+        near = get_close_matches(name, own, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(own))}"
+        return f"node {node} has no parameter '{name}'; {hint}"
+
+    def check(self, name: str, value: object) -> None:
+        """Refuse a value, or a name, that the node would refuse when it is started.
+
+        Raises:
+            ValueError: says what is expected.
+        """
+        if refusal := self.find(name).refusal(value):
+            raise ValueError(f"parameter '{name}' of node {self.name} is {refusal}")

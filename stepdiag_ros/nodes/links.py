@@ -1,0 +1,239 @@
+"""Publishers and subscriptions on the topics of the suite, with what the topics' meaning asks for.
+
+Quality of service follows from ``topics.py``. What holds until it is said anew (descriptions,
+states, lines, results) is repeated slowly, and repetitions are dropped where they arrive, so that a
+node hears each message once however often it comes. Whoever cannot be understood on one of these
+topics is named, in the log and on /diagnostics.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
+
+from stepdiag_ros.nodes.link_check import LinkCheck
+from stepdiag_ros.nodes.timing import TimedNode
+from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
+from stepdiag_ros.topics import RUN_DESCRIPTION, Topic
+
+try:
+    from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+except ImportError:  # ROS 2 Humble
+    from rclpy.qos_event import PublisherEventCallbacks, SubscriptionEventCallbacks
+
+BACKLOG = 20
+"""Messages that a subscription keeps at least while its node is busy; a publisher may keep fewer,
+so that a late subscriber is shown the present state alone."""
+TEND_PERIOD = 0.5
+"""Real seconds between two looks at what is to be said again."""
+STEP_BACK = 1_000_000_000
+"""ns of simulated time, more than two clocks that run at once are apart."""
+LOOK_PERIOD = 2.0
+"""Real seconds between two looks at the other ends of a topic, one topic after another; where the
+middleware says that an end does not fit, its topic is looked at at once."""
+
+
+def quality(topic: Topic, keep_all: bool = False) -> QoSProfile:
+    """Return the quality of service of a topic.
+
+    Args:
+        topic: which.
+        keep_all: for a reader that must not miss a message however far it falls behind.
+    """
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        depth=topic.depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL
+            if topic.qos.transient_local
+            else DurabilityPolicy.VOLATILE
+        ),
+    )
+
+
+def message_class(topic: Topic) -> Any:
+    """Return the message class of a topic."""
+    package, _, name = topic.type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class Outlet:
+    """Publishes on a topic, and says again what still holds.
+
+    Args:
+        topic: which.
+        publisher: on it.
+        real_time: returns the time in s of a clock that never steps.
+    """
+
+    def __init__(self, topic: Topic, publisher: Publisher, real_time: Callable[[], float]) -> None:
+        self._topic = topic
+        self._class = message_class(topic)
+        self._publisher = publisher
+        self._real_time = real_time
+        self._repeater = Repeater(topic, REPEAT_PERIOD) if topic.qos.repeated else None
+
+    def publish(self, message: Any) -> None:
+        """Publish a message, or the CDR bytes of one."""
+        if self._repeater is None:
+            self._publisher.publish(message)
+            return
+        if isinstance(message, bytes):
+            data, message = message, deserialize_message(message, self._class)
+        else:
+            data = serialize_message(message)
+        self._publisher.publish(data)
+        self._repeater.said(message, data, self._real_time())
+
+    def forget_results(self) -> None:
+        """Do not say again what follows from the run so far."""
+        if self._repeater is not None and self._topic.derived:
+            self._repeater.forget()
+
+    def repeat(self) -> None:
+        """Publish again what was said a while ago and still holds."""
+        if self._repeater is not None:
+            for data in self._repeater.due(self._real_time()):
+                self._publisher.publish(data)
+
+    def get_subscription_count(self) -> int:
+        """Return how many subscriptions receive what is published."""
+        count: int = self._publisher.get_subscription_count()
+        return count
+
+
+class LinkedNode(TimedNode):
+    """A node that speaks and listens on topics of the suite; takes the arguments of ``Node``."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._repeating: list[Outlet] = []
+        self._memories: defaultdict[str, list[Memory]] = defaultdict(list)
+        self._newest_time = 0
+        self._link_check = LinkCheck(self)
+        self.every(TEND_PERIOD, self._tend_links, real=True)
+        self.every(LOOK_PERIOD, self._look_at_links, real=True)
+
+    def announce(self, topic: Topic, keep_all: bool = False) -> Outlet:
+        """Return an outlet on a topic of the suite.
+
+        Args:
+            topic: which.
+            keep_all: wait for slow subscribers instead of dropping what they have not taken.
+        """
+        name = self.resolve_topic_name(topic.name)
+        events = PublisherEventCallbacks(
+            incompatible_qos=lambda _event: self._link_check.look_soon(name)
+        )
+        publisher = self.create_publisher(
+            message_class(topic), topic.name, quality(topic, keep_all), event_callbacks=events
+        )
+        outlet = Outlet(topic, publisher, self.real_time)
+        if topic.qos.repeated:
+            self._repeating.append(outlet)
+        self._link_check.speaks(name, topic)
+        return outlet
+
+    def listen(
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        keep_all: bool = False,
+        raw: bool = False,
+    ) -> None:
+        """Call back with each message of a topic of the suite (its CDR bytes, if ``raw``).
+
+        What is repeated is heard once.
+        """
+        name = self.resolve_topic_name(topic.name)
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=lambda _event: self._link_check.look_soon(name)
+        )
+        if topic.qos.repeated:
+            hear, heard_raw = self._once(name, topic, callback, raw), True
+        else:
+            hear, heard_raw = callback, raw
+        qos = quality(topic, keep_all)
+        qos.depth = max(qos.depth, BACKLOG)
+        self.create_subscription(
+            message_class(topic),
+            topic.name,
+            hear,
+            qos,
+            event_callbacks=events,
+            raw=heard_raw,
+        )
+        self._link_check.hears(name, topic)
+
+    def forget_results(self) -> None:
+        """Repeat nothing any more of what follows from a run: a new one begins."""
+        for outlet in self._repeating:
+            outlet.forget_results()
+
+    @property
+    def link_troubles(self) -> list[str]:
+        """Return sentences about nodes that cannot be understood on these topics, and why."""
+        return self._link_check.troubles
+
+    def _once(
+        self, name: str, topic: Topic, callback: Callable[[Any], None], raw: bool
+    ) -> Callable[[bytes], None]:
+        """Return what takes the bytes of a topic that is repeated, and passes on what is new."""
+        kind = message_class(topic)
+        # Each subscription has a memory of its own: a node may listen twice on a topic.
+        memory = Memory()
+        self._memories[name].append(memory)
+
+        def hear(data: bytes) -> None:
+            self._follow_time()
+            if memory.is_news(data, lambda: self._has_happened(deserialize_message(data, kind))):
+                callback(data if raw else deserialize_message(data, kind))
+
+        return hear
+
+    def _has_happened(self, message: Any) -> bool:
+        header = getattr(message, "header", None)
+        if header is None:
+            return True
+        stamp: int = Time.from_msg(header.stamp).nanoseconds
+        return stamp <= self.now() + STEP_BACK
+
+    def _follow_time(self) -> None:
+        """Take everything for news again when a recorded run begins anew: the time goes back.
+
+        Where time is that of the computer, nothing is replayed, and a clock that is set back shall
+        not make a run of what is long over.
+        """
+        time = self.now()
+        if time < self._newest_time - STEP_BACK and self._is_simulated():
+            for memories in self._memories.values():
+                for memory in memories:
+                    memory.begin_anew()
+            self._newest_time = time
+        self._newest_time = max(self._newest_time, time)
+
+    def _is_simulated(self) -> bool:
+        return self.get_parameter("use_sim_time").value is True
+
+    def _tend_links(self) -> None:
+        if not self.context.ok():
+            return
+        for outlet in self._repeating:
+            outlet.repeat()
+        # Once who replayed a run has ended, the next replay may be of the same run; its description
+        # may come before the time is seen to go back.
+        name = self.resolve_topic_name(RUN_DESCRIPTION.name)
+        if name in self._memories and self._is_simulated() and not self.count_publishers(name):
+            for memory in self._memories[name]:
+                memory.begin_anew()
+        self._link_check.look_at_suspect()
+
+    def _look_at_links(self) -> None:
+        if self.context.ok():
+            self._link_check.look()

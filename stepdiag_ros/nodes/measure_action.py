@@ -1,0 +1,196 @@
+"""The action ``~/measure`` of the sequencer: a run as a goal, beside the simple services."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.task import Future
+
+from stepdiag_ros import topics
+from stepdiag_ros.nodes.base import StepdiagNode
+from stepdiag_ros.run.conclusion import UNKNOWN, Aftermath, Outcome
+from stepdiag_ros.run.sequence import Progress, State
+
+RESULT_KEPT = 24 * 3600
+"""ROS seconds for which a result is kept for a client that asks late."""
+
+
+def measure_type() -> Any:
+    """Return the class of the action, of the ROS client that runs here."""
+    return import_module("stepdiag_ros.action").Measure
+
+
+@dataclass
+class _Goal:
+    """The goal whose run goes on or is being evaluated.
+
+    Attributes:
+        handle: rclpy's.
+        aftermath: of its run.
+        told: what the last feedback said is waited for.
+        impatient: whoever asked for the run does not wait for its evaluation any more.
+    """
+
+    handle: Any
+    aftermath: Aftermath
+    told: str = ""
+    impatient: bool = False
+
+
+class MeasureAction:
+    """Starts a run for a goal, tells how far it is, and ends the goal once all is known of the run.
+
+    At most one goal is open, as there is at most one run. Nothing here waits: a timer of the node
+    calls ``update``.
+
+    Args:
+        node: the sequencer.
+        begin: starts a run of a plan (as Measure.action says; empty for the node's own) and returns
+            its identity, or raises ValueError.
+        abort: stops the machine and ends the run for a reason, or raises ValueError.
+        progress: says where the run is.
+        incomplete: says which lines of the run lack a stop, and why.
+    """
+
+    def __init__(
+        self,
+        node: StepdiagNode,
+        begin: Callable[[str], str],
+        abort: Callable[[str], object],
+        progress: Callable[[], Progress],
+        incomplete: Callable[[], list[str]],
+    ) -> None:
+        self._node = node
+        self._begin = begin
+        self._abort = abort
+        self._progress = progress
+        self._incomplete = incomplete
+        self._messages = measure_type()
+        self._goal: _Goal | None = None
+        self._results: dict[bytes, Future] = {}
+        self._server = ActionServer(
+            node,
+            self._messages,
+            "~/measure",
+            self._execute,
+            handle_accepted_callback=self._on_goal,
+            cancel_callback=self._on_cancel,
+            result_timeout=RESULT_KEPT,
+        )
+        node.listen(topics.DIAGNOSIS, self._on_diagnosis)
+
+    # What the sequencer says --------------------------------------------------------------------
+
+    def run_begins(self) -> None:
+        """End the goal of the run before, if a fault has held it: another run is beginning."""
+        if self._goal is not None:
+            self._end(Outcome.ABORTED, "stopped by a fault and given up: another run was started")
+
+    def update(self) -> None:
+        """Say where the run is, and end the goal when the run is over and all is known of it."""
+        goal = self._goal
+        if goal is None:
+            return
+        progress = self._progress()
+        if progress.state not in (State.FINISHED, State.ABORTED):
+            return
+        real = self._node.real_time()
+        goal.aftermath.over(real)
+        awaited = "" if goal.impatient else goal.aftermath.awaited(self._node.watch, real)
+        if not awaited:
+            finished = progress.state is State.FINISHED
+            self._end(Outcome.FINISHED if finished else Outcome.ABORTED, progress.text)
+        elif awaited != goal.told:
+            goal.told = awaited
+            self.tell()
+
+    def tell(self) -> None:
+        """Publish the feedback of the open goal, if there is one."""
+        goal = self._goal
+        if goal is None:
+            return
+        progress = self._progress()
+        message = self._messages.Feedback()
+        message.run_id = goal.aftermath.run_id
+        write_progress(message, progress)
+        message.block = progress.block
+        message.block_count = progress.block_count
+        if goal.told:
+            message.text = f"{progress.text}; {goal.told}"
+        goal.handle.publish_feedback(message)
+
+    # What clients ask for -----------------------------------------------------------------------
+
+    def _on_goal(self, handle: Any) -> None:
+        """Begin the run of a goal; one that is refused ends with the reason in its result."""
+        self._results[bytes(handle.goal_id.uuid)] = Future()
+        try:
+            run_id = self._begin(handle.request.plan)
+        except ValueError as error:
+            self._node.get_logger().warning(f"a goal of ~/measure is refused: {error}")
+            result = self._messages.Result(outcome=int(Outcome.REFUSED), text=str(error))
+            result.verdict, result.sentence = UNKNOWN, "not known: nothing was measured"
+            result.bag_text = "there is none: nothing was measured"
+            self._results[bytes(handle.goal_id.uuid)].set_result(result)
+        else:
+            self._goal = _Goal(handle, Aftermath(run_id, self._node.parameter("result_limit")))
+        handle.execute()
+        self.tell()
+
+    def _on_cancel(self, handle: Any) -> CancelResponse:
+        goal = self._goal
+        if goal is not None and bytes(goal.handle.goal_id.uuid) == bytes(handle.goal_id.uuid):
+            try:
+                self._abort("cancelled by whoever asked for the run")
+            except ValueError:
+                # The run is over; only its evaluation is waited for.
+                goal.impatient = True
+        return CancelResponse.ACCEPT
+
+    def _on_diagnosis(self, message: Any) -> None:
+        if self._goal is not None:
+            self._goal.aftermath.diagnosed(
+                message.run_id, message.verdict, message.sentence, message.run_over
+            )
+
+    async def _execute(self, handle: Any) -> Any:
+        """Wait for the result of a goal, without keeping the node from its work."""
+        key = bytes(handle.goal_id.uuid)
+        result = await self._results[key]
+        del self._results[key]
+        if handle.is_cancel_requested:
+            handle.canceled()
+        elif result.outcome == Outcome.FINISHED:
+            handle.succeed()
+        else:
+            handle.abort()
+        return result
+
+    def _end(self, outcome: Outcome, text: str) -> None:
+        goal, self._goal = self._goal, None
+        assert goal is not None
+        progress, known = self._progress(), goal.aftermath.conclusion(self._node.watch)
+        result = self._messages.Result(outcome=int(outcome), text=text)
+        result.run_id = goal.aftermath.run_id
+        result.stops_done, result.stops_total = progress.stops_done, progress.stops_total
+        result.incomplete = self._incomplete()
+        result.verdict, result.sentence = known.verdict, known.sentence
+        result.bag, result.bag_closed = known.bag, known.bag_closed
+        result.bag_text = known.bag_text
+        self._results[bytes(goal.handle.goal_id.uuid)].set_result(result)
+
+
+def write_progress(message: Any, progress: Progress) -> None:
+    """Write where a run is into the fields that RunState and the feedback have in common."""
+    message.state = int(progress.state)
+    message.line_index = progress.line_index
+    message.line_count = progress.line_count
+    message.line = progress.line
+    message.stop = progress.stop
+    message.stop_count = progress.stop_count
+    message.stops_done = progress.stops_done
+    message.stops_total = progress.stops_total
+    message.remaining_time = progress.remaining_time
+    message.text = progress.text

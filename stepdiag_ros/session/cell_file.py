@@ -1,0 +1,61 @@
+"""The ROS 2 parameter file that says what a real cell is made of, checked before nodes start.
+
+ROS leaves out what is meant for no node, so that a node whose name is misspelt would silently run
+with its defaults; on a machine that could be a simulated device in place of a real one.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from stepdiag_ros.declaration import DeclaredNode
+from stepdiag_ros.embedded.arguments import load_parameter_file, matches
+from stepdiag_ros.parameters import NODES
+
+DEVICE = "device"
+"""Parameter of every node that owns a device: its driver."""
+
+
+def check_cell_file(path: str, namespace: str = "") -> None:
+    """Refuse a parameter file that does not fit the nodes of a cell.
+
+    Args:
+        path: of the file, in the usual form of ROS 2.
+        namespace: in which the nodes will be.
+
+    Raises:
+        ValueError: the file cannot be read, is meant for a node or parameter that is not there,
+            holds a value that its node would refuse, or leaves open which driver a device has.
+    """
+    names = {f"{namespace.strip('/')}/{node.name}".lstrip("/"): node for node in NODES}
+    given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for pattern, values in load_parameter_file(path):
+        meant = [name for name in names if matches(pattern, f"/{name}")]
+        if not meant:
+            raise ValueError(f"{path}: {_no_node(pattern, names)}")
+        for name in meant:
+            given[name].update(values)
+    for name, node in names.items():
+        try:
+            _check(node, given[name])
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+
+def _check(node: DeclaredNode, given: dict[str, Any]) -> None:
+    for name, value in given.items():
+        node.check(name, value)
+    own = [declaration.name for declaration in node.parameters]
+    if DEVICE in own and DEVICE not in given:
+        raise ValueError(
+            f"there is no '{DEVICE}' for {node.name}; say which driver it has, even if that is"
+            f" '{node.find(DEVICE).default}'"
+        )
+
+
+def _no_node(pattern: str, names: Iterable[str]) -> str:
+    plain = pattern.rpartition("/")[2]
+    near = get_close_matches(plain, [name.rpartition("/")[2] for name in names], n=1)
+    hint = f"did you mean {near[0]}?" if near and near[0] != plain else ""
+    there = f"the nodes are {', '.join(f'/{name}' for name in sorted(names))}"
+    return f"'{pattern}' is none of the nodes; {hint or there}"

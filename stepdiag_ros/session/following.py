@@ -1,0 +1,205 @@
+"""One run on nodes that are there: started, followed to its end, stopped where it must be."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros.run.conclusion import Outcome
+from stepdiag_ros.run.sequence import State
+
+if TYPE_CHECKING:
+    from stepdiag_ros.nodes.operator import OperatorNode
+
+SETTLE_LIMIT = 3.0
+"""Real seconds in which a refused start is tried again."""
+RESUME_LIMIT = 5.0
+"""Real seconds in which the run must go on after it was resumed."""
+STOP_LIMIT = 60.0
+"""Real seconds in which a run that was stopped must be recorded and evaluated."""
+ENDED = (State.FINISHED, State.ABORTED)
+HELD = (State.PAUSED, State.WAITING_FOR_SETUP, State.FAULT)
+"""States in which nothing moves until somebody resumes the run."""
+
+
+class RunFailed(ValueError):
+    """The run did not finish; the text says why, and what was recorded."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What whoever shows the run is told (fields of RunState.msg).
+
+    Attributes:
+        text: what is going on, in words.
+        done: stops measured.
+        total: stops of the plan; 0 while the nodes start.
+        remaining: s of ROS time; NaN if not known.
+    """
+
+    text: str
+    done: int = 0
+    total: int = 0
+    remaining: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run has come to (fields of the result of Measure.action).
+
+    Attributes:
+        bag: path on the recorder's computer; None if not known.
+    """
+
+    outcome: Outcome
+    text: str
+    run_id: str
+    stops_done: int
+    stops_total: int
+    incomplete: tuple[str, ...]
+    verdict: str
+    sentence: str
+    bag: Path | None
+    bag_closed: bool
+    bag_text: str
+
+
+class FollowedRun:
+    """Starts a run by the sequencer's action and follows it.
+
+    Args:
+        operator: the node that does so.
+        tell: is told how far the run is.
+        check: is called several times a second; raises RunFailed if the run cannot go on.
+        on_hold: is called several times a second while the run is held (``HELD``), with what it
+            says of itself; returns True to have it resumed, or raises RunFailed to have it ended.
+
+    Attributes:
+        run_id: identity of the run; empty before it has started.
+        measured: what it has come to; None before that is known.
+    """
+
+    def __init__(
+        self,
+        operator: "OperatorNode",
+        tell: Callable[[Told], None],
+        check: Callable[[], None],
+        on_hold: Callable[[State, str], bool],
+    ) -> None:
+        self._operator = operator
+        self._tell = tell
+        self._check = check
+        self._on_hold = on_hold
+        self.run_id = ""
+        self.measured: Measured | None = None
+
+    def measure(self, plan: str = "") -> Measured:
+        """Start a run and follow it until it is recorded and evaluated.
+
+        Args:
+            plan: as the sequencer knows it, or the YAML text; empty for the sequencer's own.
+
+        Raises:
+            RunFailed: it was refused, or it was ended before all lines were measured; the machine
+                stands still, unless the text says that it could not be told to.
+            KeyboardInterrupt: as asked; the machine stands still likewise.
+        """
+        self.run_id = self._start(plan)
+        try:
+            self._follow()
+        except BaseException:
+            self._stop()
+            raise
+        measured = self.measured
+        assert measured is not None
+        if measured.outcome is not Outcome.FINISHED:
+            raise RunFailed(f"the run has stopped: {measured.text}")
+        return measured
+
+    def _start(self, plan: str) -> str:
+        operator = self._operator
+        deadline = operator.real_time() + SETTLE_LIMIT
+        while True:
+            try:
+                return operator.start(plan)
+            except ValueError as error:
+                # The sequencer may not have heard yet what this node has heard already.
+                if operator.real_time() > deadline:
+                    raise RunFailed(str(error)) from None
+            operator.spin_until(lambda: False, 0.2)
+
+    def _follow(self) -> None:
+        operator = self._operator
+        sequencer = operator.sequencer
+        while not self._has_result():
+            operator.spin_until(lambda: operator.result is not None, 0.2)
+            self._check()
+            if operator.sequencer != sequencer:
+                raise RunFailed(
+                    "the sequencer is gone, or was started anew and knows nothing of the run"
+                )
+            if operator.state is None:
+                continue
+            self._tell(_told(operator.state, operator.text))
+            state = State(operator.state.state)
+            if state in HELD and self._on_hold(state, str(operator.state.text)):
+                self._resume()
+
+    def _resume(self) -> None:
+        operator, held = self._operator, self._operator.state
+        try:
+            operator.call("sequencer/resume")
+        except ValueError as error:
+            raise RunFailed(f"{held.text}: {error}") from None
+        operator.spin_until(
+            lambda: (
+                operator.state.state != held.state or operator.state.line_index != held.line_index
+            ),
+            RESUME_LIMIT,
+        )
+
+    def _stop(self) -> None:
+        """End the run, and wait until what was measured is recorded."""
+        try:
+            self._operator.cancel()
+        except ValueError as error:
+            self._tell(Told(f"the run could not be stopped: {error}"))
+            if not self._operator.sequencer:
+                return
+        self._tell(Told("the run is stopped; waiting for its bag"))
+        self._operator.spin_until(self._has_result, STOP_LIMIT)
+
+    def _has_result(self) -> bool:
+        result = self._operator.result
+        if result is not None and self.measured is None:
+            self.measured = _measured(result)
+        return result is not None
+
+
+def _measured(result: Any) -> Measured:
+    return Measured(
+        outcome=Outcome(result.outcome),
+        text=result.text,
+        run_id=result.run_id,
+        stops_done=int(result.stops_done),
+        stops_total=int(result.stops_total),
+        incomplete=tuple(result.incomplete),
+        verdict=result.verdict,
+        sentence=result.sentence,
+        bag=Path(result.bag) if result.bag else None,
+        bag_closed=bool(result.bag_closed),
+        bag_text=result.bag_text,
+    )
+
+
+def _told(state: Any, text: str) -> Told:
+    words = {
+        State.RUNNING: state.line,
+        State.IDLE: "waiting until all nodes are ready for the run",
+        State.WAITING_FOR_SETUP: f"aligning for {state.line}",
+        # The run itself knows who is still waited for after its end.
+        State.FINISHED: text,
+        State.ABORTED: text,
+    }
+    said = words.get(State(state.state)) or state.text
+    return Told(said, state.stops_done, state.stops_total, state.remaining_time)

@@ -1,0 +1,65 @@
+"""One run on a graph whose nodes were started by others, for example by a launch file."""
+
+import os
+from collections.abc import Callable
+
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.session.following import FollowedRun, Measured, RunFailed, Told
+from stepdiag_ros.session.graph import in_graph
+
+LOOK_LIMIT = 5.0
+"""Real seconds within which a sequencer that is there must have been heard."""
+
+
+class JoinedRun:
+    """Starts a run on nodes that are there, and follows it.
+
+    Args:
+        namespace: of the nodes, such as ``/cell_1``; empty for none.
+        tell: is told how far the run is.
+        on_hold: as that of ``FollowedRun``.
+
+    Attributes:
+        measured: what the run has come to; None before that is known, or where none has begun.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        tell: Callable[[Told], None],
+        on_hold: Callable[[State, str], bool],
+    ) -> None:
+        self._namespace = namespace
+        self._tell = tell
+        self._on_hold = on_hold
+        self.measured: Measured | None = None
+
+    def measure(self, plan: str) -> None:
+        """Execute a whole run.
+
+        Args:
+            plan: YAML text; empty for the plan of the sequencer.
+
+        Raises:
+            RunFailed: there is no sequencer, it refuses, or the run was ended before all lines were
+                measured.
+            ValueError: the ROS graph cannot be joined.
+            KeyboardInterrupt: as asked; the machine stands still and the bag is closed.
+        """
+        from stepdiag_ros.nodes.operator import OperatorNode
+
+        with in_graph(self._namespace):
+            operator = OperatorNode()
+            self._tell(Told("looking for the nodes"))
+            if not operator.spin_until(lambda: bool(operator.sequencer), LOOK_LIMIT):
+                domain = os.environ.get("ROS_DOMAIN_ID", "0")
+                where = f" in namespace {self._namespace}" if self._namespace else ""
+                raise RunFailed(
+                    f"there is no sequencer{where} on ROS domain {domain}: start the nodes first,"
+                    " or measure on nodes of its own in the simulated cell with 'stepdiag run'"
+                )
+            run = FollowedRun(operator, self._tell, lambda: None, self._on_hold)
+            try:
+                run.measure(plan)
+            finally:
+                self.measured = run.measured

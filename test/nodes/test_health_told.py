@@ -1,0 +1,161 @@
+"""What a node says of itself on /diagnostics: which word counts, when it is said, in which form."""
+
+from types import SimpleNamespace
+
+import pytest
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD
+
+
+class Log(list):
+    def __getattr__(self, level):
+        return lambda text: self.append((level, text))
+
+
+class Speaker:
+    """A node's health, with a stand-in for the node and its clock."""
+
+    def __init__(self):
+        from builtin_interfaces.msg import Time
+
+        from stepdiag_ros.nodes.health import Health
+
+        self.log, self.arrays, self.time = Log(), [], 100.0
+        self.simulated, self.graph = False, [("recorder", "/cell")]
+        now = SimpleNamespace(to_msg=lambda: Time(sec=5))
+        node = SimpleNamespace(
+            get_logger=lambda: self.log,
+            get_clock=lambda: SimpleNamespace(now=lambda: now),
+            get_fully_qualified_name=lambda: "/cell/recorder",
+            get_parameter=lambda _name: SimpleNamespace(value=self.simulated),
+            get_node_names_and_namespaces=lambda: self.graph,
+            context=SimpleNamespace(ok=lambda: True),
+        )
+        outlet = SimpleNamespace(publish=self.arrays.append)
+        self.health = Health(node, "recorder", outlet, lambda: self.time, lambda: "run 1")
+        self.finding = Finding(Level.OK, "all well", {"number (m)": "7"})
+        self.health.add_task("subject", lambda: self.finding)
+
+    def heartbeat(self):
+        self.health.beat()
+        status = self.arrays[-1].status[0]
+        return ord(status.level), status.message
+
+    def told(self):
+        """Return the names of the statuses in each array, and forget them."""
+        names = [[status.name for status in array.status] for array in self.arrays]
+        self.arrays.clear()
+        return names
+
+
+@pytest.fixture
+def speaker():
+    return Speaker()
+
+
+HEARTBEAT, SUBJECT = "cell/recorder: heartbeat", "cell/recorder: subject"
+
+
+def test_a_change_is_told_at_once_and_the_rest_once_a_second(speaker):
+    speaker.health.look()
+    assert speaker.told() == [[HEARTBEAT, SUBJECT]]
+    for _ in range(int(1.0 / HEARTBEAT_PERIOD)):
+        speaker.time += HEARTBEAT_PERIOD
+        speaker.health.look()
+        speaker.health.beat()
+    assert speaker.told() == [[HEARTBEAT], [HEARTBEAT, SUBJECT]]
+    speaker.finding = Finding(Level.OK, "all well", {"number (m)": "8"})
+    speaker.health.look()
+    assert speaker.told() == [], "figures alone are no news"
+    speaker.finding = Finding(Level.WARN, "not so well")
+    speaker.health.look()
+    assert speaker.told() == [[HEARTBEAT, SUBJECT]]
+
+
+def test_the_worst_word_counts_and_each_goes_as_it_came(speaker):
+    health = speaker.health
+    health.say(Level.OK, "run 1")
+    assert speaker.heartbeat() == (0, "run 1")
+    health.miss("the solver is silent")
+    assert speaker.heartbeat() == (1, "the solver is silent")
+    speaker.finding = Finding(Level.STALE, "no reading", forbids=True)
+    health.look()
+    assert speaker.heartbeat() == (2, "no reading")
+    health.unwell("the disk is full")
+    assert speaker.heartbeat() == (2, "the disk is full")
+    health.not_ready("not in use")
+    assert speaker.heartbeat() == (2, "not in use")
+    health.ready()
+    assert speaker.heartbeat() == (2, "the disk is full")
+    health.say(Level.OK, "run 2")
+    assert speaker.heartbeat() == (2, "no reading")
+    speaker.finding = Finding(Level.STALE, "no reading")
+    health.look()
+    assert speaker.heartbeat() == (0, "run 2"), "what forbids nothing is told by its own status"
+    health.miss("the solver is silent")
+    health.miss_only(["the solver is silent", "the clock is silent"])
+    assert speaker.heartbeat() == (1, "the solver is silent")
+    health.miss_only([])
+    assert speaker.heartbeat() == (0, "run 2")
+
+
+def test_the_log_has_each_trouble_once_and_its_end(speaker):
+    texts = [
+        Finding(Level.STALE, "not begun"),
+        Finding(Level.OK, "well"),
+        Finding(Level.WARN, "dim"),
+        Finding(Level.WARN, "dim", {"figure": "2"}),
+        Finding(Level.ERROR, "lost"),
+        Finding(Level.OK, "well"),
+        Finding(Level.STALE, "silent"),
+    ]
+    for speaker.finding in texts:
+        speaker.health.look()
+    assert speaker.log == [
+        ("warning", "subject: dim"),
+        ("error", "subject: lost"),
+        ("info", "subject: well"),
+        ("warning", "subject: silent"),
+    ]
+
+
+def test_others_know_the_node_by_its_heartbeat(speaker):
+    other = Speaker()
+    other.health.hardware_id = "serial 17"
+    other.health.facts["stored"] = "run 1 5"
+    other.health.live_facts.update(heard=lambda: "9", nothing=lambda: "")
+    other.health.unwell("the disk is full")
+    ((name, peer),) = speaker.health.peers_in(other.arrays[-1])
+    assert name == "/cell/recorder"
+    assert (peer.role, peer.run_id, peer.text, peer.faulty) == (
+        "recorder",
+        "run 1",
+        "the disk is full",
+        True,
+    )
+    assert peer.facts["stored"] == "run 1 5" and peer.facts["heard"] == "9"
+    assert "nothing" not in peer.facts
+    assert other.arrays[-1].status[0].hardware_id == "serial 17"
+    assert other.health.peers_in(other.arrays[-1]) == [], "nobody is a peer of itself"
+
+
+def test_heartbeats_in_a_recording_are_of_nobody(speaker):
+    other = Speaker()
+    other.health.beat()
+    assert len(speaker.health.peers_in(other.arrays[-1])) == 1, "a node of the same name"
+    speaker.simulated = True
+    assert speaker.health.peers_in(other.arrays[-1]) == [], "only this one is in the graph"
+    speaker.graph = [("recorder", "/cell"), ("solver", "/"), ("recorder", "/cell")]
+    assert len(speaker.health.peers_in(other.arrays[-1])) == 1
+    speaker.graph = []
+    assert len(speaker.health.peers_in(other.arrays[-1])) == 1, "it was seen once"
+
+
+def test_other_statuses_are_no_heartbeats(speaker):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    foreign = DiagnosticStatus(name="motor: heartbeat", values=[KeyValue(key="role", value="x")])
+    subject = DiagnosticStatus(name="recorder: subject")
+    assert speaker.health.peers_in(DiagnosticArray(status=[foreign, subject])) == []

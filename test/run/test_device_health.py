@@ -1,0 +1,236 @@
+"""Beam, air and axes: each state is reached, at its threshold, and left again."""
+
+from math import nan
+
+import pytest
+
+from stepdiag_ros.devices.cnc import CncState
+from stepdiag_ros.devices.interferometer import (
+    STATUS_BEAM_LOST,
+    STATUS_FAULT,
+    STATUS_LOW_SIGNAL,
+    STATUS_OK,
+    STATUS_OVERSPEED,
+)
+from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.run.device_health import DIM, GOOD, NO_BEAM_YET, WAS_LOST, Air, Axes, Beam
+from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, Level
+
+SECOND = 1_000_000_000
+STALE_AFTER = 2.0
+
+
+class LaserBench:
+    """A beam that is judged at one time, real and simulated the same."""
+
+    def __init__(self):
+        self.beam = Beam(STALE_AFTER, dim_below=0.2)
+        self.time = 100.0
+        self.beam.set_up(99 * SECOND)
+
+    def read(self, status=STATUS_OK, signal=1.0, wait=0.1):
+        self.time += wait
+        reading = Reading(round(self.time * SECOND), 0, 0.0, 0.0, signal, status, Environment())
+        return self.beam.take([reading], self.time)
+
+    def judge(self, wait=0.0, in_run=True):
+        self.time += wait
+        return self.beam.judge(round(self.time * SECOND), self.time, in_run)
+
+
+@pytest.fixture
+def laser():
+    return LaserBench()
+
+
+def test_without_any_reading_no_run_can_begin(laser):
+    laser.beam.begin(laser.time)
+    finding = laser.judge(STALE_AFTER)
+    assert finding.level is Level.STALE and not finding.forbids, "it may still come"
+    finding = laser.judge(0.1)
+    assert finding.level is Level.STALE and finding.forbids
+    assert finding.values["age of the last reading (s)"] == UNKNOWN
+
+
+def test_a_beam_goes_stale_when_readings_stop_and_comes_back(laser):
+    laser.read()
+    assert laser.judge().message == GOOD
+    assert laser.judge(STALE_AFTER).level is Level.OK
+    finding = laser.judge(0.01)
+    assert finding.level is Level.STALE and finding.forbids
+    assert finding.message == "no reading has come for more than 2 s"
+    laser.read()
+    finding = laser.judge()
+    assert finding.level is Level.OK and not finding.forbids
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (STATUS_BEAM_LOST, "beam is lost"),
+        (STATUS_OVERSPEED, "too fast"),
+        (STATUS_FAULT, "fault of its own"),
+        (99, "unknown status 99"),
+    ],
+)
+def test_a_lost_beam_is_an_error_and_its_zero_stays_lost_until_the_next_setup(laser, status, words):
+    laser.read()
+    assert laser.read(status)
+    finding = laser.judge()
+    assert finding.level is Level.ERROR and words in finding.message
+    # The run goes on with another attempt at the line: what forbids that is judged elsewhere.
+    assert not finding.forbids
+    assert not laser.read(status), "nothing has changed"
+    assert laser.read(STATUS_OK)
+    assert (laser.judge().level, laser.judge().message) == (Level.WARN, WAS_LOST)
+    for _ in range(100):
+        laser.read()
+    assert laser.judge().message == WAS_LOST
+    laser.beam.set_up(round(laser.time * SECOND))
+    assert laser.judge().message == GOOD
+    assert laser.judge().values["times lost since the start"] == "1"
+
+
+def test_what_was_lost_before_a_setup_does_not_matter_to_it(laser):
+    laser.beam.expect_setup()
+    laser.read(STATUS_BEAM_LOST)
+    assert laser.judge().message == NO_BEAM_YET
+    laser.beam.set_up(round((laser.time + 1.0) * SECOND))
+    laser.read(STATUS_BEAM_LOST)
+    assert laser.judge().message == NO_BEAM_YET, "readings of before the setup still come"
+    laser.read(wait=2.0)
+    assert laser.judge().message == GOOD
+    laser.read(STATUS_BEAM_LOST)
+    laser.read()
+    assert laser.judge().message == WAS_LOST
+    assert laser.judge(in_run=False).message == GOOD
+
+
+def test_outside_a_run_a_missing_beam_is_only_worth_a_warning(laser):
+    laser.read(STATUS_BEAM_LOST)
+    finding = laser.judge(in_run=False)
+    assert (finding.level, finding.message) == (Level.WARN, NO_BEAM_YET)
+
+
+@pytest.mark.parametrize(("status", "signal"), [(STATUS_LOW_SIGNAL, 1.0), (STATUS_OK, 0.19)])
+def test_a_dim_beam_is_told_for_a_while(laser, status, signal):
+    laser.read(signal=0.2)
+    assert laser.judge().message == GOOD, "the limit itself is bright enough"
+    laser.read(status, signal)
+    assert (laser.judge().level, laser.judge().message) == (Level.WARN, DIM)
+    laser.read()
+    assert laser.judge(HOLD - 0.2).message == DIM
+    laser.read()
+    assert laser.judge(0.3).message == GOOD
+
+
+def test_signal_is_told_over_the_last_whole_window(laser):
+    laser.judge()
+    for signal in (1.0, 0.5, 0.3):
+        laser.read(signal=signal)
+    assert laser.judge().values["lowest signal of the last second (0..1)"] == UNKNOWN
+    values = laser.judge(WINDOW).values
+    assert values["lowest signal of the last second (0..1)"] == "0.3"
+    assert values["mean signal of the last second (0..1)"] == "0.6"
+    # An instrument that does not tell its signal.
+    laser.read(signal=nan)
+    values = laser.judge(WINDOW).values
+    assert values["lowest signal of the last second (0..1)"] == UNKNOWN
+    assert laser.judge().message == GOOD
+
+
+class TestAir:
+    GOOD = Environment(20.0, 101325.0, 0.5, 20.1)
+
+    def test_sensors_that_have_not_spoken(self):
+        air = Air(10.0)
+        assert air.judge(0, 0.0).level is Level.STALE
+        air.take("air_temperature", 20.0, 0, 0.0)
+        assert air.judge(0, 0.1).level is Level.STALE
+        finding = air.judge(0, HOLD)
+        assert finding.level is Level.ERROR
+        assert "air pressure and relative humidity" in finding.message
+
+    def test_all_known(self):
+        air = Air(10.0)
+        air.take_all(self.GOOD, SECOND, 1.0)
+        finding = air.judge(SECOND, 1.0)
+        assert finding.level is Level.OK and finding.values["air pressure (Pa)"] == "101325"
+
+    def test_values_grow_old_and_are_known_again(self):
+        air = Air(10.0)
+        air.take_all(self.GOOD, SECOND, 1.0)
+        assert air.judge(11 * SECOND, 11.0).level is Level.OK
+        assert air.judge(11 * SECOND + 1, 11.1).level is Level.ERROR
+        air.take_all(self.GOOD, 12 * SECOND, 12.0)
+        assert air.judge(12 * SECOND, 12.0).level is Level.OK
+
+    def test_one_sensor_that_is_silent_is_named(self):
+        air = Air(10.0)
+        air.take_all(self.GOOD, SECOND, 1.0)
+        for name in ("air_temperature", "relative_humidity", "material_temperature"):
+            air.take(name, getattr(self.GOOD, name), 15 * SECOND, 15.0)
+        finding = air.judge(15 * SECOND, 15.0)
+        assert finding.message == "air pressure is not known: readings are not compensated"
+
+    @pytest.mark.parametrize(
+        ("field", "value", "level"),
+        [
+            ("air_pressure", 1013.25, Level.ERROR),
+            ("relative_humidity", 50.0, Level.ERROR),
+            ("relative_humidity", 1.0, Level.OK),
+            ("air_temperature", 293.15, Level.ERROR),
+            ("air_temperature", nan, Level.ERROR),
+            ("material_temperature", nan, Level.WARN),
+        ],
+    )
+    def test_a_value_of_another_unit_or_none(self, field, value, level):
+        air = Air(10.0)
+        air.take_all(self.GOOD._replace(**{field: value}), SECOND, 1.0)
+        finding = air.judge(SECOND, 1.0)
+        assert finding.level is level, finding
+        assert level is Level.OK or field.replace("_", " ") in finding.message
+
+
+class TestAxes:
+    def judged(self, axes, state=CncState.READY, reason="", time=1.0):
+        return axes.judge(state, reason, round(time * SECOND), time)
+
+    def at(self, x):
+        axes = Axes(2.0)
+        axes.limit((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+        axes.take((x, 0.5, 0.5), SECOND, 1.0)
+        return axes
+
+    def test_no_position_yet(self):
+        axes = Axes(2.0)
+        axes.begin(1.0)
+        assert not self.judged(axes, time=3.0).forbids
+        finding = self.judged(axes, time=3.1)
+        assert finding.level is Level.STALE and finding.forbids
+        assert finding.values["position of X (m)"] == UNKNOWN
+
+    def test_positions_go_stale_and_come_back(self):
+        axes = self.at(0.5)
+        assert self.judged(axes, time=3.0).level is Level.OK
+        finding = self.judged(axes, time=3.1)
+        assert finding.level is Level.STALE and finding.forbids
+        assert finding.message == "no actual position has come for more than 2 s"
+        axes.take((0.5, 0.5, 0.5), 4 * SECOND, 4.0)
+        assert self.judged(axes, time=4.0).level is Level.OK
+
+    def test_the_state_of_the_controller_is_told_in_words(self):
+        axes = self.at(0.5)
+        stopped = self.judged(axes, CncState.STOPPED, "stopped on request")
+        assert stopped.level is Level.WARN and "stopped on request" in stopped.message
+        faulty = self.judged(axes, CncState.FAULT, "servo alarm 401")
+        assert faulty.level is Level.ERROR and "servo alarm 401" in faulty.message
+        moving = self.judged(axes, CncState.MOVING)
+        assert moving.says(self.judged(axes)), "a move is no news"
+        assert moving.values["state"] == "moving"
+
+    def test_a_machine_beyond_its_soft_limits(self):
+        assert self.judged(self.at(1.0 + 1e-7)).level is Level.OK
+        finding = self.judged(self.at(1.001))
+        assert finding.level is Level.WARN and finding.message.endswith("in X")
+        assert self.judged(self.at(-0.001)).level is Level.WARN

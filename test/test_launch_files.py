@@ -1,0 +1,176 @@
+"""Launch files: arguments, nodes and parameters, as far as they can be checked without ROS 2."""
+
+import re
+import sys
+from pathlib import Path
+
+import fake_launch
+import pytest
+
+from stepdiag_ros.parameter_documents import parameter_file
+from stepdiag_ros.parameters import NODES, declared_node
+from stepdiag_ros.session.cell_file import check_cell_file
+
+ROOT = Path(__file__).parents[1]
+FILES = {path.name.removesuffix(".launch.py"): path for path in (ROOT / "launch").iterdir()}
+EVALUATION = ["assembler", "solver", "evaluator", "diagnosis"]
+DEVICES = ["weather", "bridge", "interferometer"]
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    for name, module in fake_launch.modules().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    yield lambda name, **values: fake_launch.launched(FILES[name], **values)
+    sys.modules.pop("stepdiag_ros.session.launching", None)
+
+
+@pytest.fixture
+def cell_file(tmp_path):
+    path = tmp_path / "cell.yaml"
+    path.write_text(parameter_file(NODES))
+    return path
+
+
+def kind(action):
+    return type(action).__name__
+
+
+def parameters(action):
+    """Return the parameters of a node that do not come from a file."""
+    given = {}
+    for source in action.options["parameters"]:
+        if isinstance(source, dict):
+            given.update(source)
+    return {
+        name: value.arguments[0] if kind(value) == "ParameterValue" else value
+        for name, value in given.items()
+    }
+
+
+def test_there_are_the_launch_files_that_the_documentation_names():
+    assert set(FILES) == {"simulated_cell", "measure", "replay", "monitor"}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_argument_is_described(launched, cell_file, name):
+    required = {"measure": {"parameters": str(cell_file)}, "replay": {"bag": "run.mcap"}}
+    arguments, actions = launched(name, **required.get(name, {}))
+    for options in arguments.values():
+        assert len(options["description"]) >= 10
+    must = {name for name, options in arguments.items() if options["default_value"] is None}
+    assert must == set(required.get(name, {}))
+    for action in actions:
+        if "executable" not in action.options:
+            continue
+        node = declared_node(action.options["executable"])
+        assert node in NODES
+        assert action.options["name"] == node.name
+        assert (kind(action) == "LifecycleNode") == (action.options["executable"] in DEVICES)
+        for parameter, value in parameters(action).items():
+            node.check(parameter, value)
+
+
+def executables(actions):
+    return [action.options["executable"] for action in actions if "executable" in action.options]
+
+
+def test_a_simulated_cell_runs_in_simulated_time_in_one_weather(launched):
+    _, actions = launched("simulated_cell", factor="20", folder="/tmp/12", seed="7")
+    assert sorted(executables(actions)) == sorted(
+        ["clock", "recorder", *EVALUATION, *DEVICES, "sequencer"]
+    )
+    given = {action.options["executable"]: parameters(action) for action in actions}
+    assert given["clock"] == {"factor": 20.0}
+    assert all(values["use_sim_time"] for name, values in given.items() if name != "clock")
+    assert given["recorder"]["folder"] == "/tmp/12"
+    assert given["interferometer"]["seed"] == 7
+    assert given["interferometer"]["weather_begins"] == given["weather"]["weather_begins"] > 0
+    with pytest.raises(ValueError, match="the argument factor is 'fast'; expected a number"):
+        launched("simulated_cell", factor="fast")
+    with pytest.raises(ValueError, match=r"'factor' of node clock is 0\.0; expected"):
+        launched("simulated_cell", factor="0")
+
+
+def test_a_machine_is_measured_with_the_parameters_of_one_file(launched, cell_file):
+    _, actions = launched("measure", parameters=str(cell_file), namespace="cell_1")
+    assert sorted(executables(actions)) == sorted(
+        ["recorder", *EVALUATION, *DEVICES, "sequencer"]
+    ), "and no clock"
+    for action in actions:
+        assert action.options["parameters"] == [str(cell_file)]
+        assert action.options["namespace"] == "cell_1"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("/**/cnc_bridge:", "/**/cnc_brigde:", "is none of the nodes; did you mean cnc_bridge?"),
+        ("/**/cnc_bridge:", "/cell_2/cnc_bridge:", "none of the nodes; the nodes are /cell_1/ass"),
+        (r"    position_rate: 50.0", r"    positionrate: 50.0", "did you mean 'position_rate'?"),
+        (r"    position_rate: 50.0", r"    position_rate: 50", "is 50; expected a number with"),
+        (
+            r"(cnc_bridge:\n(.*\n)*?)    device: 'simulated'\n",
+            r"\1",
+            "there is no 'device' for cnc_bridge; say which driver it has",
+        ),
+        (r"\A", "- ", "is not YAML|must map node names"),
+    ],
+)
+def test_a_file_that_does_not_fit_the_cell_is_refused(launched, cell_file, old, new, message):
+    old = old if "\\" in old else re.escape(old)
+    text, count = re.subn(old, new, cell_file.read_text(), count=1)
+    assert count == 1
+    cell_file.write_text(text)
+    with pytest.raises(ValueError, match=message if "|" in message else re.escape(message)) as info:
+        launched("measure", parameters=str(cell_file), namespace="cell_1")
+    assert str(cell_file) in str(info.value)
+
+
+def test_a_file_for_all_namespaces_fits_any():
+    pytest.importorskip("yaml")
+    with pytest.raises(ValueError, match="cannot be read"):
+        check_cell_file("/nowhere/cell.yaml")
+
+
+def test_a_replay_begins_when_the_nodes_that_evaluate_listen(launched):
+    _, actions = launched("replay", bag="run.mcap", rate="20")
+    assert executables(actions) == EVALUATION
+    assert all(parameters(action)["use_sim_time"] for action in actions[:-1])
+    program, *words = actions[-1].options["cmd"]
+    assert program.options == {"package": "stepdiag_ros", "executable": "stepdiag"}
+    assert words == ["replay", "run.mcap", "--rate", "20", "--wait-for", *EVALUATION]
+
+    from stepdiag_ros.cli import make_parser
+
+    understood = make_parser().parse_args(words)
+    assert understood.wait_for == EVALUATION and understood.rate == 20.0
+
+
+def test_a_monitor_starts_rviz_only_if_asked(launched):
+    arguments, actions = launched("monitor")
+    assert executables(actions) == ["scene"]
+    assert parameters(actions[0]) == {"use_sim_time": False, "frame_prefix": ""}
+    assert Path(arguments["rviz_config"]["default_value"]).is_file()
+    given = {"use_sim_time": "true", "namespace": "cell_1", "frame_prefix": "cell_1/"}
+    _, (scene, rviz) = launched("monitor", rviz="true", **given)
+    assert parameters(scene) == {"use_sim_time": True, "frame_prefix": "cell_1/"}
+    assert parameters(rviz) == {"use_sim_time": True}
+    assert rviz.options["arguments"][-2:] == ["-f", "cell_1/machine"]
+    assert ("/result/error_markers", "/cell_1/result/error_markers") in rviz.options["remappings"]
+    assert all(not plain.startswith("/tf") for plain, _ in rviz.options["remappings"])
+
+
+def test_every_message_package_that_the_code_uses_is_a_dependency():
+    manifest = (ROOT / "package.xml").read_text()
+    used = set()
+    for path in (ROOT / "stepdiag_ros").rglob("*.py"):
+        if "embedded" not in path.parts:
+            imported = r"^\s*from (\w+)\.(?:msg|srv|action) import"
+            used |= set(re.findall(imported, path.read_text(), re.MULTILINE))
+            used |= set(re.findall(r'"(\w+)/msg/\w+"', path.read_text()))
+    for definition in (*(ROOT / "msg").iterdir(), *(ROOT / "action").iterdir()):
+        used |= set(re.findall(r"^(\w+)/\w+", definition.read_text(), re.MULTILINE))
+    assert len(used) > 8
+    for package in used - {"stepdiag_ros"}:
+        assert f"depend>{package}<" in manifest, package

@@ -1,0 +1,128 @@
+"""Who attends a run of ``stepdiag measure``: with a terminal, without one, and what is printed."""
+
+import os
+import pty
+import time
+from pathlib import Path
+
+import pytest
+
+from stepdiag_ros.cli import make_parser
+from stepdiag_ros.commands import measure
+from stepdiag_ros.commands.measure import _Attendant
+from stepdiag_ros.run.conclusion import Outcome
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.session.following import Measured, RunFailed, _told
+
+SETUP = "align laser and mirror for ppp XYZ, then resume"
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Make standard input a terminal; return what is typed on."""
+    keyboard, screen = pty.openpty()
+    with os.fdopen(screen) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        yield keyboard
+    os.close(keyboard)
+
+
+def insists(attendant, state, text, limit=5.0):
+    """Ask until the attendant wants to go on."""
+    end = time.monotonic() + limit
+    while not attendant(state, text):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_enter_goes_on_once_it_was_said_why_the_run_is_held(terminal, capsys):
+    attendant = _Attendant()
+    # Typed before anybody could know that the machine stands: it must not start it.
+    os.write(terminal, b"\n")
+    time.sleep(0.1)
+    for _ in range(5):
+        assert not attendant(State.FAULT, "the beam is lost")
+        time.sleep(0.01)
+    assert capsys.readouterr().err == "the beam is lost: Enter goes on, Ctrl-C ends the run\n"
+    os.write(terminal, b"\n")
+    insists(attendant, State.FAULT, "the beam is lost")
+    # Held once more for the same reason: said once more, and Enter is wanted once more.
+    for _ in range(5):
+        assert not attendant(State.FAULT, "the beam is lost")
+    assert "the beam is lost" in capsys.readouterr().err
+    assert not attendant(State.WAITING_FOR_SETUP, SETUP)
+    assert capsys.readouterr().err == f"{SETUP}: Enter goes on, Ctrl-C ends the run\n"
+
+
+def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, capsys):
+    with Path(os.devnull).open() as nothing:
+        monkeypatch.setattr("sys.stdin", nothing)
+        attendant = _Attendant()
+        for _ in range(3):
+            assert not attendant(State.WAITING_FOR_SETUP, SETUP)
+        assert capsys.readouterr().err == f"{SETUP}: the service sequencer/resume goes on\n"
+        with pytest.raises(RunFailed, match="the run has stopped: the beam is lost"):
+            attendant(State.FAULT, "the beam is lost")
+
+
+def test_what_a_run_came_to_is_printed(capsys):
+    measured = Measured(
+        Outcome.ABORTED,
+        "aborted by the operator",
+        "20261121T110000Z-abcdef",
+        17,
+        42,
+        ("ppp XYZ forward, repeat 0: stop 3: no beam",),
+        "UNKNOWN",
+        "not known: there is no diagnosis node",
+        None,
+        False,
+        "not known: no recorder says where it has recorded this run",
+    )
+    measure._show(measured, as_json=False)
+    assert capsys.readouterr().out.splitlines() == [
+        "run:     20261121T110000Z-abcdef",
+        "outcome: aborted by the operator (17 of 42 stops)",
+        "left:    ppp XYZ forward, repeat 0: stop 3: no beam",
+        "verdict: UNKNOWN, not known: there is no diagnosis node",
+        "bag:     unknown (not known: no recorder says where it has recorded this run)",
+    ]
+    # The fixture of all tests holds it against its schema.
+    measure._show(measured, as_json=True)
+    assert '"bag": null' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"), [("/cell_1", "/cell_1"), ("cell_1", "/cell_1"), ("/a/b_2", "/a/b_2")]
+)
+def test_a_namespace_is_taken_with_or_without_its_slash(given, taken):
+    assert make_parser().parse_args(["measure", "--namespace", given]).namespace == taken
+    assert make_parser().parse_args(["measure"]).namespace == ""
+
+
+@pytest.mark.parametrize("given", ["1 bad", "/cell_1/", "//a", "a-b", "/", "ä"])
+def test_what_is_no_namespace_is_refused(given, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        make_parser().parse_args(["measure", "--namespace", given])
+    assert f"'{given}' is no namespace, such as /cell_1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("state", "text", "said"),
+    [
+        (State.RUNNING, "measuring", "ppp XYZ forward"),
+        (State.WAITING_FOR_SETUP, SETUP, "aligning for ppp XYZ forward"),
+        (State.FINISHED, "all lines are measured; waiting for the verdict", None),
+        (State.FAULT, "the beam is lost", None),
+    ],
+)
+def test_the_progress_is_told_in_words(state, text, said):
+    class Message:
+        line = "ppp XYZ forward"
+        stops_done, stops_total, remaining_time = 17, 42, 12.5
+
+    message = Message()
+    message.state, message.text = int(state), text
+    told = _told(message, text if state is State.FINISHED else "")
+    assert told.text == (said or text)
+    assert (told.done, told.total, told.remaining) == (17, 42, 12.5)
