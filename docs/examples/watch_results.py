@@ -70,7 +70,7 @@ class WatchResults(Node):
         # The names alone; the reason stands behind the colon.
         unknown = [reason.partition(":")[0] for reason in errors.not_determined]
         if unknown:
-            text += f"; not determined: {', '.join(unknown)}"
+            text += f"; not wholly determined: {', '.join(unknown)}"
         self._say(errors.method, text)
 
     def _on_diagnosis(self, diagnosis: Diagnosis) -> None:

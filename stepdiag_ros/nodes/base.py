@@ -46,9 +46,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.create_timer(HEARTBEAT_PERIOD, self.beat, clock=self._real_clock)
         self.create_timer(HEARTBEAT_PERIOD / 2, self._look_around, clock=self._real_clock)
 
-    # Time --------------------------------------------------------------------------------------
-
-    # Services ------------------------------------------------------------------------
+    # Services ------------------------------------------------------------------------------------
 
     def offer(self, name: str, action: Callable[[], str]) -> None:
         """Offer a Trigger service; the action returns what it did, or raises ValueError."""

@@ -21,6 +21,7 @@ from stepdiag_ros.run.supervision import (
     RUN_ID,
     SESSION,
     Peer,
+    measure_together,
     peer_of,
 )
 
@@ -203,8 +204,8 @@ class Health:
     def peers_in(self, array: Any) -> list[tuple[str, Peer]]:
         """Return the heartbeats of other nodes in an array: full name of the node, what it says.
 
-        Where time is simulated, a recording may be played, and the heartbeats in it are those of
-        nodes that are long gone; they are left out.
+        Those of other cells are left out. Where time is simulated, a recording may be played, and
+        the heartbeats in it are those of nodes that are long gone; they are left out too.
         """
         found = []
         for status in array.status:
@@ -217,6 +218,8 @@ class Health:
                 self._real_time(),
             )
             if peer is None or peer[1].session == self._session:
+                continue
+            if not measure_together(self._node.get_namespace(), *peer):
                 continue
             if not self._may_be_recorded() or self._is_alive(*peer):
                 found.append(peer)

@@ -14,8 +14,11 @@ RETRY = 1.0
 service had found each other wholly is lost."""
 GHOST = 30.0
 """Real seconds after which a process that was killed is no longer taken for there by any
-middleware. A client that is destroyed earlier waits, up to a second, for it to confirm a request:
-the node that destroys it is deaf meanwhile."""
+middleware."""
+CONFIRMED = 5.0
+"""Real seconds after which a process that is there has confirmed a request, if busy. A client that
+is destroyed before all have confirmed what it sent waits for that, up to a second, and the node
+that destroys it is deaf meanwhile."""
 VALUE_FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -88,7 +91,10 @@ class ParameterCollector:
             if name in self._asked:
                 self._asked[name] = (real, *self._asked[name][1:])
         if name in self.values:
-            if real - self._revived.get(name, -GHOST) >= GHOST:
+            if (
+                real - self._asked_last[name] >= CONFIRMED
+                and real - self._revived.get(name, -GHOST) >= GHOST
+            ):
                 self._forget(name)
             return
         if real - self._asked_last.get(name, -RETRY) < RETRY:

@@ -16,7 +16,8 @@ SILENCE_LIMIT = 2.0
 """Real seconds without a heartbeat after which a node counts as lost."""
 WORK_LEFT = "work_left"
 """Fact by which a node says how many results it still owes to what it has heard."""
-
+CLOCK_ROLE = "clock"
+"""Role of the node that tells simulated time."""
 HEARD_UNTIL = "heard_until"
 """Fact by which a recorder says up to which time, ns, it has taken the readings."""
 
@@ -71,6 +72,20 @@ def peer_of(
         faulty=level >= FAULTY_LEVEL,
         facts=dict(values),
     )
+
+
+def measure_together(namespace: str, name: str, peer: Peer) -> bool:
+    """Say whether another node belongs to the measurement of a node, and is not of another cell.
+
+    /diagnostics is one for all cells of a domain, but the nodes of a measurement share a namespace;
+    only the clock may be one for all.
+
+    Args:
+        namespace: of the node, for example ``/cell``.
+        name: of the other node, in full.
+        peer: the other node.
+    """
+    return peer.role == CLOCK_ROLE or (name.rpartition("/")[0] or "/") == namespace
 
 
 def fact_of_run(run_id: str, value: str) -> str:

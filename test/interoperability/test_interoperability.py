@@ -3,7 +3,7 @@
 Where no ROS 2 is sourced, the embedded client asks itself, so that the questions stay right. With
 one (docs/ros2.md):
 
-    PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv/bin/python -m pytest -v -rs test/interoperability
+    PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv/bin/python -m pytest -vv -rs test/interoperability
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import pytest
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.health import Finding, Level
-from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD
+from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, measure_together, peer_of
 
 
 class Log(list):
@@ -24,11 +24,13 @@ class Speaker:
 
         self.log, self.arrays, self.time = Log(), [], 100.0
         self.simulated, self.graph = False, [("recorder", "/cell")]
+        self.namespace = "/cell"
         now = SimpleNamespace(to_msg=lambda: Time(sec=5))
         node = SimpleNamespace(
             get_logger=lambda: self.log,
             get_clock=lambda: SimpleNamespace(now=lambda: now),
             get_fully_qualified_name=lambda: "/cell/recorder",
+            get_namespace=lambda: self.namespace,
             get_parameter=lambda _name: SimpleNamespace(value=self.simulated),
             get_node_names_and_namespaces=lambda: self.graph,
             context=SimpleNamespace(ok=lambda: True),
@@ -139,6 +141,24 @@ def test_others_know_the_node_by_its_heartbeat(speaker):
     assert "nothing" not in peer.facts
     assert other.arrays[-1].status[0].hardware_id == "serial 17"
     assert other.health.peers_in(other.arrays[-1]) == [], "nobody is a peer of itself"
+
+
+@pytest.mark.parametrize("namespace", ["/", "/cell_2", "/cell/inner", "/cel"])
+def test_nodes_of_another_cell_are_no_peers(speaker, namespace):
+    other = Speaker()
+    other.health.beat()
+    speaker.namespace = namespace
+    assert speaker.health.peers_in(other.arrays[-1]) == []
+
+
+@pytest.mark.parametrize("name", ["/clock", "/simulation/clock"])
+def test_one_clock_may_be_there_for_all_cells(name):
+    values = {"role": "clock", "session": "1"}
+    named = peer_of(f"{name[1:]}: heartbeat", 0, "", values, 0.0)
+    assert named is not None and measure_together("/cell", *named)
+    lent = peer_of("recorder: heartbeat", 0, "", {**values, "role": "recorder"}, 0.0)
+    assert lent is not None and measure_together("/", *lent)
+    assert not measure_together("/cell", *lent)
 
 
 def test_heartbeats_in_a_recording_are_of_nobody(speaker):

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.declaration import Change
 from stepdiag_ros.nodes.managed import Stream
-from stepdiag_ros.nodes.parameters import GHOST, ParameterCollector
+from stepdiag_ros.nodes.parameters import CONFIRMED, GHOST, ParameterCollector
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.run.supervision import WORK_LEFT
 
@@ -229,14 +229,16 @@ def test_no_client_is_destroyed_while_a_killed_process_may_owe_it_a_confirmation
 
     collector.ask("/clock", "first", 0.0)
     answered()
-    collector.ask("/clock", "first", 0.5)
+    collector.ask("/clock", "first", 0.9 * CONFIRMED)
+    assert letters.destroyed == 0, "it was asked a moment ago"
+    collector.ask("/clock", "first", CONFIRMED)
     assert letters.destroyed == 2, "nobody was killed"
 
-    collector.ask("/clock", "second", 1.0)
+    collector.ask("/clock", "second", 10.0)
     answered()
-    collector.ask("/clock", "second", 1.5 + GHOST / 2)
+    collector.ask("/clock", "second", 10.0 + GHOST / 2)
     assert letters.destroyed == 2, "the first process was killed a moment ago"
-    collector.ask("/clock", "second", 1.0 + GHOST)
+    collector.ask("/clock", "second", 10.0 + GHOST)
     assert letters.destroyed == 4
 
     collector.ask("/clock", "third", 50.0)

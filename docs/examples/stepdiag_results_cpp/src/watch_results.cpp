@@ -149,7 +149,7 @@ private:
     for (std::size_t i = 0; i < errors.not_determined.size(); ++i) {
       const std::string & reason = errors.not_determined[i];
       // The names alone; the reason stands behind the colon.
-      text += (i == 0 ? "; not determined: " : ", ") + reason.substr(0, reason.find(':'));
+      text += (i == 0 ? "; not wholly determined: " : ", ") + reason.substr(0, reason.find(':'));
     }
     say(errors.method, text);
   }
