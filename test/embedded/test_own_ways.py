@@ -82,7 +82,7 @@ def test_broken_sample_is_said_once_and_survived(node: Any, capfd: Any) -> None:
     got: list[str] = []
     node.create_subscription(String, "chat", lambda m: got.append(m.data), 10)
     publisher = node.create_publisher(String, "chat", 10)
-    for data in (b"\0\1\0\0" + b"\xff" * 40, b"\0\1\0\0\1\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"):
+    for data in (b"\0\1\0\0" + b"\xff" * 40, b"\0\1\0\0\5\0\0\0good"):
         publisher.publish(data)
     publisher.publish(String(data="good"))
     assert spin_until(node, lambda: bool(got))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -92,9 +93,16 @@ def test_readings_that_never_come_do_not_keep_the_bag_open(
         assert "/measurement/stop" in bag.topics
 
 
-def test_the_heartbeat_says_how_far_the_readings_were_taken(recorder: RecorderNode) -> None:
-    recorder.beat()
-    assert HEARD_UNTIL not in recorder.facts
+def test_the_heartbeat_says_how_far_the_readings_were_taken(
+    recorder: RecorderNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Any] = []
+    monkeypatch.setattr(recorder.health, "_publisher", SimpleNamespace(publish=told.append))
+
+    def heartbeat() -> dict[str, str]:
+        recorder.beat()
+        return {entry.key: entry.value for entry in told[-1].status[0].values}
+
+    assert HEARD_UNTIL not in heartbeat()
     recorder._record(topics.READING, stamped(topics.READING, 2.5))
-    recorder.beat()
-    assert recorder.facts[HEARD_UNTIL] == "2500000000"
+    assert heartbeat()[HEARD_UNTIL] == "2500000000"
