@@ -43,8 +43,8 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.health.add_task("clock", self._judge_clock)
         self.health.add_task("links", self._judge_links)
         self.listen(DIAGNOSTICS, self._on_diagnostics)
-        self.create_timer(HEARTBEAT_PERIOD, self.beat, clock=self._real_clock)
-        self.create_timer(HEARTBEAT_PERIOD / 2, self._look_around, clock=self._real_clock)
+        self.every(HEARTBEAT_PERIOD, self.beat, real=True)
+        self.every(HEARTBEAT_PERIOD / 2, self._look_around, real=True)
 
     # Services ------------------------------------------------------------------------------------
 

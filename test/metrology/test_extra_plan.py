@@ -192,7 +192,7 @@ def _squares(measurement, setting, diagnosis):
             for line in measurement.lines
         ),
     )
-    baseline = fit_baseline(plain, stops, fitted=SAG.columns(setting, stops))
+    baseline = fit_baseline(plain, stops, fitted=[ActiveEffect(SAG, setting, {})])
     gap = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation).gap
     return float(gap @ gap)
 

@@ -72,7 +72,7 @@ def fit_baseline(
     measurement: Measurement,
     stops: Stops,
     known: Sequence[ActiveEffect] = (),
-    fitted: Vector | None = None,
+    fitted: Sequence[ActiveEffect] = (),
     curves: Mapping[str, Sequence[float]] | None = None,
 ) -> Baseline:
     """Fit what is free to a run.
@@ -81,8 +81,7 @@ def fit_baseline(
         measurement: the run.
         stops: of the same run.
         known: effects that the model has with fixed sizes.
-        fitted: columns of effects that the model has with free sizes, m per unit, shape
-            (stops, e).
+        fitted: effects that the model has with free sizes.
         curves: name → values at the nodes, m, of curves that the model has fixed.
 
     Raises:
@@ -99,9 +98,12 @@ def fit_baseline(
     further, remarks = _pass_zeros(measurement, stops)
     untold = [active.effect.unknown(active.setting, stops) for active in known]
     lengths = run_scales(stops)
-    extra = np.column_stack([further, *untold, *([] if fitted is None else [fitted]), lengths])[
-        good
+    free = [
+        part
+        for one in fitted
+        for part in (one.effect.columns(one.setting, stops), one.effect.unknown(one.setting, stops))
     ]
+    extra = np.column_stack([further, *untold, *free, lengths])[good]
     design = Design(observations, "", extra)
     matrix = design.matrix
     fit = design.fit()

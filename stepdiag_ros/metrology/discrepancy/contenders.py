@@ -45,17 +45,7 @@ class Contenders:
         curves: Mapping[str, Sequence[float]],
     ) -> None:
         stops = diagnosis.stops
-        free = [
-            part
-            for one in fitted
-            for part in (
-                one.effect.columns(one.setting, stops),
-                one.effect.unknown(one.setting, stops),
-            )
-        ]
-        baseline = fit_baseline(
-            measurement, stops, known, np.column_stack(free) if free else None, curves
-        )
+        baseline = fit_baseline(measurement, stops, known, fitted, curves)
         problem = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation)
         taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
         self._found = signatures(catalogue, stops, problem, taken)

@@ -90,17 +90,7 @@ def diagnose(
     if gross:
         return _gross(stops, gross)
     tell("fitting the baseline")
-    columns = [
-        part
-        for one in fitted
-        for part in (
-            one.effect.columns(one.setting, stops),
-            one.effect.unknown(one.setting, stops),
-        )
-    ]
-    baseline = fit_baseline(
-        measurement, stops, known, np.column_stack(columns) if columns else None, curves
-    )
+    baseline = fit_baseline(measurement, stops, known, fitted, curves)
     stated = _stated(measurement)
     noise = estimate_noise(baseline, baseline.gap, stops, stated)
     effects = _effects(catalogue)

@@ -185,19 +185,10 @@ def without_effects(measurement: Measurement, effects: Sequence[ActiveEffect]) -
 
 
 def _baseline(measurement: Measurement, model: MachineModel) -> Baseline:
-    stops = stops_of(measurement)
-    columns = [
-        part
-        for one in model.of_status(FITTED)
-        for part in (
-            one.effect.columns(one.setting, stops),
-            one.effect.unknown(one.setting, stops),
-        )
-    ]
     return fit_baseline(
         measurement,
-        stops,
+        stops_of(measurement),
         model.of_status(FIXED),
-        np.column_stack(columns) if columns else None,
+        model.of_status(FITTED),
         model.curves,
     )

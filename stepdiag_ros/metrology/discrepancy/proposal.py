@@ -163,7 +163,7 @@ def propose(
     if not unclear:
         return Proposal((), None, float("nan"), float("nan"), (), ())
     stops = diagnosis.stops
-    baseline = fit_baseline(measurement, stops, known, None, curves)
+    baseline = fit_baseline(measurement, stops, known, curves=curves)
     if catalogue is None:
         # Late, since effects of other packages are imported with it.
         from stepdiag_ros.metrology.effects import catalogue as installed
