@@ -15,6 +15,7 @@ SHARED = [
     "config.instruments",
     "config.trackers",
     "config.models",
+    "config.devices",
     "config.rviz",
     "config.foxglove",
     "config.plotjuggler",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
-Folder = Literal["plans", "machines", "cells", "instruments", "trackers", "models"]
+Folder = Literal["plans", "machines", "cells", "instruments", "trackers", "models", "devices"]
 Made = TypeVar("Made")
 
 _BARE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -33,6 +33,7 @@ _SINGULAR = {
     "instruments": "instrument",
     "trackers": "tracker",
     "models": "model",
+    "devices": "device file",
 }
 
 
@@ -304,3 +305,22 @@ def load_model(name_or_path: str | Path) -> "tuple[MachineModel, str]":
         ValueError: not found, not readable or wrong; one sentence with file and line or key.
     """
     return _load(name_or_path, "models", model_from_text)
+
+
+def load_device(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
+    """Return the settings of a device's driver, and the text; see ``load_plan``.
+
+    Args:
+        name_or_path: path of a YAML file, or a name in ``config/devices``.
+
+    Raises:
+        ValueError: not found, not readable, or no table of settings; names the file.
+    """
+    return _load(name_or_path, "devices", _settings_from_text)
+
+
+def _settings_from_text(text: str, source: str) -> dict[str, Any]:
+    parsed = parse_yaml(text, source)
+    if not isinstance(parsed, dict):
+        raise ValueError(f"{source}: a device file is a table of settings, 'name: value' each")
+    return parsed

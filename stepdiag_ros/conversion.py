@@ -7,7 +7,7 @@ messages. A run's identity is in every message and in no data class, so it is gi
 
 import importlib
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,9 @@ NANOSECONDS = 1_000_000_000
 PURPOSE_STOP = 0
 PURPOSE_POSITION = 1
 STATUS_IN_POSITION = 2
+
+MOTORS = tuple(f"{axis}_motor" for axis in AXES)
+"""Joints of JointState that say where the motors are; a controller's compensation lies between."""
 
 NewMessage = Callable[[str], Any]
 """Makes an empty message of a full type name such as ``stepdiag_ros/msg/RunState``."""
@@ -79,10 +82,22 @@ def axis_positions(message: Any) -> tuple[float, float, float] | None:
 
     The name of its topic is everybody's: a robot beside the machine may use it too.
     """
+    return _joints(message, AXES)
+
+
+def motor_positions(message: Any) -> tuple[float, float, float] | None:
+    """Return where the motors of X, Y, Z are (m), before the controller's own compensation.
+
+    None if the ``sensor_msgs/JointState`` does not tell.
+    """
+    return _joints(message, MOTORS)
+
+
+def _joints(message: Any, names: Sequence[str]) -> tuple[float, float, float] | None:
     positions = dict(zip(message.name, message.position, strict=False))
-    if not all(axis in positions for axis in AXES):
+    if not all(name in positions for name in names):
         return None
-    return _triple(positions[axis] for axis in AXES)
+    return _triple(positions[name] for name in names)
 
 
 def doubles(values: Any) -> "array[float]":

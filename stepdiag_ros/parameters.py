@@ -35,6 +35,12 @@ _WEATHER_BEGINS = Declaration(
     low=0,
     high=2**62,
 )
+_DEVICE_FILE = Declaration(
+    "device_file",
+    "",
+    "settings of the driver: YAML file, or a name in config/devices; empty: the driver's defaults",
+    change=Change.WHILE_CLOSED,
+)
 _MANAGED = (
     Declaration(
         "autostart",
@@ -95,7 +101,8 @@ NODES: tuple[DeclaredNode, ...] = (
         "cnc_bridge",
         "the bridge to the machine's controller; it alone makes the machine move",
         (
-            Declaration("device", "simulated", "driver of the controller; there is: simulated"),
+            Declaration("device", "simulated", "driver of the controller (docs/devices.md)"),
+            _DEVICE_FILE,
             _MACHINE,
             _CELL,
             Declaration(
@@ -125,7 +132,8 @@ NODES: tuple[DeclaredNode, ...] = (
         "interferometer",
         "streams the readings of a laser interferometer",
         (
-            Declaration("device", "simulated", "driver of the instrument; there is: simulated"),
+            Declaration("device", "simulated", "driver of the instrument (docs/devices.md)"),
+            _DEVICE_FILE,
             _CELL,
             Declaration(
                 "rate",
@@ -203,9 +211,8 @@ NODES: tuple[DeclaredNode, ...] = (
         "weather",
         "publishes what the weather sensors say",
         (
-            Declaration(
-                "device", "simulated", "driver of the weather station; there is: simulated"
-            ),
+            Declaration("device", "simulated", "driver of the weather station (docs/devices.md)"),
+            _DEVICE_FILE,
             _CELL,
             Declaration(
                 "rate",

@@ -1,8 +1,13 @@
 """Drivers of controllers, interferometers and weather stations: one driver a module.
 
-A driver knows no ROS, holds no thread and no clock: time is given to it in whole nanoseconds, and
-it is asked (``poll``) for what has happened since. ``prepare`` finds one by its name, checks its
-settings, and returns what opens the device; a device that there is, is open until its ``close``.
+A driver knows no ROS and holds no clock: time is given to it in whole nanoseconds, and it is asked
+(``poll``) for what has happened since. It holds no thread unless its library needs one. ``prepare``
+finds one by its name, checks its settings, and returns what opens the device; a device that there
+is, is open until its ``close``.
+
+Drivers of other packages are found by entry points: group ``stepdiag_ros.cnc``,
+``stepdiag_ros.interferometer`` or ``stepdiag_ros.weather``, name of the driver, a function like
+those in the table below.
 
 Nothing of it takes long: while a device is opened or asked, its node is silent, and after 2 s the
 others take the node for lost. Opening a device, and any of its methods, may raise OSError (it does
@@ -13,6 +18,7 @@ then, and opens it anew.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any, Literal, overload
 
 from stepdiag_ros.devices.cnc import CncDevice
@@ -44,6 +50,12 @@ _DRIVERS: dict[tuple[Kind, str], str] = {
     ("weather", "simulated"): "stepdiag_ros.devices.weather.simulated:from_settings",
 }
 """Kind and name of a driver → module and function; imported only when it is asked for."""
+
+
+def known_drivers(kind: Kind) -> list[str]:
+    """Return the names of all drivers of a kind, those of other packages last."""
+    own = [name for other, name in _DRIVERS if other == kind]
+    return own + sorted(entry.name for entry in entry_points(group=_group(kind)))
 
 
 @overload
@@ -84,12 +96,29 @@ def prepare(
     Raises:
         ValueError: there is no such driver, or a setting is wrong; the text says what is expected.
     """
-    place = _DRIVERS.get((kind, name))
-    if place is None:
-        known = ", ".join(driver for other, driver in _DRIVERS if other == kind)
+    return _driver(kind, name)(settings, surroundings)
+
+
+def _driver(kind: Kind, name: str) -> Callable[..., Callable[[int], Device]]:
+    found: list[Callable[..., Callable[[int], Device]]] = []
+    if place := _DRIVERS.get((kind, name)):
+        module, function = place.split(":")
+        found.append(getattr(import_module(module), function))
+    for entry in entry_points(group=_group(kind), name=name):
+        try:
+            found.append(entry.load())
+        except (ImportError, AttributeError) as error:
+            place = f"the {kind} driver '{name}' ({entry.value})"
+            raise ValueError(f"{place} cannot be loaded: {error}") from error
+    if not found:
+        known = ", ".join(known_drivers(kind))
         raise ValueError(f"there is no {kind} driver '{name}'; known: {known}")
-    module, function = place.split(":")
-    driver: Callable[[Mapping[str, Any], Surroundings], Callable[[int], Device]] = getattr(
-        import_module(module), function
-    )
-    return driver(settings, surroundings)
+    if len(found) > 1:
+        raise ValueError(
+            f"there are {len(found)} {kind} drivers '{name}': remove a package that brings one"
+        )
+    return found[0]
+
+
+def _group(kind: Kind) -> str:
+    return f"stepdiag_ros.{kind}"

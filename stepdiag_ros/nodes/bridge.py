@@ -10,6 +10,7 @@ from typing import Any
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.conversion import (
+    MOTORS,
     from_command_status,
     new_message,
     set_header,
@@ -19,7 +20,7 @@ from stepdiag_ros.devices.cnc import CncDevice, CncState, MoveRefused, PositionS
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.refusals import sentence
 from stepdiag_ros.run.device_health import Axes
 from stepdiag_ros.run.health import Finding
@@ -45,7 +46,7 @@ class BridgeNode(DeviceNode[CncDevice]):
 
     def __init__(self) -> None:
         super().__init__("cnc_bridge")
-        simulated = self.parameter("device") == "simulated"
+        simulated = self.parameter("device") == SIMULATED
         cell = load_cell(self.parameter("cell"))[0] if simulated else None
         self._surroundings = Surroundings(load_machine(self.parameter("machine"))[0], cell)
         self.opener()
@@ -71,8 +72,8 @@ class BridgeNode(DeviceNode[CncDevice]):
 
     def opener(self, **changed: Any) -> Callable[[int], CncDevice]:
         """Return what opens the controller (see ``DeviceNode.opener``)."""
-        rate = changed.get("position_rate", self.parameter("position_rate"))
-        settings = {"position_rate_hz": rate}
+        settings = self.device_settings(changed, {})
+        settings["position_rate_hz"] = changed.get("position_rate", self.parameter("position_rate"))
         return prepare("cnc", self.parameter("device"), settings, self._surroundings)
 
     def on_open(self, device: CncDevice) -> None:
@@ -251,6 +252,9 @@ class BridgeNode(DeviceNode[CncDevice]):
         set_header(message, sample.time)
         message.name = list(AXES)
         message.position = list(sample.position)
+        if sample.motors is not None:
+            message.name = [*AXES, *MOTORS]
+            message.position = [*sample.position, *sample.motors]
         self._joints.publish(message)
 
     def _repeat_state(self) -> None:

@@ -14,6 +14,7 @@ from stepdiag_ros.conversion import (
     PURPOSE_STOP,
     axis_positions,
     from_reading,
+    motor_positions,
     new_message,
     to_command,
     to_nanoseconds,
@@ -23,7 +24,7 @@ from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, Interfero
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air, Beam
 from stepdiag_ros.run.health import Finding, Gaps, Rate
 from stepdiag_ros.run.sequence import Answer
@@ -45,7 +46,7 @@ SETTINGS = {
     "index_equation": "index_equation",
     "weather_begins": "weather_begins_ns",
 }
-"""Parameter → setting of the driver."""
+"""Parameter → setting of the simulated instrument."""
 
 
 class InterferometerNode(DeviceNode[InterferometerDevice]):
@@ -57,7 +58,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
 
     def __init__(self) -> None:
         super().__init__("interferometer")
-        simulated = self.parameter("device") == "simulated"
+        simulated = self.parameter("device") == SIMULATED
         self._cell = load_cell(self.parameter("cell"))[0] if simulated else None
         self.opener()
         self._beam = Beam(self.parameter("reading_timeout"), self.parameter("dim_signal"))
@@ -81,10 +82,9 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
 
     def opener(self, **changed: Any) -> Callable[[int], InterferometerDevice]:
         """Return what opens the instrument (see ``DeviceNode.opener``)."""
-        given = {name: self.parameter(name) for name in SETTINGS} | changed
-        settings = {setting: given[name] for name, setting in SETTINGS.items()}
-        if not given["rate"]:
-            del settings["rate_hz"]
+        settings = self.device_settings(changed, SETTINGS)
+        if not settings.get("rate_hz"):
+            settings.pop("rate_hz", None)
         surroundings = Surroundings(cell=self._cell)
         return prepare("interferometer", self.parameter("device"), settings, surroundings)
 
@@ -165,7 +165,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
             self.device.update_answer(int(message.command_id), time, in_position)
 
     def _on_joints(self, message: Any) -> None:
-        position = axis_positions(message)
+        position = motor_positions(message) or axis_positions(message)
         if self.device is not None and position is not None:
             with self.failing("tell the interferometer the position"):
                 self.device.update_position(to_nanoseconds(message.header.stamp), position)

@@ -6,6 +6,7 @@ node hears each message once however often it comes. Whoever cannot be understoo
 topics is named, in the log and on /diagnostics.
 """
 
+import time
 from collections import defaultdict
 from collections.abc import Callable
 from importlib import import_module
@@ -36,6 +37,10 @@ STEP_BACK = 1_000_000_000
 LOOK_PERIOD = 2.0
 """Real seconds between two looks at the other ends of a topic, one topic after another; where the
 middleware says that an end does not fit, its topic is looked at at once."""
+PATIENCE = 30.0
+"""Real seconds for which an outlet that keeps all waits for its slowest subscriber."""
+NAP = 0.005
+"""Real seconds between two tries to publish."""
 
 
 def quality(topic: Topic, keep_all: bool = False) -> QoSProfile:
@@ -69,27 +74,36 @@ class Outlet:
     Args:
         topic: which.
         publisher: on it.
-        real_time: returns the time in s of a clock that never steps.
+        node: that publishes.
+        patience: real seconds for which slow subscribers are waited for; 0 where the oldest
+            messages make way instead.
     """
 
-    def __init__(self, topic: Topic, publisher: Publisher, real_time: Callable[[], float]) -> None:
+    def __init__(
+        self, topic: Topic, publisher: Publisher, node: TimedNode, patience: float = 0.0
+    ) -> None:
+        self._patience = patience
         self._topic = topic
         self._class = message_class(topic)
         self._publisher = publisher
-        self._real_time = real_time
+        self._node = node
         self._repeater = Repeater(topic, REPEAT_PERIOD) if topic.qos.repeated else None
 
     def publish(self, message: Any) -> None:
-        """Publish a message, or the CDR bytes of one."""
+        """Publish a message, or the CDR bytes of one.
+
+        Raises:
+            ValueError: a subscriber does not take what has been published so far.
+        """
         if self._repeater is None:
-            self._publisher.publish(message)
+            self._send(message)
             return
         if isinstance(message, bytes):
             data, message = message, deserialize_message(message, self._class)
         else:
             data = serialize_message(message)
-        self._publisher.publish(data)
-        self._repeater.said(message, data, self._real_time())
+        self._send(data)
+        self._repeater.said(message, data, self._node.real_time())
 
     def forget_results(self) -> None:
         """Do not say again what follows from the run so far."""
@@ -99,13 +113,35 @@ class Outlet:
     def repeat(self) -> None:
         """Publish again what was said a while ago and still holds."""
         if self._repeater is not None:
-            for data in self._repeater.due(self._real_time()):
-                self._publisher.publish(data)
+            for data in self._repeater.due(self._node.real_time()):
+                self._send(data)
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions receive what is published."""
         count: int = self._publisher.get_subscription_count()
         return count
+
+    def _send(self, message: Any) -> None:
+        if not self._patience:
+            self._publisher.publish(message)
+            return
+        deadline = self._node.real_time() + self._patience
+        while True:
+            # Cyclone DDS waits by itself until there is room; Fast DDS gives up after 0.1 s, and
+            # its error has no class of its own.
+            try:
+                self._publisher.publish(message)
+            except RuntimeError as error:
+                if not self._node.context.ok():
+                    raise
+                if self._node.real_time() > deadline:
+                    raise ValueError(
+                        f"a subscriber of {self._topic.name} has not taken what was published "
+                        f"{self._patience:g} s ago: end it, or publish more slowly ({error})"
+                    ) from error
+                time.sleep(NAP)
+            else:
+                return
 
 
 class LinkedNode(TimedNode):
@@ -134,7 +170,7 @@ class LinkedNode(TimedNode):
         publisher = self.create_publisher(
             message_class(topic), topic.name, quality(topic, keep_all), event_callbacks=events
         )
-        outlet = Outlet(topic, publisher, self.real_time)
+        outlet = Outlet(topic, publisher, self, PATIENCE if keep_all else 0.0)
         if topic.qos.repeated:
             self._repeating.append(outlet)
         self._link_check.speaks(name, topic)

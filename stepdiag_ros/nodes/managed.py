@@ -14,7 +14,7 @@ The heartbeat goes on in every state, and says which.
 """
 
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import Enum
 from functools import partial
@@ -27,6 +27,7 @@ from rclpy.lifecycle import (
     TransitionCallbackReturn,
 )
 
+from stepdiag_ros.configuration import load_device
 from stepdiag_ros.declaration import Change
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
@@ -35,6 +36,8 @@ from stepdiag_ros.refusals import sentence
 from stepdiag_ros.run.health import Finding, Level
 from stepdiag_ros.topics import Topic
 
+SIMULATED = "simulated"
+"""Driver that every kind of device has."""
 CLOCK_PERIOD = 0.01
 """Real seconds between two looks whether the ROS clock runs."""
 
@@ -128,6 +131,23 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
             ValueError: there is no such driver, or it refuses a value.
         """
         raise NotImplementedError
+
+    def device_settings(self, changed: Mapping[str, Any], simulated: Mapping[str, str]) -> Any:
+        """Return the settings of the driver: those of its file, and of the simulation if it is one.
+
+        Args:
+            changed: parameters that are to have another value than they have.
+            simulated: parameter → setting, of the simulated device.
+
+        Raises:
+            ValueError: the file is not there or no table of settings.
+        """
+        file = changed.get("device_file", self.parameter("device_file"))
+        settings = load_device(file)[0] if file else {}
+        if self.parameter("device") == SIMULATED:
+            given = {name: self.parameter(name) for name in simulated} | dict(changed)
+            settings |= {setting: given[name] for name, setting in simulated.items()}
+        return settings
 
     def open_device(self) -> D:
         """Open the device and return it.

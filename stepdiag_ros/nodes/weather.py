@@ -13,7 +13,7 @@ from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.interferometer import WEATHER
-from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air
 from stepdiag_ros.run.health import Finding
 from stepdiag_ros.scene.frames import LASER, MACHINE
@@ -21,7 +21,7 @@ from stepdiag_ros.scene.frames import LASER, MACHINE
 SENSOR_FRAMES = {topics.MATERIAL_TEMPERATURE: MACHINE}
 """Of the sensors that do not stand at the beam."""
 SETTINGS = {"rate": "rate_hz", "weather_begins": "weather_begins_ns"}
-"""Parameter → setting of the driver."""
+"""Parameter → setting of the simulated station."""
 
 
 class WeatherNode(DeviceNode[WeatherDevice]):
@@ -32,7 +32,7 @@ class WeatherNode(DeviceNode[WeatherDevice]):
 
     def __init__(self) -> None:
         super().__init__("weather")
-        simulated = self.parameter("device") == "simulated"
+        simulated = self.parameter("device") == SIMULATED
         self._cell = load_cell(self.parameter("cell"))[0] if simulated else None
         self.opener()
         self._outlets = {
@@ -45,8 +45,7 @@ class WeatherNode(DeviceNode[WeatherDevice]):
 
     def opener(self, **changed: Any) -> Callable[[int], WeatherDevice]:
         """Return what opens the weather station (see ``DeviceNode.opener``)."""
-        given = {name: self.parameter(name) for name in SETTINGS} | changed
-        settings = {setting: given[name] for name, setting in SETTINGS.items()}
+        settings = self.device_settings(changed, SETTINGS)
         surroundings = Surroundings(cell=self._cell)
         return prepare("weather", self.parameter("device"), settings, surroundings)
 

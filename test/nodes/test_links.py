@@ -15,7 +15,7 @@ import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import new_message, set_header
 from stepdiag_ros.nodes import links
-from stepdiag_ros.nodes.links import LinkedNode, message_class, quality
+from stepdiag_ros.nodes.links import LinkedNode, Outlet, message_class, quality
 
 LIMIT = 10.0
 VOLATILE = QoSProfile(depth=100)
@@ -165,6 +165,41 @@ def test_who_cannot_be_understood_is_named_with_what_to_do_until_it_is_gone(pair
     }
     other.destroy_node()
     assert until(lambda: not speaker.link_troubles and not hearer.link_troubles)
+
+
+class FullPublisher:
+    """What Fast DDS does where Cyclone DDS waits: it refuses while a subscriber is behind."""
+
+    def __init__(self, refusals: int) -> None:
+        self.left = refusals
+        self.sent: list[Any] = []
+
+    def publish(self, message: Any) -> None:
+        if self.left:
+            self.left -= 1
+            raise RuntimeError("Failed to publish: cannot publish data")
+        self.sent.append(message)
+
+
+def test_an_outlet_that_keeps_all_waits_for_a_slow_subscriber(pair: Any) -> None:
+    speaker, _, _ = pair
+    full = FullPublisher(refusals=3)
+    Outlet(topics.READING, full, speaker, patience=LIMIT).publish(b"a")  # type: ignore[arg-type]
+    assert full.sent == [b"a"]
+
+
+def test_a_subscriber_that_takes_nothing_any_more_is_said_once_patience_has_ended(
+    pair: Any,
+) -> None:
+    speaker, _, _ = pair
+    stuck = FullPublisher(refusals=1_000_000)
+    outlet = Outlet(topics.READING, stuck, speaker, patience=0.05)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"a subscriber of .*reading has not taken what was"):
+        outlet.publish(b"a")
+    assert not stuck.sent
+    # Where the oldest messages make way, a refusal is something else, and no waiting mends it.
+    with pytest.raises(RuntimeError, match="cannot publish data"):
+        Outlet(topics.READING, stuck, speaker).publish(b"a")  # type: ignore[arg-type]
 
 
 def test_every_node_says_so_on_diagnostics() -> None:

@@ -20,10 +20,18 @@ class CncState(IntEnum):
 
 
 class PositionSample(NamedTuple):
-    """Actual position of the axes (encoders): time in ns, X Y Z in m."""
+    """Actual position of the axes.
+
+    Attributes:
+        time: of the sample, ns.
+        position: X Y Z as the controller reckons it, with its own compensation, m.
+        motors: X Y Z of the motors or scales before any compensation of the controller, m; None
+            where the controller does not tell, or does not compensate.
+    """
 
     time: int
     position: Point
+    motors: Point | None = None
 
 
 class StateChange(NamedTuple):
