@@ -168,7 +168,7 @@ class PlayerNode(StepdiagNode):
     def compare(self, played: Played, quiet: float) -> Played:
         """Wait until the live nodes are done and compare their messages with the recorded ones."""
         self._last_heard = self.real_time()
-        while self.watch.working() or self.real_time() - self._last_heard < quiet:
+        while self.watch.workers(self.real_time()) or self.real_time() - self._last_heard < quiet:
             rclpy.spin_once(self, timeout_sec=0.1)
         recorded: dict[str, list[bytes]] = {name: [] for name in self._heard}
         for record, _ in records_of(self._bag, self._run, self._heard.keys()):

@@ -210,7 +210,7 @@ class RecorderNode(StepdiagNode):
         if self._close_at is None:
             return
         awaited = self._incomplete and self.real_time() < self._close_latest
-        if awaited or self.watch.working():
+        if awaited or self.watch.workers(self.real_time()):
             self._close_at = self.real_time() + LINGER
         elif self.real_time() >= self._close_at:
             self._close()

@@ -70,13 +70,7 @@ class Aftermath:
         """
         if self._over is None:
             raise ValueError(f"run {self.run_id} goes on")
-        workers = sorted(
-            {
-                peer.role
-                for name, peer in watch.peers.items()
-                if name not in watch.lost and peer.facts.get(WORK_LEFT, "0") != "0"
-            }
-        )
+        workers = watch.workers(real)
         if workers:
             self._worked = real
         if real - self._over > self._limit:

@@ -16,6 +16,9 @@ SILENCE_LIMIT = 2.0
 """Real seconds without a heartbeat after which a node counts as lost."""
 WORK_LEFT = "work_left"
 """Fact by which a node says how many results it still owes to what it has heard."""
+WORKER_LIMIT = 10.0
+"""Real seconds without a heartbeat after which results that a node owes are not waited for any
+more: after a run nothing moves, and a computer that is busy with the last results is no loss."""
 CLOCK_ROLE = "clock"
 """Role of the node that tells simulated time."""
 HEARD_UNTIL = "heard_until"
@@ -147,12 +150,14 @@ class Watch:
             for name, peer in self.peers.items()
         )
 
-    def working(self) -> bool:
-        """Say whether a node that is alive still owes results."""
-        return any(
-            peer.facts.get(WORK_LEFT, "0") != "0" and name not in self.lost
-            for name, peer in self.peers.items()
-        )
+    def workers(self, now: float) -> list[str]:
+        """Return the roles, in order, of nodes that still owe results and may yet give them.
+
+        Args:
+            now: time on the clock of ``Peer.last_seen``, s.
+        """
+        owing = (peer for peer in self.peers.values() if peer.facts.get(WORK_LEFT, "0") != "0")
+        return sorted({peer.role for peer in owing if now - peer.last_seen < WORKER_LIMIT})
 
     def missing(self, roles: tuple[str, ...]) -> list[str]:
         """Return a sentence for each of these roles that no healthy node fills."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag_ros.run.conclusion import LAST_WORD_LIMIT, Aftermath, Outcome
-from stepdiag_ros.run.supervision import Peer, Watch
+from stepdiag_ros.run.supervision import WORKER_LIMIT, Peer, Watch
 
 RUN = "20261121T110000Z-abcdef"
 LIMIT = 60.0
@@ -126,6 +126,9 @@ def test_nodes_that_were_lost_are_not_waited_for_and_named(scene):
     scene.ends()
     scene.now += 3.0
     assert len(scene.watch.check(scene.now)) == 2
+    # Nothing moves any more: a computer that is busy with the last results gets some time.
+    assert scene.awaited() == "waiting for the last results (diagnosis)"
+    scene.now += WORKER_LIMIT
     assert scene.awaited() == ""
     said = scene.conclusion()
     assert said.sentence == "not known: diagnosis node /diagnosis is silent for 3.0 s"

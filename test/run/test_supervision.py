@@ -1,4 +1,4 @@
-from stepdiag_ros.run.supervision import SILENCE_LIMIT, Peer, Watch
+from stepdiag_ros.run.supervision import SILENCE_LIMIT, WORKER_LIMIT, Peer, Watch
 
 
 def a_peer(time, session="one", role="recorder", run_id="", faulty=False):
@@ -49,3 +49,14 @@ def test_two_processes_of_one_name_are_noticed():
     watch.heard("/recorder", a_peer(0.0, session="one"))
     watch.heard("/recorder", a_peer(0.2, session="two"))
     assert watch.twins == {"/recorder"}
+
+
+def test_results_that_are_owed_are_waited_for_longer_than_a_node_is_silent():
+    watch = Watch()
+    for role, left in (("solver", "0"), ("diagnosis", "2")):
+        peer = Peer(role, 0.0, role, "", facts={"work_left": left})
+        watch.heard(f"/{role}", peer)
+    watch.check(SILENCE_LIMIT + 0.1)
+    assert watch.missing(("diagnosis",)) != []
+    assert watch.workers(SILENCE_LIMIT + 0.1) == ["diagnosis"]
+    assert watch.workers(WORKER_LIMIT + 0.1) == []
