@@ -52,6 +52,7 @@ setup(
         "matplotlib>=3.7,<4",
         "mcap>=1.5,<2",
         "numpy>=1.26,<3",
+        "pyserial>=3.5,<4",
         "pyyaml>=6.0,<7",
         "rich>=13,<16",
         "rosbags>=0.11,<0.12",
@@ -60,6 +61,7 @@ setup(
     ],
     extras_require={
         "test": [
+            "asyncua>=1.1.5,<3",
             "hypothesis>=6,<7",
             "jsonschema>=4,<5",
             "mcap-ros2-support>=0.5.5,<1",
@@ -69,7 +71,9 @@ setup(
             "pytest-timeout>=2.3,<3",
             "ruff>=0.6,<1",
             "types-PyYAML",
+            "types-pyserial",
         ],
+        "opcua": ["asyncua>=1.1.5,<3"],
         "parquet": ["pyarrow>=15"],
     },
     entry_points={"console_scripts": ["stepdiag = stepdiag_ros.cli:main"]},
