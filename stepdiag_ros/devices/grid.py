@@ -1,5 +1,8 @@
 """The instants at which a device samples: an exact grid of whole nanoseconds."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class SampleGrid:
     """Instants start, start + 1/rate, start + 2/rate …, each rounded on its own, so none drifts.
@@ -29,6 +32,15 @@ class SampleGrid:
             taken.append(instant)
             self.count += 1
         return taken
+
+    def take_array(self, until: int, most: int) -> NDArray[np.int64]:
+        """Return and use up the instants up to a time (included), ns, but not more than so many."""
+        end = self._number(until + 1)
+        numbers = np.arange(self.count, max(self.count, min(end, self.count + most)))
+        self.count += len(numbers)
+        instants: NDArray[np.int64] = np.rint(numbers * 1e9 / self._rate).astype(np.int64)
+        instants += self._start
+        return instants
 
     def first(self, time: int) -> int:
         """Return the first instant at or after a time, ns, taken or not."""

@@ -29,9 +29,11 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.metrology.samples import SampleBlock
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.positioning_conversion import from_positioning_test
+from stepdiag_ros.samples_conversion import from_sample_block
 
 NEW = own_types().new
 AIR = Environment(20.0, 101325.0, 0.5, 20.5)
@@ -100,8 +102,21 @@ def messages():
         1, RUN_ID, START, conversion.STATUS_IN_POSITION, TARGET, ACTUAL, new=NEW
     )
     made[topics.READING] = conversion.from_reading(
-        Reading(START, 1, 0.01, 0.0100002, 0.9, 0, AIR), "laser", NEW
+        Reading(START, 1, 0.01, 0.0100002, 0.9, 0, AIR, trigger=7), "laser", NEW
     )
+    samples = SampleBlock(
+        time=START,
+        sequence=50,
+        period=2e-5,
+        zero=3,
+        scale=0.99973,
+        offset=1.5e-7,
+        environment=AIR,
+        raw_displacement=np.array([0.01, 0.0100001, 0.0100002]),
+        signal_strength=np.array([0.9, 0.8, 0.7], dtype=np.float32),
+        status=np.array([0, 0, 1], dtype=np.uint8),
+    )
+    made[topics.SAMPLES] = from_sample_block(samples, "laser", 50, NEW)
     stop = SettledStop(
         command=COMMAND,
         line=X,
