@@ -4,6 +4,7 @@ from typing import Protocol, runtime_checkable
 
 from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.samples import SampleBlock
 
 Point = tuple[float, float, float]
 
@@ -12,6 +13,7 @@ STATUS_LOW_SIGNAL = 1
 STATUS_BEAM_LOST = 2
 STATUS_OVERSPEED = 3
 STATUS_FAULT = 4
+STATUS_COUNT_ERROR = 5
 
 
 class InterferometerDevice(Protocol):
@@ -75,4 +77,27 @@ class FollowsRun(Protocol):
 
     def update_answer(self, command_id: int, time_ns: int, in_position: bool) -> None:
         """Take the controller's last word on a command: in position at that time, or failed."""
+        ...
+
+
+@runtime_checkable
+class StreamsSamples(Protocol):
+    """An interferometer that hands over arrays, beside all of ``InterferometerDevice``.
+
+    For one that samples faster than about 1 kHz: an object for each sample would keep the computer
+    from its work. Its node asks it either for readings (``poll``) or for samples, never for both.
+    """
+
+    @property
+    def sample_rate(self) -> float:
+        """Samples in a second, Hz."""
+        ...
+
+    def poll_samples(self, time_ns: int) -> list[SampleBlock]:
+        """Return the samples since the last poll, in order, none left out.
+
+        What would take long may come in several turns. At most ``samples.MOST_IN_BLOCK`` to a
+        block. The stamps are those of the instrument's own grid, even from block to block, not the
+        times at which blocks happen to come in.
+        """
         ...

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import repeat
 from math import isnan, nan
 from typing import Any
 
@@ -32,12 +31,15 @@ from stepdiag_ros.metrology.forward import Alignment
 from stepdiag_ros.metrology.geometry import Vector, beam_direction
 from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.samples import MOST_IN_BLOCK, Bytes, SampleBlock
 
 Instants = NDArray[np.int64]
 
 _AIR_KNOT = 1_000_000_000
 """ns: the true air is computed once in this time and taken as linear between."""
 _NEVER = 2**63 - 1
+_MOST_IN_TURN = 100_000
+"""Samples in one turn, about."""
 
 
 @dataclass
@@ -76,6 +78,9 @@ class Behaviour:
         fastest: speed that the counter can follow, m/s.
         weather_begins: the zero of the cell's weather, ns.
         index_equation: that the compensation takes, one of ``air.EQUATIONS``.
+        transport_delay: of the readings, which are stamped when they come in, s.
+        clock_offset: by which the instrument's clock is ahead of the computer's at first, s.
+        clock_drift: by which it gains on the computer's, s/s.
     """
 
     rate: float
@@ -86,10 +91,15 @@ class Behaviour:
     fastest: float
     weather_begins: int
     index_equation: str
+    transport_delay: float = 0.0
+    clock_offset: float = 0.0
+    clock_drift: float = 0.0
 
 
 class SimulatedInterferometer:
-    """An interferometer on a simulated cell (``InterferometerDevice`` and ``FollowsRun``).
+    """An interferometer on a simulated cell.
+
+    Protocols: ``InterferometerDevice``, ``FollowsRun``, ``StreamsSamples``.
 
     It is fed with actual positions and streams readings on its own grid, up to the last known
     position. The count is made in the cell's true air, the compensation with what the sensors say.
@@ -105,6 +115,7 @@ class SimulatedInterferometer:
     def __init__(self, cell: SimulatedCell, start: int, behaviour: Behaviour) -> None:
         self._cell = cell
         self._behaviour = behaviour
+        self._start = start
         self._grid = SampleGrid(start, behaviour.rate)
         self._random = np.random.default_rng(behaviour.seed)
         self._now = start
@@ -116,6 +127,7 @@ class SimulatedInterferometer:
         self._air: dict[int, float] = {}
         self._beam: _Beam | None = None
         self._coming: deque[_Beam] = deque()
+        self._zeros = 0
         self._breaks: list[tuple[int, int]] = []
         self._course: Course | None = None
 
@@ -178,79 +190,146 @@ class SimulatedInterferometer:
         """Interrupt the beam from one time until another, for tests; the zero is lost."""
         self._breaks.append((start_ns, end_ns))
 
+    @property
+    def sample_rate(self) -> float:
+        """Samples in a second, Hz (see ``StreamsSamples``)."""
+        return self._behaviour.rate
+
     def poll(self, time_ns: int) -> list[Reading]:
         """Return the readings since the last poll, in order."""
-        self._now = max(time_ns, self._now)
-        if not self._position_times:
-            return []
-        known = self._position_times[-1]
-        if self._course is not None:
-            known = self._course.certain_until(self._now, self._position_times, self._positions)
-        if self._now - known > self._behaviour.hold_after * 1e9:
-            # The laser goes on streaming when the controller is dead.
-            known = self._now
-        until = min(known, self._now)
+        until = self._readable_until(time_ns)
         readings: list[Reading] = []
         while self._grid.next <= until:
-            while self._coming and self._coming[0].since <= self._grid.next:
-                self._beam = self._coming.popleft()
-            change = self._coming[0].since - 1 if self._coming else _NEVER
+            change = self._take_beam()
             first = self._grid.count
             times = np.array(self._grid.take(min(until, change)), dtype=np.int64)
             readings += self._read(first, times)
         self._forget()
         return readings
 
+    def poll_samples(self, time_ns: int) -> list[SampleBlock]:
+        """Return the samples since the last poll, in order (see ``StreamsSamples``)."""
+        until = self._readable_until(time_ns)
+        blocks: list[SampleBlock] = []
+        # Whoever is behind comes after in several turns, none of which takes long.
+        most = self._grid.count + _MOST_IN_TURN
+        while self._grid.next <= until and self._grid.count < most:
+            change = min(self._take_beam(), self._air_holds_until(self._grid.next))
+            first = self._grid.count
+            times = self._grid.take_array(min(until, change), MOST_IN_BLOCK)
+            blocks.append(self._block(first, times))
+        self._forget()
+        return blocks
+
     def close(self) -> None:
         """Let the instrument go."""
 
+    def _readable_until(self, time_ns: int) -> int:
+        """Return the time (ns) up to which there is something to be read at a time."""
+        self._now = max(time_ns, self._now)
+        if not self._position_times:
+            return -_NEVER
+        known = self._position_times[-1]
+        if self._course is not None:
+            known = self._course.certain_until(self._now, self._position_times, self._positions)
+        if self._now - known > self._behaviour.hold_after * 1e9:
+            # The laser goes on streaming when the controller is dead.
+            known = self._now
+        return min(known, self._now - round(self._behaviour.transport_delay * 1e9))
+
+    def _take_beam(self) -> int:
+        """Come to the beam of the next instant; return the last instant (ns) that has it."""
+        while self._coming and self._coming[0].since <= self._grid.next:
+            self._beam = self._coming.popleft()
+            self._zeros += 1
+        return self._coming[0].since - 1 if self._coming else _NEVER
+
+    def _stamps(self, times: Instants) -> Instants:
+        """Return what stamps readings bear that were taken at some times, ns."""
+        behaviour = self._behaviour
+        late = round((behaviour.transport_delay + behaviour.clock_offset) * 1e9)
+        gained = np.rint((times - self._start) * behaviour.clock_drift).astype(np.int64)
+        stamps: Instants = times + late + gained
+        return stamps
+
     def _read(self, first: int, times: Instants) -> list[Reading]:
         """Return the readings of some instants, all with the same beam."""
+        count = len(times)
+        raw, statuses = self._count(times)
+        known, environments = self._known_air(times)
+        compensated = raw
+        if self._beam is not None:
+            known_at_zero = self._known_at_zero(self._beam, known)
+            compensated = compensated_displacement(
+                raw, self._beam.path_at_zero, known, known_at_zero
+            )
+        return [
+            Reading(*fields)
+            for fields in zip(
+                self._stamps(times).tolist(),
+                range(first, first + count),
+                raw.tolist(),
+                compensated.tolist(),
+                np.where(np.isnan(raw), 0.0, 1.0).tolist(),
+                statuses.tolist(),
+                environments,
+                strict=True,
+            )
+        ]
+
+    def _block(self, first: int, times: Instants) -> SampleBlock:
+        """Return the samples of some instants, all with the same beam and known air."""
+        raw, statuses = self._count(times)
+        known, environments = self._known_air(times[:1])
+        scale = offset = nan
+        if self._beam is not None:
+            path, known_at_zero = self._beam.path_at_zero, self._known_at_zero(self._beam, known)
+            scale = 1.0 / float(known[0])
+            offset = compensated_displacement(0.0, path, float(known[0]), known_at_zero)
+        lost = np.isnan(raw)
+        return SampleBlock(
+            time=int(self._stamps(times[:1])[0]),
+            sequence=first,
+            period=(1.0 + self._behaviour.clock_drift) / self._behaviour.rate,
+            zero=self._zeros,
+            scale=scale,
+            offset=offset,
+            environment=environments[0],
+            raw_displacement=raw,
+            signal_strength=_shortened(np.where(lost, 0.0, 1.0).astype(np.float32)),
+            status=_shortened(statuses),
+        )
+
+    def _count(self, times: Instants) -> tuple[Vector, Bytes]:
+        """Return raw displacement and status at some instants, all with the same beam."""
         count = len(times)
         positions = self._positions_at(times)
         added = np.zeros(count) if self._course is None else self._course.added(times, positions)
         # Drawn for every reading, so that the noise does not depend on when the device is polled.
         noise = self._cell.reading_noise * self._random.standard_normal(count)
-        known_index, environments = self._known_air(times)
-        if self._beam is None:
-            raw = compensated = np.full(count, nan)
-            statuses = [STATUS_BEAM_LOST] * count
-            strengths = [0.0] * count
-        else:
-            length = self._lengths(self._beam, positions)
-            index = self._true_index(times)
-            if not self._beam.zeroed:
-                self._set_zero(self._beam, length[0] + added[0], index[0], positions[0])
-            beam = self._beam
-            if isnan(beam.known_index_at_zero):
-                # A zero is arbitrary: the first known air after it serves as well as that at it.
-                known = known_index[~np.isnan(known_index)]
-                beam.known_index_at_zero = float(known[0]) if len(known) else nan
-            raw = noise + raw_displacement(
-                length + added - beam.length_at_zero, beam.length_at_zero, index, beam.index_at_zero
-            )
-            compensated = compensated_displacement(
-                raw, beam.path_at_zero, known_index, beam.known_index_at_zero
-            )
-            broken = self._broken(times)
-            statuses = self._statuses(beam, times, length, broken)
-            strengths = np.where(broken, 0.0, 1.0).tolist()
-            if broken.any():
-                raw = np.where(broken, nan, raw)
-                compensated = np.where(broken, nan, compensated)
-        return [
-            Reading(*fields)
-            for fields in zip(
-                times.tolist(),
-                range(first, first + count),
-                raw.tolist(),
-                compensated.tolist(),
-                strengths,
-                statuses,
-                environments,
-                strict=True,
-            )
-        ]
+        beam = self._beam
+        if beam is None:
+            return np.full(count, nan), np.full(count, STATUS_BEAM_LOST, dtype=np.uint8)
+        length = self._lengths(beam, positions)
+        index = self._true_index(times)
+        if not beam.zeroed:
+            self._set_zero(beam, length[0] + added[0], index[0], positions[0])
+        raw = noise + raw_displacement(
+            length + added - beam.length_at_zero, beam.length_at_zero, index, beam.index_at_zero
+        )
+        broken = self._broken(times)
+        statuses = self._statuses(beam, times, length, broken)
+        return (np.where(broken, nan, raw) if broken.any() else raw), statuses
+
+    def _known_at_zero(self, beam: _Beam, known: Vector) -> float:
+        """Return the index that the sensors told when the zero was set.
+
+        A zero is arbitrary: the first known air after it serves as well as that at it.
+        """
+        if isnan(beam.known_index_at_zero):
+            told = known[~np.isnan(known)]
+            beam.known_index_at_zero = float(told[0]) if len(told) else nan
+        return beam.known_index_at_zero
 
     def _lengths(self, beam: _Beam, positions: Vector) -> Vector:
         """Return the true distances from laser to mirror, m, computed once while the axes stand."""
@@ -269,7 +348,7 @@ class SimulatedInterferometer:
 
     def _statuses(
         self, beam: _Beam, times: Instants, length: Vector, broken: NDArray[np.bool_]
-    ) -> list[int]:
+    ) -> Bytes:
         """Return the status of each reading; a lost zero stays lost until the next alignment."""
         ways = np.empty(len(length))
         ways[0] = 0.0 if isnan(beam.last_length) else length[0] - beam.last_length
@@ -279,13 +358,12 @@ class SimulatedInterferometer:
         seconds[1:] = (times[1:] - times[:-1]) * 1e-9
         too_fast = np.abs(ways) > self._behaviour.fastest * seconds
         beam.last_length, beam.last_time = float(length[-1]), int(times[-1])
-        if beam.status == STATUS_OK and not broken.any() and not too_fast.any():
-            return list(repeat(STATUS_OK, len(times)))
-        statuses = []
-        for is_broken, is_too_fast in zip(broken.tolist(), too_fast.tolist(), strict=True):
-            if beam.status == STATUS_OK and (is_broken or is_too_fast):
-                beam.status = STATUS_BEAM_LOST if is_broken else STATUS_OVERSPEED
-            statuses.append(beam.status)
+        statuses = np.full(len(times), beam.status, dtype=np.uint8)
+        bad = broken | too_fast
+        if beam.status == STATUS_OK and bad.any():
+            first = int(np.argmax(bad))
+            beam.status = STATUS_BEAM_LOST if broken[first] else STATUS_OVERSPEED
+            statuses[first:] = beam.status
         return statuses
 
     def _broken(self, times: Instants) -> NDArray[np.bool_]:
@@ -315,6 +393,15 @@ class SimulatedInterferometer:
             del self._air[old]
         index: Vector = np.interp(since / _AIR_KNOT, knots, values)
         return index
+
+    def _air_holds_until(self, time: int) -> int:
+        """Return the last time (ns) up to which the sensors tell the same as at a time."""
+        later = int(np.searchsorted(self._weather_times, time, side="right"))
+        ends = self._weather_times[later : later + 1]
+        if later:
+            expires = self._weather_times[later - 1] + int(self._behaviour.weather_age * 1e9)
+            ends += [expires + 1] if expires >= time else []
+        return min(ends, default=_NEVER) - 1
 
     def _known_air(self, times: Instants) -> tuple[Vector, list[Environment]]:
         """Return the index and the environment that the sensors tell at some times."""
@@ -346,6 +433,11 @@ class SimulatedInterferometer:
         self._breaks = [span for span in self._breaks if span[1] > self._grid.next]
 
 
+def _shortened(values: NDArray[Any]) -> NDArray[Any]:
+    """Return one value for all where all are the same."""
+    return values[:1] if (values == values[0]).all() else values
+
+
 def from_settings(
     settings: Mapping[str, Any], surroundings: Surroundings
 ) -> Callable[[int], SimulatedInterferometer]:
@@ -355,7 +447,9 @@ def from_settings(
     (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation reckons
     with (default: the true one), ``fastest_m_per_s`` (default 4), ``weather_begins_ns`` (the same
     for all devices of a cell; default 0: when this one is switched on), ``index_equation`` of the
-    compensation, edlen (default) or ciddor.
+    compensation, edlen (default) or ciddor. ``transport_delay_s``, ``clock_offset_s`` and
+    ``clock_drift`` (s/s) put the stamps of the readings out of step with those of the positions
+    (default 0).
 
     Raises:
         ValueError: a setting is wrong, or there is no cell.
@@ -377,6 +471,9 @@ def from_settings(
         index_equation=section.names(
             "index_equation", tuple(EQUATIONS), default=(DEFAULT_EQUATION,)
         )[0],
+        transport_delay=section.number("transport_delay_s", low=0.0, high=10.0, default=0.0),
+        clock_offset=section.number("clock_offset_s", low=-10.0, high=10.0, default=0.0),
+        clock_drift=section.number("clock_drift", low=-1e-2, high=1e-2, default=0.0),
     )
     section.finish()
 
