@@ -46,8 +46,18 @@ class Surroundings:
 
 _DRIVERS: dict[tuple[Kind, str], str] = {
     ("cnc", "simulated"): "stepdiag_ros.devices.cnc.simulated:from_settings",
+    ("cnc", "grbl"): "stepdiag_ros.devices.cnc.grbl:from_settings",
+    ("cnc", "opcua"): "stepdiag_ros.devices.cnc.opcua:from_settings",
+    ("cnc", "linuxcnc"): "stepdiag_ros.devices.cnc.linuxcnc:from_settings",
+    ("cnc", "linuxcncrsh"): "stepdiag_ros.devices.cnc.linuxcncrsh:from_settings",
     ("interferometer", "simulated"): "stepdiag_ros.devices.interferometer.simulated:from_settings",
+    ("interferometer", "line_protocol"): (
+        "stepdiag_ros.devices.interferometer.line_protocol:from_settings"
+    ),
+    ("interferometer", "file_tail"): "stepdiag_ros.devices.interferometer.file_tail:from_settings",
+    ("interferometer", "ids3010"): "stepdiag_ros.devices.interferometer.ids3010:from_settings",
     ("weather", "simulated"): "stepdiag_ros.devices.weather.simulated:from_settings",
+    ("weather", "line_protocol"): "stepdiag_ros.devices.weather.line_protocol:from_settings",
 }
 """Kind and name of a driver → module and function; imported only when it is asked for."""
 

@@ -1,9 +1,13 @@
 """Controllers of machine tools, as the CNC bridge needs them."""
 
 from enum import IntEnum
+from math import nan
 from typing import NamedTuple, Protocol
 
 Point = tuple[float, float, float]
+
+UNKNOWN_POINT: Point = (nan, nan, nan)
+"""Of what a controller does not tell."""
 
 
 class MoveRefused(ValueError):
@@ -56,10 +60,52 @@ class StateChange(NamedTuple):
 CncEvent = PositionSample | StateChange
 
 
+class Traits(NamedTuple):
+    """What a controller, with its driver, is like; NaN where it does not tell.
+
+    A driver tells it by a property ``traits``, as read when the controller was opened.
+
+    Attributes:
+        resolution: step in which actual positions of X, Y, Z are told, m. The window in which an
+            axis counts as in position is widened by it.
+        acceleration: largest that the controller gives to X, Y, Z, m/s².
+        feed_limit: largest speed that the controller gives to X, Y, Z, m/s.
+        dead_man: the machine is braked at the latest this long after the last ``poll``, by
+            whoever is nearer to it than this process, s.
+        measured: actual positions come from encoders or scales; False where the controller tells
+            what it has commanded, as one of stepping motors does.
+        simulated: there is no machine; only then may ROS time be simulated or replayed.
+    """
+
+    resolution: Point = UNKNOWN_POINT
+    acceleration: Point = UNKNOWN_POINT
+    feed_limit: Point = UNKNOWN_POINT
+    dead_man: float = nan
+    measured: bool = True
+    simulated: bool = False
+
+
+def traits_of(device: "CncDevice") -> Traits:
+    """Return what a controller is like; all unknown if its driver does not tell."""
+    told = getattr(device, "traits", None)
+    return told if isinstance(told, Traits) else Traits()
+
+
 class CncDevice(Protocol):
     """A controller that makes straight moves, one at a time.
 
     Times are ns and never decrease; a time before the last one counts as the last one.
+
+    A driver is a dead-man as well: whoever uses it calls ``poll`` many times a second, and while
+    the axes move, a ``poll`` that fails to come brakes them. The process of the driver may be the
+    one that has died, so what brakes must be nearer to the machine: an agent beside the controller,
+    a watchdog variable of the PLC, or the controller's own loss of connection. How long that takes
+    is ``Traits.dead_man`` (0.5 s or less is expected); where a controller cannot do it, it is
+    unknown, is said so by the bridge, and the integrator must see to it (docs/safety.md).
+
+    An emergency stop, a following error, power off and every other fault of the controller are
+    ``CncState.FAULT`` with the fault in words as reason; a controller that is in order again, but
+    was not reset by ``reset``, stays in that state.
     """
 
     @property

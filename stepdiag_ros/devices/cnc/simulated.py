@@ -15,6 +15,7 @@ from stepdiag_ros.devices.cnc import (
     Point,
     PositionSample,
     StateChange,
+    Traits,
 )
 from stepdiag_ros.devices.grid import SampleGrid
 from stepdiag_ros.metrology.cell import DriveModel
@@ -77,6 +78,18 @@ class SimulatedCnc:
     def soft_limits(self) -> tuple[Point, Point]:
         """Lower and upper soft limits of X, Y, Z, m."""
         return self._machine.travel_low_m, self._machine.travel_high_m
+
+    @property
+    def traits(self) -> Traits:
+        """Encoders without a step, the limits of the machine file, and nothing to be braked."""
+        acceleration, feed = self._machine.acceleration_m_per_s2, self._machine.feed_limit_m_per_s
+        return Traits(
+            resolution=(0.0, 0.0, 0.0),
+            acceleration=(acceleration, acceleration, acceleration),
+            feed_limit=(feed, feed, feed),
+            dead_man=0.0,
+            simulated=True,
+        )
 
     def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:
         """Begin a straight move of the named axes (see ``CncDevice.start_move``)."""

@@ -1,0 +1,62 @@
+"""The driver of LinuxCNC, polled as the bridge does it."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from stepdiag_ros.configuration import load_machine
+from stepdiag_ros.devices import Surroundings, prepare
+from stepdiag_ros.devices.cnc import CncEvent, CncState, PositionSample, StateChange
+from stepdiag_ros.devices.cnc.linuxcnc import LinuxCnc
+
+
+class Watched:
+    """A driver that is polled as the bridge does it, and what it has told."""
+
+    def __init__(self, path: Path, dead_man: float = 2.0) -> None:
+        settings = {"socket": str(path), "dead_man_s": dead_man}
+        machine = load_machine("demo")[0]
+        self.driver: LinuxCnc = prepare("cnc", "linuxcnc", settings, Surroundings(machine))(0)
+        self.events: list[CncEvent] = []
+
+    def until(self, condition: Callable[[], bool], limit: float = 10.0) -> "Watched":
+        end = time.monotonic() + limit
+        while True:
+            self.events += self.driver.poll(time.time_ns())
+            if condition():
+                return self
+            assert time.monotonic() < end, f"not in {limit} s; {self.states()[-3:]}"
+            time.sleep(0.002)
+
+    def wait(self, seconds: float) -> "Watched":
+        end = time.monotonic() + seconds
+        return self.until(lambda: time.monotonic() > end)
+
+    def until_state(self, *states: CncState) -> StateChange:
+        self.until(lambda: self.driver.state in states)
+        return self.states()[-1]
+
+    def states(self) -> list[StateChange]:
+        return [event for event in self.events if isinstance(event, StateChange)]
+
+    def samples(self) -> list[PositionSample]:
+        return [event for event in self.events if isinstance(event, PositionSample)]
+
+    def reset(self) -> None:
+        """Reset it as the sequencer does: again, until the axes stand."""
+        end = time.monotonic() + 5.0
+        while True:
+            try:
+                self.driver.reset(time.time_ns())
+                return
+            except ValueError as error:
+                assert time.monotonic() < end, error
+                self.wait(0.02)
+
+    def go(self, *millimetres: float, feed: float = 0.1, axes: str = "X") -> None:
+        x, y, z = (1e-3 * value for value in millimetres)
+        self.driver.start_move(time.time_ns(), (x, y, z), feed, axes)
+
+    def position(self) -> tuple[float, float, float]:
+        self.wait(0.02)
+        return self.samples()[-1].position

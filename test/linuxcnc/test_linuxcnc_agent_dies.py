@@ -1,0 +1,133 @@
+"""What becomes of the machine when the agent in LinuxCNC, or LinuxCNC's own task, dies."""
+
+import contextlib
+import os
+import time
+from pathlib import Path
+
+import pytest
+from linuxcnc_watched import Watched
+
+from stepdiag_ros.devices.cnc import CncState, MoveRefused
+
+pytestmark = pytest.mark.timeout(60)
+
+
+def namespaces(folder=""):
+    """Return the PID namespaces of processes whose command line names a folder, without ours."""
+    found = set()
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if folder in (entry / "cmdline").read_bytes().decode(errors="replace"):
+                found.add(os.readlink(entry / "ns" / "pid"))  # noqa: PTH115 - it is no path
+    return found - {os.readlink("/proc/self/ns/pid")}  # noqa: PTH115
+
+
+def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
+    instance = make_instance()
+    watched = Watched(instance.socket)
+    watched.reset()
+    watched.go(800.0, 0.0, 0.0)
+    watched.wait(0.1)
+    instance.signal("STOP", "stepdiag_agent")
+    begun = time.monotonic()
+    with pytest.raises(OSError, match=r"has said nothing for 1 s"):
+        watched.wait(5.0)
+    assert time.monotonic() - begun < 2.0
+    watched.driver.close()
+    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
+    time.sleep(0.2)
+    # The watchdog in HAL: 0.5 s at 0.1 m/s and the braking.
+    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 90.0
+    with pytest.raises(OSError, match="has not answered within"):
+        Watched(instance.socket)
+    instance.signal("CONT", "stepdiag_agent")
+    time.sleep(0.3)
+    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) < first + 1.0
+    again = Watched(instance.socket)
+    assert again.until_state(CncState.STOPPED)
+    again.reset()
+    again.go(0.0, 0.0, 0.0, feed=0.4)
+    again.until_state(CncState.READY)
+    # LinuxCNC's own task dies: nobody but HAL can brake now.
+    again.go(800.0, 0.0, 0.0)
+    again.wait(0.2)
+    instance.signal("KILL", "milltask -ini")
+    fault = again.until_state(CncState.FAULT)
+    assert "milltask has died" in fault.reason
+    again.wait(0.3)
+    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
+    time.sleep(0.2)
+    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 100.0
+    with pytest.raises(MoveRefused, match="has died"):
+        again.driver.reset(time.time_ns())
+    again.driver.close()
+
+
+def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_instance(make_instance):
+    instance = make_instance(lost_motion_m=(4e-6, 0.0, 0.0))
+    watched = Watched(instance.socket)
+    watched.until_state(CncState.READY)
+    with pytest.raises(MoveRefused, match="nobody has said that the machine may move"):
+        watched.go(5.0, 0.0, 0.0)
+    watched.reset()
+    # Lost motion: the motor is where it was told to be, the axis half of it behind.
+    axes = []
+    for target in (10.0, 20.0, 10.0):
+        watched.go(target, 0.0, 0.0)
+        watched.until_state(CncState.READY)
+        watched.wait(0.15)
+        axes.append(watched.samples()[-1])
+    assert axes[1].motors[0] == pytest.approx(0.020 - 2e-6, abs=2e-9)
+    assert axes[2].motors[0] == pytest.approx(0.010 + 2e-6, abs=2e-9)
+    assert axes[2].position[0] == pytest.approx(0.010, abs=2e-9)
+    watched.go(800.0, 0.0, 0.0)
+    watched.wait(0.1)
+    instance.signal("KILL", "stepdiag_agent")
+    with pytest.raises(OSError, match="has gone"):
+        watched.wait(3.0)
+    watched.driver.close()
+    with pytest.raises(OSError, match=r"cannot be reached .*is LinuxCNC running\?"):
+        Watched(instance.socket)
+    instance.start()
+    own = namespaces(str(instance.socket.parent))
+    assert len(own) == 1
+    again = Watched(instance.socket)
+    again.until_state(CncState.READY)
+    instance.stop()
+    with pytest.raises(OSError, match="has gone"):
+        again.wait(3.0)
+    again.driver.close()
+    deadline = time.monotonic() + 5.0
+    while left := [path for path in namespaces() if path in own]:
+        assert time.monotonic() < deadline, f"left behind: {left}"
+        time.sleep(0.05)
+
+
+def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instance):
+    instance = make_instance(beside=True)
+    watched = Watched(instance.socket)
+    watched.reset()
+    # Its messages belong to the other display, but that a move was not made is told all the same.
+    instance.freeze("X")
+    watched.go(100.0, 0.0, 0.0)
+    assert watched.until_state(CncState.FAULT).reason == "the machine is switched off"
+    instance.thaw("X")
+    instance.operate("STATE_ON")
+    watched.wait(0.3)
+    watched.reset()
+    here = 1e3 * watched.position()[0]
+    watched.go(800.0, *(1e3 * value for value in watched.position()[1:]))
+    watched.wait(0.1)
+    instance.signal("KILL", "stepdiag_agent")
+    with pytest.raises(OSError, match="has gone"):
+        watched.wait(3.0)
+    watched.driver.close()
+    time.sleep(1.0)
+    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
+    time.sleep(0.2)
+    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < here + 300.0
+    agent = str(instance.socket.parent / "linuxcnc_agent" / "stepdiag_agent.py")
+    with pytest.raises(OSError, match="one has been killed; start LinuxCNC anew"):
+        instance.run(agent, "-ini", "machine.ini")
+    instance.stop()
