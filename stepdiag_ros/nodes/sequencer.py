@@ -35,6 +35,8 @@ from stepdiag_ros.run.work_health import judge_run
 
 UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
+PERMIT_PERIOD = 0.1
+"""Real seconds between two words to the bridge that a move is wanted still."""
 FOLLOWER_LIMIT = 5.0
 """Real seconds within which the other nodes must have taken up a new run."""
 RESET_LIMIT = 1.0
@@ -46,6 +48,8 @@ FOLLOWERS = ("cnc_bridge", "assembler", "solver", "recorder")
 """Roles that say in their heartbeat which run they have taken up."""
 REQUIRED = ("interferometer", *FOLLOWERS)
 """Roles without which no run starts, and whose loss stops one."""
+IRREPLACEABLE = ("cnc_bridge", "interferometer")
+"""Roles whose node must be the same process all the time: what it knew of run or zero is lost."""
 WELCOME = ("clock", "weather")
 """Roles that a run can do without from the start, but not lose."""
 
@@ -68,6 +72,7 @@ class SequencerNode(StepdiagNode):
         self._cell_text = without_effects(load_cell(cell)[1], cell) if cell else ""
         self._sequence: Sequence | None = None
         self._needed: tuple[str, ...] = REQUIRED
+        self._sessions: set[str] = set()
         self._waiting_since: float | None = None
         self._after_reset: Callable[[], None] | None = None
         self._reset_tries = 0
@@ -79,6 +84,7 @@ class SequencerNode(StepdiagNode):
 
         self._description = self.announce(topics.RUN_DESCRIPTION)
         self._state = self.announce(topics.RUN_STATE)
+        self._permits = self.announce(topics.MOTION_PERMIT)
         self._commands = self.announce(topics.MACHINE_COMMAND)
         self.listen(topics.COMMAND_STATUS, self._on_answer)
         self.listen(topics.MACHINE_STATE, self._on_machine_state)
@@ -94,6 +100,7 @@ class SequencerNode(StepdiagNode):
         self.offer("~/abort", self.abort)
         self.health.add_task("run", self._judge_run, log=False)
         self.every(UPDATE_PERIOD, self._update, real=True)
+        self.every(PERMIT_PERIOD, self._permit, real=True)
         self.every(STATE_PERIOD, self._publish_state, real=True)
         self._publish_state()
 
@@ -126,6 +133,7 @@ class SequencerNode(StepdiagNode):
             raise ValueError(f"cannot start: {beyond}")
         self._measure.run_begins()
         self._needed = REQUIRED + present
+        self._sessions = self.watch.sessions()
         self.run_id = new_run_id()
         self.run_over = False
         self._sequence = Sequence(chosen, tuple(state.position), self._send, self._stop_machine)
@@ -146,6 +154,7 @@ class SequencerNode(StepdiagNode):
         missing = self.watch.missing(self._needed) or self._unknown_of_machine()
         if missing:
             raise ValueError(f"cannot resume: {'; '.join(missing)}")
+        self._sessions = self.watch.sessions()
         if sequence.state is State.FAULT:
             self._reset_machine(self._continue)
         else:
@@ -181,6 +190,8 @@ class SequencerNode(StepdiagNode):
         """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
         if self._sequence is None:
             return
+        if peer.role in IRREPLACEABLE and peer.session not in self._sessions:
+            self._sequence.fault(f"the {peer.role} node was started again")
         if peer.role == "recorder":
             stored = said_of_run(peer, "stored", self.run_id)
             self._sequence.stored(int(stored) if stored else 0)
@@ -299,8 +310,18 @@ class SequencerNode(StepdiagNode):
         # This node's simulated clock may lag a tick behind the readings of the stop that is left.
         now = max(self.now(), self._not_before)
         stop = command.given_at(now)
+        self._permit()
         purpose = int(command.purpose)
         self._commands.publish(from_stop_command(stop, self.run_id, now, command.feed, purpose))
+
+    def _permit(self) -> None:
+        """Tell the bridge that the command at work is wanted, without which it does not move."""
+        wanted = 0 if self._sequence is None else self._sequence.wanted
+        if wanted:
+            message = new_message(topics.MOTION_PERMIT.type_name)
+            set_header(message, self.now())
+            message.run_id, message.command_id = self.run_id, wanted
+            self._permits.publish(message)
 
     def _stop_machine(self) -> None:
         if self._stop_client.service_is_ready():

@@ -1,16 +1,16 @@
 """The course of a run: which command comes next, what it waits for, and what stops it."""
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
-from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
+from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
+from stepdiag_ros.run.route import Route
 
 NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
@@ -112,14 +112,6 @@ class _Phase(Enum):
     DWELL = "the stop to be stored"
 
 
-class _Approach(Enum):
-    """How far the machine has come on its way to a line."""
-
-    TO_FIRST_STOP = 1
-    BEYOND_IT = 2
-    ON_LINE = 3
-
-
 class Sequence:
     """Executes a plan one move at a time, each only when the stop before has settled.
 
@@ -154,8 +146,13 @@ class Sequence:
         self._line_index = 0
         self._attempt = 1
         self._stop = 0
-        self._approach = _Approach.TO_FIRST_STOP
-        self._way_back: deque[Vector] = deque()
+        self._route = Route(plan)
+        # How often this stop, and this line since an operator last saw to it, have been measured.
+        self._stop_tries = 1
+        self._line_tries = 1
+        # What is wrong with the present stop; which stop of a line that was given up was first.
+        self._rejection = ""
+        self._given_up = ""
         self._phase = _Phase.READY
         self._command: Command | None = None
         self._command_count = 0
@@ -164,7 +161,6 @@ class Sequence:
         self._sent_real = 0.0
         self._deadline = 0
         self._arrived = 0
-        self._rejected: list[str] = []
         self._first_stop_time = 0
         self._stops_measured = 0
         self._pause_wanted = False
@@ -216,6 +212,7 @@ class Sequence:
             # Whatever stopped the run may have moved the beam or lost the fringe count.
             self._position = np.asarray(position, dtype=np.float64)
             self._restart_line()
+            self._line_tries = 1
         elif self.state is not State.PAUSED:
             raise ValueError(f"cannot resume: the run is {self.state.name.lower()}")
         self._enter(State.RUNNING, "measuring")
@@ -294,8 +291,7 @@ class Sequence:
             return
         # The bridge's and the assembler's messages travel apart and may overtake each other.
         self._assembled = True
-        if rejection:
-            self._rejected.append(f"stop {stop}: {rejection}")
+        self._rejection = rejection
         self._stops_measured += 1
         if self._phase is _Phase.SETTLING:
             self._phase = _Phase.DWELL
@@ -361,6 +357,14 @@ class Sequence:
         return self.state in (State.RUNNING, State.PAUSED, State.WAITING_FOR_SETUP)
 
     @property
+    def wanted(self) -> int:
+        """Return the command whose move is wanted now; 0 if none is."""
+        moving = self._phase in (_Phase.ANSWER, _Phase.MOTION)
+        if self.state is State.RUNNING and moving and self._command is not None:
+            return self._command.command_id
+        return 0
+
+    @property
     def waits_for(self) -> str:
         """Return what has to happen before the run goes on; empty if it is not begun, or over."""
         if self.state is State.RUNNING:
@@ -386,10 +390,11 @@ class Sequence:
 
     def _restart_line(self) -> None:
         self._attempt += 1
+        self._line_tries += 1
         self._stop = 0
-        self._approach = _Approach.TO_FIRST_STOP
-        self._way_back.clear()
-        self._rejected = []
+        self._stop_tries = 1
+        self._rejection = self._given_up = ""
+        self._route.restart_line()
         self._phase = _Phase.READY
         setup = self._plan.setup_of(self._line)
         self._setup_count[setup] = self._setup_count.get(setup, 1) + 1
@@ -405,25 +410,49 @@ class Sequence:
 
     def _advance(self) -> None:
         self._phase = _Phase.READY
+        if self._rejection and self._try_again():
+            return
         self._stop += 1
+        self._stop_tries = 1
         if self._stop == len(self._stops[self._line_index]):
-            if self._rejected and self._attempt < self._plan.sampling.line_attempts:
-                self._restart_line()
-                return
-            if self._rejected:
-                self.incomplete.append(f"{self._line}: {self._rejected[0]}")
+            if self._given_up:
+                self.incomplete.append(f"{self._line}: {self._given_up}")
             self._line_index += 1
-            self._attempt = 1
+            self._attempt = self._line_tries = 1
             self._stop = 0
-            self._approach = _Approach.TO_FIRST_STOP
-            self._rejected = []
+            self._given_up = ""
             if self._line_index < len(self._stops):
-                self._way_back.extend(self._plan.way_back(self._line_index))
+                self._route.begin_line(self._line_index)
         if self._line_index == len(self._stops):
             left = f"; left incomplete: {'; '.join(self.incomplete)}" if self.incomplete else ""
             self._enter(State.FINISHED, f"all lines are measured{left}")
         elif self._pause_wanted:
             self._enter(State.PAUSED, "paused by the operator")
+
+    def _try_again(self) -> bool:
+        """Measure a rejected stop, or its line, again; hold the run when that was often enough.
+
+        Returns:
+            False if the run goes on without the stop.
+        """
+        what, sampling = f"stop {self._stop}: {self._rejection}", self._plan.sampling
+        if self._given_up:
+            return False
+        if repetition_helps(self._rejection) and self._stop_tries < sampling.stop_attempts:
+            self._stop_tries += 1
+            self._route.repeat(self._line, self._stop)
+        elif self._line_tries < sampling.line_attempts:
+            self._restart_line()
+        elif sampling.after_attempts == HOLD:
+            times = f"measured {self._line_tries} times in vain"
+            self.fault(f"line {self._line}, {times}, {what}; see to it, then resume")
+            return True
+        else:
+            self._given_up = what
+            return False
+        if self._pause_wanted:
+            self._enter(State.PAUSED, "paused by the operator")
+        return True
 
     def _has_beam(self, setup: str, real: float) -> bool:
         if self._beam_setup == setup:
@@ -446,7 +475,8 @@ class Sequence:
             return
         if not self._has_beam(setup, real):
             return
-        target, purpose = self._next_target()
+        target, at_stop = self._route.next(self._line, self._stop, self._position)
+        purpose = Purpose.STOP if at_stop else Purpose.POSITION
         self._command_count += 1
         axis = moved_axes(self._position, target)
         self._command = Command(
@@ -455,7 +485,7 @@ class Sequence:
             line_index=self._line_index,
             attempt=self._attempt,
             setup=setup,
-            stop=self._stop,
+            stop=self._stop if at_stop else 0,
             axis=axis,
             target=(float(target[0]), float(target[1]), float(target[2])),
             feed=self._plan.feed,
@@ -467,23 +497,3 @@ class Sequence:
         self._assembled = False
         self._phase = _Phase.ANSWER
         self._send(self._command)
-
-    def _next_target(self) -> tuple[Vector, Purpose]:
-        """Return where the machine goes next, and what for."""
-        stops = self._stops[self._line_index]
-        if self._approach is _Approach.TO_FIRST_STOP:
-            if self._way_back:
-                return self._way_back.popleft(), Purpose.POSITION
-            # One axis at a time, so that the machine never leaves the edges of its box.
-            away = [axis for axis in range(3) if self._position[axis] != stops[0][axis]]
-            if away:
-                target = self._position.copy()
-                target[away[0]] = stops[0][away[0]]
-                return target, Purpose.POSITION
-            self._approach = _Approach.BEYOND_IT
-            beyond = self._plan.run_up(self._line)
-            if beyond is not None:
-                return beyond, Purpose.POSITION
-        # Back from beyond the first stop along the line itself, so that the beam is kept.
-        self._approach = _Approach.ON_LINE
-        return stops[self._stop], Purpose.STOP

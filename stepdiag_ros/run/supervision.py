@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 
 HEARTBEAT = "heartbeat"
 """Task of /diagnostics by which nodes know each other; its values hold the next three."""
@@ -14,12 +15,16 @@ HEARTBEAT_PERIOD = 0.5
 """Real seconds between two heartbeats of a node."""
 SILENCE_LIMIT = 2.0
 """Real seconds without a heartbeat after which a node counts as lost."""
+LONGEST_LOOK = 0.5
+"""Real seconds between two looks at the silence of others that count in full."""
 WORK_LEFT = "work_left"
 """Fact by which a node says how many results it still owes to what it has heard."""
 WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is no loss."""
 CLOCK_ROLE = "clock"
+BY_HAND_ROLE = "by_hand"
+"""Role of the node that follows a run by its readings alone; nobody tells positions then."""
 """Role of the node that tells simulated time."""
 HEARD_UNTIL = "heard_until"
 """Fact by which a recorder says up to which time, ns, it has taken the readings."""
@@ -115,6 +120,9 @@ class Watch:
     peers: dict[str, Peer] = field(default_factory=dict)
     lost: dict[str, str] = field(default_factory=dict)
     twins: set[str] = field(default_factory=set)
+    _looked: float = inf
+    # Node name → for how many s of its silence this process could not have heard it.
+    _deaf: dict[str, float] = field(default_factory=dict)
 
     def heard(self, name: str, peer: Peer) -> None:
         """Take note of a heartbeat."""
@@ -128,16 +136,23 @@ class Watch:
             self.twins.add(name)
         self.peers[name] = peer
         self.lost.pop(name, None)
+        self._deaf.pop(name, None)
 
     def check(self, now: float) -> list[str]:
         """Return the sentences about nodes that have been found lost just now.
 
+        A process that did not get the computer for a while finds in one moment that time has
+        passed, and what was sent meanwhile still unread: it listens before it judges.
+
         Args:
-            now: time on the clock of ``Peer.last_seen``, s.
+            now: time on the clock of ``Peer.last_seen``, s; called several times a second.
         """
+        asleep = max(0.0, now - self._looked - LONGEST_LOOK)
+        self._looked = now
         found = []
         for name, peer in self.peers.items():
-            silence = now - peer.last_seen
+            self._deaf[name] = self._deaf.get(name, 0.0) + asleep
+            silence = now - peer.last_seen - self._deaf[name]
             if silence > SILENCE_LIMIT and name not in self.lost:
                 self.lost[name] = f"{peer.role} node {name} is silent for {silence:.1f} s"
                 found.append(self.lost[name])
@@ -149,6 +164,10 @@ class Watch:
             peer.role == role and name not in self.lost and run_id in (None, peer.run_id)
             for name, peer in self.peers.items()
         )
+
+    def sessions(self) -> set[str]:
+        """Return the identities of the processes that are alive."""
+        return {peer.session for name, peer in self.peers.items() if name not in self.lost}
 
     def workers(self, now: float) -> list[str]:
         """Return the roles, in order, of nodes that still owe results and may yet give them.

@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.plan import (
     BACKWARD,
     DIAGONAL,
     FORWARD,
+    LEAVE,
     LINEAR,
     STEP_DIAGONAL,
     Line,
@@ -32,7 +33,7 @@ SECOND = 1_000_000_000
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-def a_plan(pause_for_setup=False, line_attempts=2):
+def a_plan(pause_for_setup=False):
     return Plan(
         name="two short lines",
         volume=Volume((0.0, 0.0, 0.0), (0.01, 0.02, 0.03), 2),
@@ -41,7 +42,7 @@ def a_plan(pause_for_setup=False, line_attempts=2):
             Line(STEP_DIAGONAL, "npp", "YZX", 0, FORWARD),
         ),
         feed=0.01,
-        sampling=Sampling(dwell=0.5, line_attempts=line_attempts),
+        sampling=Sampling(dwell=0.5),
         pause_for_setup=pause_for_setup,
     )
 
@@ -382,16 +383,129 @@ def test_a_hurried_clock_alone_is_no_fault():
     assert rig.sequence.state is State.RUNNING
 
 
-def test_a_line_with_a_rejected_stop_is_measured_again_then_left_incomplete():
-    rig = Rig(a_plan(line_attempts=2))
+LOST = "the zero is lost: the beam was interrupted"
+RESTLESS = "not settled within 3 s after in position: the readings scatter"
+
+
+def reject(rig, reason, when, limit=200):
+    """Run until another line, or until the run holds, rejecting the stops of the first line."""
+    for _ in range(limit):
+        if rig.sequence.state is not State.RUNNING or rig.sent[-1].line_index:
+            return
+        command = rig.sent[-1]
+        rig.obey(reason if command.purpose is Purpose.STOP and when(command) else "")
+    raise AssertionError("the line does not end")
+
+
+def policy(**sampling):
+    plan = a_plan()
+    return Rig(replace(plan, sampling=replace(plan.sampling, **sampling)))
+
+
+def test_a_line_whose_zero_is_lost_is_begun_anew_at_once():
+    rig = policy(line_attempts=3)
     rig.start()
-    while rig.sent[-1].line_index == 0:
-        rig.obey("beam lost" if rig.sent[-1].stop == 1 else "")
-    attempts = {command.attempt for command in rig.sent if command.line_index == 0}
-    assert attempts == {1, 2}
+    reject(rig, LOST, lambda command: command.stop == 1 and command.attempt < 3)
+    stops = [(c.attempt, c.stop) for c in rig.sent if c.line_index == 0 and not c.purpose]
+    assert stops == [(1, 0), (1, 1), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]
+    setups = {command.attempt: command.setup for command in rig.sent if command.line_index == 0}
+    assert len(set(setups.values())) == 3, "a lost zero is another setup"
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED and rig.sequence.incomplete == []
+
+
+def test_a_line_that_fails_again_and_again_holds_the_run_until_an_operator_resumes():
+    rig = policy(line_attempts=2)
+    rig.start()
+    reject(rig, LOST, lambda command: command.stop == 1)
+    assert rig.sequence.state is State.FAULT and rig.stops == 1
+    assert "measured 2 times in vain, stop 1: the zero is lost" in rig.sequence.text
+    rig.wait(1000.0)
+    count = len(rig.sent)
+    assert rig.sequence.state is State.FAULT and rig.sent[-1].attempt == 2
+    rig.sequence.resume(rig.now, rig.real, rig.sent[-1].target)
+    rig.align()
+    assert len(rig.sent) > count and rig.sent[-1].attempt == 3
+    reject(rig, LOST, lambda command: command.stop == 1)
+    assert rig.sent[-1].attempt == 4, "whoever resumes grants as many attempts as before"
+    assert rig.sequence.state is State.FAULT
+
+
+def test_a_line_may_be_left_incomplete_instead():
+    rig = policy(line_attempts=2, after_attempts=LEAVE)
+    rig.start()
+    reject(rig, LOST, lambda command: command.stop == 1)
+    assert [c.stop for c in rig.sent if c.attempt == 2 and not c.purpose][:3] == [0, 1, 2]
     rig.finish()
     assert rig.sequence.state is State.FINISHED
-    assert "beam lost" in rig.sequence.text
+    assert "left incomplete: x forward, repeat 0: stop 1: the zero is lost" in rig.sequence.text
+    assert len(rig.sequence.incomplete) == 1
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_stop_that_does_not_settle_is_approached_again_in_the_same_direction(index):
+    plan = a_plan()
+    rig = Rig(replace(plan, lines=plan.lines[index:]))
+    rig.start()
+    reject(rig, RESTLESS, lambda c: c.stop == 1 and [s.stop for s in rig.sent].count(1) == 1)
+    rig.finish()
+    assert rig.sequence.state is State.FINISHED
+    sent = [command for command in rig.sent if command.line_index == 0]
+    assert {command.attempt for command in sent} == {1} and len({c.setup for c in sent}) == 1
+    first = next(i for i, c in enumerate(sent) if c.stop == 1)
+    way = [(c.purpose, c.stop, c.target) for c in sent[first : first + 3]]
+    stops = [tuple(stop) for stop in plan.lines[index].stops(plan.volume)]
+    assert way == [
+        (Purpose.STOP, 1, stops[1]),
+        (Purpose.POSITION, 0, stops[0]),
+        (Purpose.STOP, 1, stops[1]),
+    ]
+    assert sent[first + 1].axis == sent[first].axis
+
+
+def test_a_first_stop_that_does_not_settle_is_approached_with_its_run_up_again():
+    plan = overrun_plan()
+    rig = Rig(plan)
+    rig.start()
+    reject(rig, RESTLESS, lambda _: [s.purpose for s in rig.sent].count(Purpose.STOP) == 1)
+    targets = [command.target[0] for command in rig.sent[:4]]
+    assert targets == [-0.003, 0.0, -0.003, 0.0]
+
+
+def test_a_stop_that_never_settles_lets_the_line_begin_anew():
+    rig = policy(stop_attempts=3, line_attempts=2)
+    rig.start()
+    reject(rig, RESTLESS, lambda command: command.stop == 1)
+    measured = [c.attempt for c in rig.sent if c.stop == 1 and not c.purpose]
+    assert measured == [1, 1, 1, 2, 2, 2]
+    assert rig.sequence.state is State.FAULT
+
+
+def test_a_pause_is_heeded_before_a_stop_is_measured_again():
+    rig = policy()
+    rig.start()
+    rig.sequence.pause()
+    rig.obey(RESTLESS)
+    assert rig.sequence.state is State.PAUSED
+    rig.sequence.resume(rig.now, rig.real, ORIGIN)
+    assert rig.sent[-1].stop == 0 and rig.sent[-1].attempt == 1
+
+
+def test_a_command_is_wanted_until_its_move_has_ended():
+    rig = Rig()
+    assert rig.sequence.wanted == 0
+    rig.start()
+    number = rig.sent[-1].command_id
+    assert rig.sequence.wanted == number > 0
+    rig.answer(Answer.MOVING)
+    assert rig.sequence.wanted == number
+    rig.answer(Answer.IN_POSITION)
+    assert rig.sequence.wanted == 0
+    rig.settle()
+    rig.wait(0.6)
+    assert rig.sequence.wanted == number + 1
+    rig.sequence.fault("for the test")
+    assert rig.sequence.wanted == 0
 
 
 def test_waits_for_the_operator_before_each_setup():

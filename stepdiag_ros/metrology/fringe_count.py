@@ -1,0 +1,190 @@
+"""Whether the count of an interferometer fits the way that the axes have made.
+
+A counter that loses or doubles fringes without noticing it goes on with good readings of a wrong
+zero. Actual positions show it in two ways. From one reading to the next the displacement cannot
+change by more than the axes can have moved in that time; while they stand, by nothing but
+vibration. And from one standstill to the next it must change by the way along the beam, up to what
+misalignment and the errors of the machine can make of it; a way of the same axis once more, by
+nearly as much as the first. What is smaller is not found here; a repeated line shows it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import islice, takewhile
+from math import isfinite
+
+import numpy as np
+
+from stepdiag_ros.metrology.assembly import FIRST_STATUS_THAT_LOSES_ZERO
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import Reading
+
+MARGIN = 50_000_000
+"""ns before and behind two readings in which the speed of the axes is looked at: clocks of
+instrument and controller differ, and drives lag. Where positions are farther apart than this,
+nothing is judged."""
+FLOOR = 5e-6
+"""m by which the displacement may change from reading to reading while the axes stand."""
+SLACK = 1.1
+"""Times the speed of the axes that the displacement may change with."""
+MISALIGNMENT = 5e-3
+"""Part of a way by which the displacement may differ from it: twice the tilt of beam or mirror, in
+rad, with which a signal still comes back."""
+ROUGHNESS = 5e-4
+"""Part of a way by which two ways of the same axis may differ: twice the slope of the error motions
+of a poor machine."""
+LEAST_WAY = 1e-3
+"""m: shorter ways tell nothing of the alignment."""
+STILL = 1e-6
+"""m within which axes stand."""
+MOST_PENDING = 5000
+COUNT_ERROR = 5
+"""STATUS_COUNT_ERROR of InterferometerReading.msg."""
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """A moment at which the axes stood."""
+
+    displacement: float
+    position: Vector
+
+
+class CountCheck:
+    """Judges readings by actual positions; both come in order of time, each in itself."""
+
+    def __init__(self) -> None:
+        self._direction: Vector | None = None
+        self._positions: deque[tuple[int, Vector]] = deque(maxlen=MOST_PENDING)
+        self._readings: deque[tuple[int, float]] = deque(maxlen=MOST_PENDING)
+        self._last: tuple[int, float] | None = None
+        self._standing: _Standing | None = None
+        # Axis → by how much the displacement differs from its way along the beam, m/m.
+        self._slopes: dict[int, float] = {}
+        self._since = 0
+        self.trouble = ""
+
+    def end(self) -> None:
+        """Judge no reading until the next zero."""
+        self._direction = None
+        self._readings.clear()
+        self.trouble = ""
+
+    def begin(self, direction: Vector, time: int) -> None:
+        """Take a new zero; what was before a time (ns) no longer counts.
+
+        Args:
+            direction: nominal, of the beam away from the laser, shape (3,).
+            time: from which readings have the new zero, ns.
+        """
+        self._direction = direction
+        self._readings.clear()
+        self._last = self._standing = None
+        self._slopes = {}
+        self._since = time
+        self.trouble = ""
+
+    def add_position(self, time: int, position: tuple[float, float, float]) -> None:
+        """Take an actual position, m, of a time, ns."""
+        if not self._positions or time > self._positions[-1][0]:
+            self._positions.append((time, np.asarray(position)))
+
+    def add_reading(self, time: int, displacement: float, counts: bool) -> None:
+        """Take a reading, m, of a time, ns.
+
+        Args:
+            time: of measurement.
+            displacement: as counted.
+            counts: the instrument itself says that it has counted all the way.
+        """
+        if self._direction is None or time <= self._since:
+            return
+        if not (counts and isfinite(displacement)):
+            self._readings.clear()
+            self._last = self._standing = None
+        else:
+            self._readings.append((time, displacement))
+
+    def judged(self, readings: list[Reading]) -> list[Reading]:
+        """Take readings; return them, with ``COUNT_ERROR`` as status once they have no zero."""
+        for reading in readings:
+            raw = reading.raw_displacement
+            value = raw if isfinite(raw) else reading.compensated_displacement
+            self.add_reading(reading.time, value, reading.status < FIRST_STATUS_THAT_LOSES_ZERO)
+        if not self.check():
+            return readings
+        return [
+            reading._replace(status=COUNT_ERROR)
+            if reading.status < FIRST_STATUS_THAT_LOSES_ZERO
+            else reading
+            for reading in readings
+        ]
+
+    def check(self) -> str:
+        """Judge what can be judged by now; return what is wrong, which holds until ``begin``."""
+        if not self._positions:
+            return self.trouble
+        known = self._positions[-1][0] - MARGIN
+        while self._readings and self._readings[0][0] <= known and not self.trouble:
+            self._judge(*self._readings.popleft())
+        return self.trouble
+
+    def _judge(self, time: int, displacement: float) -> None:
+        last, self._last = self._last, (time, displacement)
+        if last is None:
+            return
+        around = self._around(last[0] - MARGIN, time + MARGIN)
+        instants = np.array([when for when, _ in around])
+        # What the axes have done between positions that are far apart, nobody knows.
+        if len(around) < 2 or np.max(np.diff(instants)) > MARGIN:
+            return
+        times = (instants - instants[0]) * 1e-9
+        places = np.array([place for _, place in around])
+        ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        speed = float(np.max(ways / np.diff(times)))
+        change = abs(displacement - last[1])
+        possible = FLOOR + SLACK * speed * (time - last[0]) * 1e-9
+        if change > possible:
+            self.trouble = (
+                f"the count jumped by {change * 1e6:.4g} µm from one reading to the next, but the "
+                f"axes can have moved {possible * 1e6:.4g} µm at most"
+            )
+        elif float(np.max(np.ptp(places, axis=0))) <= STILL:
+            self._judge_standing(_Standing(displacement, places[-1]))
+
+    def _judge_standing(self, now: _Standing) -> None:
+        before, self._standing = self._standing, now
+        if before is None or self._direction is None:
+            return
+        way = now.position - before.position
+        expected = float(self._direction @ way)
+        found = now.displacement - before.displacement
+        length = float(np.linalg.norm(way))
+        allowed = FLOOR + MISALIGNMENT * length
+        axis = int(np.argmax(np.abs(way)))
+        if length > LEAST_WAY and length - abs(way[axis]) <= STILL:
+            if axis in self._slopes:
+                expected += self._slopes[axis] * float(way[axis])
+                allowed = 2.0 * FLOOR + ROUGHNESS * length
+            else:
+                self._slopes[axis] = (found - expected) / float(way[axis])
+        if abs(found - expected) > allowed:
+            self.trouble = (
+                f"the displacement changed by {found * 1e3:.4f} mm where the way of the axes makes "
+                f"{expected * 1e3:.4f} mm of it, with {allowed * 1e3:.4f} mm more or less at most"
+            )
+
+    def _around(self, start: int, end: int) -> list[tuple[int, Vector]]:
+        """Return the positions from the last up to a time to the first from another on.
+
+        They may be far apart when a computer is busy. Empty if they do not reach that far back.
+        """
+        positions = self._positions
+        while len(positions) > 2 and positions[1][0] <= start:
+            positions.popleft()
+        if positions[0][0] > start:
+            return []
+        return [*takewhile(lambda entry: entry[0] < end, positions), *self._first_from(end)]
+
+    def _first_from(self, time: int) -> list[tuple[int, Vector]]:
+        return list(islice((entry for entry in self._positions if entry[0] >= time), 1))

@@ -1,0 +1,52 @@
+"""docs/safety.md: every fault has a test that exists, and the figures are those of the code."""
+
+import re
+from pathlib import Path
+
+from stepdiag_ros.devices import known_drivers
+from stepdiag_ros.metrology.fringe_count import FLOOR, MISALIGNMENT, ROUGHNESS
+from stepdiag_ros.nodes.sequencer import PERMIT_PERIOD
+from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.run.motion_watch import ASTRAY, SETTLE_LIMIT
+from stepdiag_ros.run.permission import LONGEST_DEAD_MAN
+from stepdiag_ros.run.sequence import ANSWER_LIMIT, BEAM_LIMIT
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+COLUMNS = 5
+
+
+def rows():
+    table = PAGE.split("| fault | what is seen |", 1)[1].split("\n\n", 1)[0]
+    return [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+
+
+def test_every_fault_has_a_test_that_exists():
+    assert len(rows()) >= 25
+    for row in rows():
+        assert len(row) == COLUMNS, row
+        found = re.fullmatch(r"\[`(?P<path>\S+)::(?P<test>\w+)`\]\(\.\./(?P<link>\S+)\)", row[-1])
+        assert found, f"no test in the row of: {row[0]}"
+        assert found["path"] == found["link"]
+        text = (ROOT / found["path"]).read_text(encoding="utf-8")
+        assert re.search(rf"^def {found['test']}\(", text, re.MULTILINE), row[-1]
+
+
+def test_figures_are_those_of_the_code():
+    limit = declared_node("bridge").find("silence_limit").default
+    assert f"`silence_limit`\n   ({limit:g} s; a parameter of the bridge)" in PAGE
+    assert PERMIT_PERIOD == 0.1 and "ten times a second" in PAGE
+    assert f"at most {ANSWER_LIMIT:g} s by the computer's clock" in PAGE
+    assert f"elsewhere after {SETTLE_LIMIT:g} s" in PAGE
+    assert f"an axis that is {ASTRAY * 1e3:g} mm beside" in PAGE
+    assert f"one of more than {LONGEST_DEAD_MAN:g} s" in PAGE
+    assert f"hold after {BEAM_LIMIT:g} s" in PAGE
+    assert f"seen from {FLOOR * 1e6:g} µm up while the axes stand" in PAGE
+    assert f"from {FLOOR * 1e6:g} µm + {MISALIGNMENT * 100:g} % of the way up" in PAGE
+    assert f"from {2 * FLOOR * 1e6:g} µm + {ROUGHNESS * 100:g} % of the way up" in PAGE
+
+
+def test_every_driver_says_what_happens_when_the_bridge_is_killed():
+    table = PAGE.split("| driver | when the bridge's process is killed", 1)[1].split("\n\n", 1)[0]
+    for driver in known_drivers("cnc"):
+        assert f"`{driver}`" in table, driver
