@@ -1,0 +1,147 @@
+"""``stepdiag by-hand``: a run from readings alone, of an instrument that is not connected."""
+
+import argparse
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros import schemas
+from stepdiag_ros.commands.output import HelpFormatter, say
+
+if TYPE_CHECKING:
+    from stepdiag_ros.bags.hand_run import HandRun
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "by-hand",
+        help="find the stops of a plan in a recording of readings alone",
+        description="Make a run from recordings of an instrument that was not connected to the"
+        " control: the NC program of 'stepdiag plan --nc' ran on the machine, the laser was"
+        " recorded. The rests in the readings are matched to the stops of the plan; a line of which"
+        " it is not certain which rest is which stop gives no result, and it is said why. The bag"
+        " is like that of any other run: solve, diagnose, iso230, replay --check take it."
+        " docs/by_hand.md says how to measure so.",
+        epilog="examples:\n"
+        "  stepdiag by-hand laser.csv --mapping readings_in_time --plan my_plan.yaml\n"
+        "  stepdiag by-hand x.csv y.csv z.csv ppp.csv --mapping my_laser.yaml --plan my_plan.yaml\n"
+        "  stepdiag by-hand again.csv --lines 5-8 --mapping my_laser.yaml --plan my_plan.yaml\n"
+        "  stepdiag solve laser_by_hand.mcap",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument(
+        "recordings",
+        type=Path,
+        nargs="+",
+        metavar="recording",
+        help="file with readings over time, or a bag with them; several in order of measurement",
+    )
+    parser.add_argument("--plan", required=True, help="that was measured: YAML file, or a name")
+    parser.add_argument(
+        "--mapping",
+        default="",
+        metavar="FILE",
+        help="YAML that says what the columns are: a path, or a name of config/imports",
+    )
+    parser.add_argument(
+        "--lines",
+        action="append",
+        type=_lines,
+        metavar="FIRST-LAST",
+        help="lines of the plan, from 1, that the recording holds, such as 1-4 or 3; once for each"
+        " recording (default: all; of several recordings one setup each, or one line each)",
+    )
+    parser.add_argument("--machine", help="YAML file, or a name; for the order of its axes")
+    parser.add_argument(
+        "--output", type=Path, metavar="BAG", help="(default: NAME_by_hand.mcap beside the first)"
+    )
+    parser.add_argument("--json", action="store_true", help="print what was found as JSON")
+    parser.set_defaults(run=run)
+
+
+def _lines(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    if not first.isascii() or not first.isdigit() or not (last or first).isdigit():
+        raise argparse.ArgumentTypeError(f"'{text}' is no range of lines such as 1-4")
+    return int(first), int(last or first)
+
+
+def run(arguments: Namespace) -> int:
+    """Find the stops and write the bag; see the module."""
+    from stepdiag_ros.bags.hand_run import lines_of_recordings, measure_by_hand, write_hand_run
+    from stepdiag_ros.bags.recording import one_after_another, read_recording
+    from stepdiag_ros.configuration import load_machine, load_plan
+    from stepdiag_ros.metrology.by_hand import plan_by_hand
+    from stepdiag_ros.planning.plan_text import plan_text
+
+    plan, text = load_plan(arguments.plan)
+    if arguments.lines is None:
+        lines = lines_of_recordings(plan, len(arguments.recordings))
+    else:
+        lines = _given_lines(arguments, len(plan.lines))
+    machine_text = load_machine(arguments.machine)[1] if arguments.machine else ""
+    recordings = one_after_another(
+        [read_recording(path, arguments.mapping, text) for path in arguments.recordings]
+    )
+    as_measured = plan_text(plan_by_hand(plan), (f"measured by hand; from {arguments.plan}",))
+    found = measure_by_hand(plan, as_measured, machine_text, recordings, lines)
+    first = arguments.recordings[0]
+    target = arguments.output or first.with_name(f"{first.stem}_by_hand.mcap")
+    if not found.lines:
+        for sentence in found.words:
+            say(f"  {sentence}")
+        raise ValueError("no line of the plan was found; nothing was written")
+    run_id = write_hand_run(target, found)
+    if arguments.json:
+        print(schemas.json_text(schemas.document("by_hand", _document(found, target, run_id))))
+        return 0
+    complete = sum(line.complete for line in found.lines)
+    print(
+        f"{target}: {len(found.lines)} of {len(found.looked_for)} lines found,"
+        f" {complete} of them complete"
+    )
+    for sentence in found.words:
+        say(f"  {sentence}")
+    return 0
+
+
+def _given_lines(arguments: Namespace, count: int) -> list[list[int]]:
+    if len(arguments.lines) != len(arguments.recordings):
+        raise ValueError(
+            f"{len(arguments.lines)} times --lines for {len(arguments.recordings)} recordings; "
+            "say it once for each, or not at all"
+        )
+    for first, last in arguments.lines:
+        if not 1 <= first <= last <= count:
+            raise ValueError(f"--lines {first}-{last}: the plan has the lines 1 to {count}")
+    return [list(range(first - 1, last)) for first, last in arguments.lines]
+
+
+def _document(found: "HandRun", target: Path, run_id: str) -> dict[str, Any]:
+    measured = {line.line_index: line for line in found.lines}
+    return {
+        "bag": str(target),
+        "run_id": run_id,
+        "recordings": [
+            {
+                "file": str(recording.path),
+                "readings": len(recording.readings),
+                "rests": len(one.rests),
+                "hint": one.hint,
+            }
+            for recording, one in zip(found.recordings, found.found, strict=True)
+        ],
+        "lines": [
+            {
+                "line": str(found.plan.lines[line.line_index]),
+                "line_index": line.line_index,
+                "found": line.line_index in measured,
+                "complete": line.line_index in measured and measured[line.line_index].complete,
+                "refusal": line.refusal,
+                "remarks": list(line.remarks),
+            }
+            for line in found.looked_for
+        ],
+        "remarks": list(found.words),
+    }

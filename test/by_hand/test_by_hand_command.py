@@ -1,0 +1,162 @@
+"""``stepdiag by-hand``: from a file of readings to a bag that every command takes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag_ros import cli
+from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.planning.moves import moves_of
+from stepdiag_ros.planning.plan_text import plan_text
+from stepdiag_ros.planning.program_run import Instrument, run_program
+
+MAPPING = """\
+table: readings
+text: {delimiter: tab}
+columns: {time: "Time (ms)", reading: "Distance (mm)"}
+units: {time: ms, reading: mm}
+compensated: true
+"""
+
+
+def write(path, readings):
+    rows = [
+        f"{one.time * 1e-6:.3f}\t{one.compensated_displacement * 1e3:.7f}\n" for one in readings
+    ]
+    path.write_text("Time (ms)\tDistance (mm)\n" + "".join(rows))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A plan, a mapping, and recordings: of all lines, and of each setup alone."""
+    folder = tmp_path_factory.mktemp("by_hand")
+    plan = load_plan("quick")[0]
+    plan = replace(plan, sampling=replace(plan.sampling, dwell=1.0))
+    (folder / "plan.yaml").write_text(plan_text(plan))
+    (folder / "laser.yaml").write_text(MAPPING)
+    moves = moves_of(plan)
+    seen = run_program(
+        plan, moves, load_cell("demo")[0], 2.0, Instrument(rate=50.0, seed=2, work=5.0)
+    )
+    write(folder / "all.txt", seen.readings)
+    begins = [time for time, move in zip(seen.arrivals, moves, strict=True) if "Align" in
+              move.program_stop]  # fmt: skip
+    for number, (begin, end) in enumerate(zip(begins, [*begins[1:], 2**62], strict=True)):
+        part = [one for one in seen.readings if begin <= one.time < end]
+        # Each file has a clock of its own.
+        write(folder / f"{number}.txt", [one._replace(time=one.time - begin) for one in part])
+    write(folder / "cut.txt", [one for one in seen.readings if one.time < begins[-1] + 20e9])
+    return folder
+
+
+def run(*arguments):
+    return cli.main([str(argument) for argument in arguments])
+
+
+def by_hand(folder, *arguments):
+    return run("by-hand", *arguments, "--mapping", folder / "laser.yaml", "--plan",
+               folder / "plan.yaml")  # fmt: skip
+
+
+def test_the_bag_is_a_run_like_any_other(folder, capsys):
+    bag = folder / "all.mcap"
+    assert by_hand(folder, folder / "all.txt", "--machine", "demo", "--output", bag, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [line["complete"] for line in document["lines"]] == [True] * 6
+    recorded = load_run(bag)
+    assert recorded.chain == "YXZ" and recorded.run_id == document["run_id"]
+    assert len(recorded.commands) == len(recorded.arrivals) == 42 and len(recorded.lines) == 6
+    again = [
+        event
+        for event in assemble(
+            recorded.plan,
+            recorded.start_time,
+            recorded.commands,
+            recorded.arrivals,
+            recorded.readings(),
+        )
+        if isinstance(event, MeasuredLine)
+    ]
+    for line, other in zip(recorded.lines, again, strict=True):
+        assert np.array_equal(line.displacement, other.displacement)
+        assert np.array_equal(line.standard_uncertainty, other.standard_uncertainty)
+    # The source is in it, byte for byte; what nobody knows is said to be unknown.
+    with BagReader(bag) as opened:
+        kept = {one.name: one.data for one in opened.attachments}
+    assert kept["source/all.txt"] == (folder / "all.txt").read_bytes()
+    assert all(np.isnan(arrival.position).all() for arrival in recorded.arrivals)
+    assert recorded.states[-1].text == "measured by hand: 6 of 6 lines"
+    assert run("solve", bag, "--json", "--pictures", "none", "--output", folder / "results") == 0
+    solved = json.loads(capsys.readouterr().out)
+    assert "the same lines to the last bit" in json.dumps(solved)
+    assert {"setup_robust", "least_squares"} <= set(solved["methods"])
+
+
+def test_a_bag_with_readings_is_a_recording_too(folder, capsys):
+    bag, again = folder / "once.mcap", folder / "again.mcap"
+    assert by_hand(folder, folder / "all.txt", "--output", bag) == 0
+    assert run("by-hand", bag, "--plan", folder / "plan.yaml", "--output", again) == 0
+    capsys.readouterr()
+    for line, other in zip(load_run(bag).lines, load_run(again).lines, strict=True):
+        assert np.array_equal(line.displacement, other.displacement)
+
+
+def test_each_setup_may_have_a_file_of_its_own(folder, capsys):
+    bag = folder / "six.mcap"
+    files = [folder / f"{number}.txt" for number in range(6)]
+    assert by_hand(folder, *files, "--output", bag) == 0
+    assert "6 of 6 lines found, 6 of them complete" in capsys.readouterr().out
+    recorded = load_run(bag)
+    whole = {line.line_index: line for line in recorded.lines}
+    assert sorted(whole) == list(range(6))
+    assert len({line.setup for line in recorded.lines}) == 6
+
+
+def test_some_lines_may_be_looked_for(folder, capsys):
+    bag = folder / "one.mcap"
+    assert by_hand(folder, folder / "3.txt", "--lines", "4", "--output", bag) == 0
+    assert "1 of 1 lines found" in capsys.readouterr().out
+    assert [line.line_index for line in load_run(bag).lines] == [3]
+
+
+def test_what_is_not_found_is_said_and_the_rest_is_kept(folder, capsys):
+    bag = folder / "cut.mcap"
+    assert by_hand(folder, folder / "cut.txt", "--output", bag) == 0
+    output = capsys.readouterr()
+    assert "5 of 6 lines found" in output.out
+    assert "pnp XYZ forward, repeat 0: no result: " in output.err
+    assert "pnp XYZ forward, repeat 0: no result: " in load_run(bag).states[-1].text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["all.txt", "--lines", "1-7"], "the plan has the lines 1 to 6"),
+        (["all.txt", "--lines", "1", "--lines", "2"], "2 times --lines for 1 recordings"),
+        (["0.txt", "1.txt"], "2 recordings for a plan of 6 setups and 6 lines"),
+        (["none.txt"], "none.txt"),
+        (["0.txt", "--lines", "4"], "no line of the plan was found"),
+    ],
+)
+def test_refusals_are_one_sentence_and_leave_nothing(folder, capsys, arguments, words):
+    bag = folder / "refused.mcap"
+    given = [folder / one if one.endswith(".txt") else one for one in arguments]
+    assert by_hand(folder, *given, "--output", bag) == 1
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert words in errors[-1]
+    assert not bag.exists() and not list(folder.glob(".*partial"))
+
+
+def test_a_table_of_stops_is_no_recording(folder, capsys):
+    path = folder / "raw.txt"
+    write(path, load_run(folder / "all.mcap").readings())
+    (folder / "raw.yaml").write_text(MAPPING.replace("compensated: true", "compensated: false"))
+    assert run("by-hand", path, "--mapping", folder / "raw.yaml", "--plan",
+               folder / "plan.yaml") == 1  # fmt: skip
+    assert "no reading is compensated for the air" in capsys.readouterr().err
