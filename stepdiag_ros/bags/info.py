@@ -1,18 +1,24 @@
 """What is in a bag, at a glance, and whether it is whole. Works on cut and damaged bags too."""
 
+from collections import defaultdict
 from dataclasses import dataclass, field
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from stepdiag_ros import conversion, topics
-from stepdiag_ros.bags.bag import Bag
+from stepdiag_ros.bags.bag import Bag, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.repetitions import Repetitions
+from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import runs_in
+from stepdiag_ros.bags.sample_check import SampleCheck
+from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
+from stepdiag_ros.metrology.time_alignment import RunTiming
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,10 @@ class BagInfo:
         lines: finished lines, in words, in the order of measurement.
         diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
         gaps: in the sequence of the readings.
+        samples: namespace → what is there of the samples of its interferometer, where it has sent
+            any.
+        timing: how late the readings of the run are stamped; None where that cannot be asked.
+        settle: s from in position to the begin of a stop's window; NaN without ``timing``.
         chunks: number of chunks.
         data_checksum: a checksum covers the whole file, not only each chunk.
     """
@@ -84,6 +94,9 @@ class BagInfo:
     lines: list[str] = field(default_factory=list)
     diagnosis: str = ""
     gaps: list[SequenceGap] = field(default_factory=list)
+    samples: dict[str, SampleCheck] = field(default_factory=dict)
+    timing: RunTiming | None = None
+    settle: float = nan
     chunks: int = 0
     data_checksum: bool = False
 
@@ -126,6 +139,19 @@ class BagInfo:
                 {"after": gap.after, "before": gap.before, "time": gap.time} for gap in self.gaps
             ],
             "missing_readings": sum(gap.missing for gap in self.gaps),
+            "samples": [
+                {
+                    "namespace": namespace,
+                    "blocks": check.blocks,
+                    "samples": check.samples,
+                    "rate": check.rate,
+                    "missing": check.missing,
+                    "readings_made_again": check.made,
+                    "readings_different": check.different,
+                }
+                for namespace, check in self.samples.items()
+            ],
+            "timing": _timing_as_dict(self.timing),
             "chunks": self.chunks,
             "data_checksum": self.data_checksum,
         }
@@ -149,6 +175,7 @@ def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
             info.complete = True
             _summarise(bag, info, run_id)
             info.intact = True
+        _add_timing(info, run_id)
     except BagCutError as error:
         info.problem = str(error)
     except BagCorruptError as error:
@@ -173,6 +200,8 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     counts = dict.fromkeys(bag.topics, 0)
     sequences: dict[str, int] = {}
     repetitions = Repetitions()
+    sampled = topics.SAMPLES.type_name in bag.topics.values()
+    checks: defaultdict[str, SampleCheck] = defaultdict(SampleCheck)
     for record in bag.records():
         counts[record.topic] += 1
         known = topics.topic_of(record.topic)
@@ -181,12 +210,62 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
         if not repetitions.is_news(record):
             info.repetitions += 1
         elif known[0] is topics.READING:
-            _follow(bag.decode(record), record.topic, sequences, info)
+            message = bag.decode(record)
+            _follow(message, record.topic, sequences, info)
+            if sampled:
+                checks[known[1]].take_reading(message)
+        elif known[0] is topics.SAMPLES:
+            _check_samples(bag, record, checks[known[1]])
         elif known[0] in (topics.LINE, topics.DIAGNOSIS):
             message = bag.decode(record)
             if run_id in (None, message.run_id):
                 _conclude(known[0], message, info)
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
+    info.samples = {where: check for where, check in checks.items() if check.blocks}
+
+
+def _check_samples(bag: Bag, record: Record, check: SampleCheck) -> None:
+    try:
+        check.take_samples(bag.decode(record))
+    except ValueError as error:
+        raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+
+
+def _add_timing(info: BagInfo, run_id: str | None) -> None:
+    """Add how readings and positions fit in time, if the bag has both of one run."""
+    types = [type_name for type_name, count in info.topics.values() if count]
+    needed = (topics.READING, topics.JOINT_STATES, topics.STOP)
+    if not all(topic.type_name in types for topic in needed):
+        return
+    if run_id is None and len(info.runs) != 1:
+        return
+    try:
+        run = load_run(info.path, run_id)
+    except BagError:
+        return  # of a newer version, for example, which is no fault
+    info.timing, info.settle = timing_of(run), run.plan.sampling.settle
+
+
+def _timing_as_dict(timing: RunTiming | None) -> dict[str, Any] | None:
+    if timing is None:
+        return None
+    offset = timing.offset
+
+    def known(value: float) -> float | None:
+        return None if isnan(value) else value
+
+    return {
+        "offset": known(offset.offset),
+        "standard_uncertainty": known(offset.standard_uncertainty),
+        "expanded_uncertainty": known(offset.expanded_uncertainty),
+        "degrees_of_freedom": offset.degrees_of_freedom,
+        "moves": offset.moves,
+        "lines": len(timing.lines),
+        "drift": known(timing.drift),
+        "drift_uncertainty": known(timing.drift_uncertainty),
+        "others": list(offset.others),
+        "reason": offset.reason,
+    }
 
 
 def _runs_of(bag: Bag) -> list[RunInBag]:

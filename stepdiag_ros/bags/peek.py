@@ -9,6 +9,9 @@ from typing import NamedTuple
 _ENCAPSULATION = 4
 """Bytes in front of the body; the second says which byte order it is in."""
 _STAMP = {"<": struct.Struct("<iII"), ">": struct.Struct(">iII")}
+_LENGTH = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
+_IN_FRONT_OF_SAMPLES = 72
+"""Bytes of an InterferometerSamples from its sequence number to its samples."""
 _NUMBER = {"<": struct.Struct("<Q"), ">": struct.Struct(">Q")}
 
 
@@ -22,6 +25,20 @@ class Head(NamedTuple):
 
     time: int
     sequence: int
+
+
+class BlockHead(NamedTuple):
+    """What stands first in an InterferometerSamples.
+
+    Attributes:
+        time: of measurement of the first sample, ns.
+        sequence: its number.
+        samples: how many there are.
+    """
+
+    time: int
+    sequence: int
+    samples: int
 
 
 def stamp_of(cdr: bytes) -> int:
@@ -41,12 +58,29 @@ def head_of(cdr: bytes) -> Head:
         struct.error: the bytes are no such message.
     """
     order = _order(cdr)
+    (sequence,) = _NUMBER[order].unpack_from(cdr, _behind_header(cdr, order))
+    return Head(stamp_of(cdr), int(sequence))
+
+
+def block_head_of(cdr: bytes) -> BlockHead:
+    """Return header time, first sequence number and number of an InterferometerSamples.
+
+    Raises:
+        struct.error: the bytes are no such message.
+    """
+    order = _order(cdr)
+    begin = _behind_header(cdr, order)
+    (sequence,) = _NUMBER[order].unpack_from(cdr, begin)
+    (samples,) = _LENGTH[order].unpack_from(cdr, begin + _IN_FRONT_OF_SAMPLES)
+    return BlockHead(stamp_of(cdr), int(sequence), int(samples))
+
+
+def _behind_header(cdr: bytes, order: str) -> int:
+    """Return where a number of eight bytes stands that follows the header."""
     stamp = _STAMP[order]
-    seconds, nanoseconds, length = stamp.unpack_from(cdr, _ENCAPSULATION)
+    _, _, length = stamp.unpack_from(cdr, _ENCAPSULATION)
     # The frame's name ends anywhere; a number of eight bytes begins at a multiple of eight.
-    begin = (stamp.size + length + 7) // 8 * 8
-    (sequence,) = _NUMBER[order].unpack_from(cdr, _ENCAPSULATION + begin)
-    return Head(int(seconds) * 1_000_000_000 + int(nanoseconds), int(sequence))
+    return _ENCAPSULATION + int(stamp.size + length + 7) // 8 * 8
 
 
 def _order(cdr: bytes) -> str:

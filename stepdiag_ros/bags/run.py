@@ -15,6 +15,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
+from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -166,6 +167,20 @@ class RecordedRun:
         with open_bag(self.path) as bag:
             for _, message in messages_of(bag, self.found, (name,)):
                 yield conversion.to_reading(message)
+
+    def weather(self) -> list[SensorValue]:
+        """Return what the weather sensors told, in order of time."""
+        told = {
+            topics.absolute(topic, self.namespace): (name, field)
+            for name, (topic, field) in topics.WEATHER.items()
+        }
+        values = []
+        with open_bag(self.path) as bag:
+            for record, message in messages_of(bag, self.found, told.keys()):
+                name, field = told[record.topic]
+                time = conversion.to_nanoseconds(message.header.stamp)
+                values.append(SensorValue(time, name, float(getattr(message, field))))
+        return sorted(values, key=lambda value: value.time)
 
     def _own_command(self, message: Any) -> StopCommand | None:
         return conversion.to_stop_command(message) if message.run_id == self.run_id else None

@@ -10,28 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.case import FILE_NAME, Case, read_case
-from stepdiag_ros.bags.errors import BagError, BagWriteError
-from stepdiag_ros.bags.header import Attachment, RunHeader
+from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.imports.source import PREFIX
+from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_lines import (
     measured_lines,
     passes_of,
     plan_groups,
+    plan_text,
     setups_of,
     volume_of,
 )
 from stepdiag_ros.bags.table_rows import parse_rows, read_text
-from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
-
-SOURCE_PREFIX = "source/"
-"""In front of the names of the files that an imported bag was made from."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +34,7 @@ class RunTable:
     Attributes:
         path: of the CSV.
         text: of the CSV.
+        data: its bytes, as they are in the file.
         case: what the case file tells.
         measurement: box and lines; a line's index is its place in the plan.
         plan_text: YAML of a plan that measures these lines; its feed is ``unknown``.
@@ -49,6 +43,7 @@ class RunTable:
 
     path: Path
     text: str
+    data: bytes
     case: Case
     measurement: Measurement
     plan_text: str
@@ -81,20 +76,13 @@ def load_table(path: str | Path, case: str | Path | None = None) -> RunTable:
     volume = told.volume or volume_of(passes, str(path))
     setups = setups_of(passes, volume, str(path))
     lines = tuple(line for _, line in measured_lines(setups, told))
-    plan = {
-        "name": f"imported from {path.name}",
-        "origin_m": list(volume.origin),
-        "step_m": list(volume.step),
-        "blocks": volume.blocks,
-        "feed_m_per_s": UNKNOWN,
-        "lines": plan_groups(setups),
-    }
     return RunTable(
         path=path,
         text=text,
+        data=path.read_bytes(),
         case=told,
         measurement=Measurement(volume, lines, told.chain),
-        plan_text=yaml.safe_dump(plan, sort_keys=False, default_flow_style=None),
+        plan_text=plan_text(f"imported from {path.name}", volume, plan_groups(setups)),
         setups=len(setups),
     )
 
@@ -122,68 +110,31 @@ def import_table(path: str | Path, case: str | Path | None, target: str | Path) 
         TableError: the table is refused; names file, row and reason.
         BagError: the target exists or cannot be written.
     """
-    import stepdiag_ros
-
     table = load_table(path, case)
-    target = Path(target)
-    if target.exists():
-        raise BagError(f"{target} exists already; a bag is never overwritten")
-    if not target.parent.is_dir():
-        raise BagError(f"{target}: the folder {target.parent} does not exist")
-    description = _description(table, stepdiag_ros.__version__)
-    header = RunHeader(
-        run_id=description.run_id,
-        plan_name=f"imported from {table.path.name}",
-        software_version=description.software_version,
-        schema_version=description.schema_version,
-        middleware="none: imported from a table",
-        start_time=0,
-        plan=description.plan,
-        machine=description.machine,
-        facts={"time_origin": "start of the run; the table tells no date"},
-        further=_sources(table),
+    # The same table gives the same identity, so that importing it twice is seen.
+    content = hashlib.sha256((table.text + table.case.text).encode()).hexdigest()
+    write_bag(
+        Path(target),
+        ToWrite(
+            run_id=f"imported-{table.path.stem}-{content[:12]}",
+            plan_name=f"imported from {table.path.name}",
+            middleware="none: imported from a table",
+            plan=table.plan_text,
+            machine=table.case.machine_text(FILE_NAME),
+            facts={"time_origin": "start of the run; the table tells no date"},
+            attachments=_sources(table),
+            lines=table.measurement.lines,
+        ),
     )
-    partial = target.with_name(f".{target.name}.partial")
-    partial.unlink(missing_ok=True)
-    try:
-        with BagWriter(partial, header) as bag:
-            _write(bag, topics.RUN_DESCRIPTION, description, 0)
-            for line in sorted(table.measurement.lines, key=lambda line: line.end_time):
-                message = conversion.from_measured_line(line, description.run_id, own_types().new)
-                _write(bag, topics.LINE, message, line.end_time)
-        partial.rename(target)
-    except OSError as error:
-        raise BagWriteError(f"{target} cannot be written: {error.strerror}") from error
-    finally:
-        partial.unlink(missing_ok=True)
     return table
 
 
-def _description(table: RunTable, software_version: str) -> Any:
-    types = own_types()
-    message = types.new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, 0)
-    message.schema_version = types.constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
-    # The same table gives the same identity, so that importing it twice is seen.
-    content = hashlib.sha256((table.text + table.case.text).encode()).hexdigest()
-    message.run_id = f"imported-{table.path.stem}-{content[:12]}"
-    message.software_version = software_version
-    message.plan = table.plan_text
-    message.machine = table.case.machine_text(FILE_NAME)
-    return message
-
-
 def _sources(table: RunTable) -> tuple[Attachment, ...]:
-    name = SOURCE_PREFIX + table.path.name
-    sources = [Attachment(name, "text/csv", table.text.encode())]
+    name = PREFIX + table.path.name
+    sources = [Attachment(name, "text/csv", table.data)]
     if table.case.text:
-        sources.append(Attachment.yaml(SOURCE_PREFIX + FILE_NAME, table.case.text))
+        sources.append(Attachment.yaml(PREFIX + FILE_NAME, table.case.text))
     return tuple(sources)
-
-
-def _write(bag: BagWriter, topic: topics.Topic, message: Any, time: int) -> None:
-    data = own_types().encode(topic.type_name, message)
-    bag.write(topics.absolute(topic), topic.type_name, data, time)
 
 
 def case_of_run(volume: Volume, machine: dict[str, Any], lines: tuple[MeasuredLine, ...]) -> Case:

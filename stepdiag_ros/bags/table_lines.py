@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import Row, refusal
+from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.geometry import (
     AXES,
     MOVE_ORDERS,
@@ -315,7 +317,7 @@ def measured_lines(setups: list[TableSetup], case: Case) -> Iterator[tuple[int, 
                     attempt=1,
                     setup=setup.identity,
                     time=np.array([row.time for row in stops]),
-                    end_time=round(stops[-1].time * _NANOSECONDS),
+                    end_time=_end_time(stops[-1]),
                     target=np.array([row.position for row in stops]),
                     displacement=np.array([row.reading for row in stops]),
                     standard_uncertainty=np.full(len(stops), case.reading_noise),
@@ -325,9 +327,33 @@ def measured_lines(setups: list[TableSetup], case: Case) -> Iterator[tuple[int, 
         begin += repeats * len(directions)
 
 
+def _end_time(last: Row) -> int:
+    # Where no time is known (imported tables), lines keep their order: a nanosecond for each row.
+    return round(last.time * _NANOSECONDS) if np.isfinite(last.time) else last.number
+
+
 def _extent(setup: TableSetup) -> tuple[int, list[str]]:
     repeats = 1 + max(line.repeat for line, _ in setup.lines)
     return repeats, list(dict.fromkeys(line.direction for line, _ in setup.lines))
+
+
+def plan_text(name: str, volume: Volume, groups: list[dict[str, object]]) -> str:
+    """Return the YAML text of a plan that measures lines of which only the result is at hand.
+
+    Args:
+        name: of the plan, in words.
+        volume: the measured box.
+        groups: the plan's ``lines``, as ``plan_groups`` has them.
+    """
+    plan = {
+        "name": name,
+        "origin_m": list(volume.origin),
+        "step_m": list(volume.step),
+        "blocks": volume.blocks,
+        "feed_m_per_s": UNKNOWN,
+        "lines": groups,
+    }
+    return str(yaml.safe_dump(plan, sort_keys=False, default_flow_style=None))
 
 
 def plan_groups(setups: list[TableSetup]) -> list[dict[str, object]]:

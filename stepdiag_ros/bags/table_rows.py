@@ -71,7 +71,7 @@ class Row:
 
     Attributes:
         number: line of the file, the header being 1.
-        time: s since the start of the run.
+        time: s since the start of the run; NaN if unknown (imported lines).
         which: pass that it belongs to.
         stop: from 0 along the direction.
         position: commanded X Y Z, m.

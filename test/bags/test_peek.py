@@ -1,12 +1,13 @@
 """The head of a message read from its bytes alone: the same as after decoding all of it."""
 
 import struct
+from array import array
 
 import pytest
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
-from stepdiag_ros.bags.peek import head_of, stamp_of
+from stepdiag_ros.bags.peek import block_head_of, head_of, stamp_of
 
 
 def serialized(type_name, frame, **fields):
@@ -28,6 +29,18 @@ def test_a_reading_with_a_frame_of_any_length(length):
     head = head_of(cdr)
     assert head == (1_700_000_000_123_456_789, sequence)
     assert stamp_of(cdr) == head.time
+
+
+@pytest.mark.parametrize("length", range(9))
+def test_a_block_of_samples_with_a_frame_of_any_length(length):
+    values = array("d", range(length * 3))
+    cdr = serialized(
+        topics.SAMPLES.type_name, "f" * length, sequence=2**40 + length, raw_displacement=values
+    )
+    head = block_head_of(cdr)
+    assert head == (1_700_000_000_123_456_789, 2**40 + length, length * 3)
+    with pytest.raises(struct.error):
+        block_head_of(cdr[:70])
 
 
 def test_the_stamp_of_joint_states():

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from stepdiag_ros import topics
+from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.samples_conversion import to_sample_block
 
 BAGS = Path(__file__).parent.parent / "data" / "bags"
 VERSIONS = range(1, own_types().constant("stepdiag_ros/msg/RunDescription", "SCHEMA_VERSION") + 1)
@@ -34,6 +36,26 @@ def test_a_bag_from_before_overruns_and_diagnoses_were_recorded_is_read():
     assert run.diagnoses == ()
 
 
+def test_a_bag_from_before_samples_and_triggers_were_recorded_is_read():
+    run = load_run(BAGS / "schema_1_before_samples.mcap")
+    (reading,) = run.readings()
+    assert (reading.trigger, reading.compensated_displacement) == (0, 0.0100002)
+    assert bag_info(run.path).samples == {}
+
+
+def test_samples_of_version_1_say_what_they_said():
+    with BagReader(BAGS / "schema_1.mcap") as bag:
+        ((_, message),) = bag.messages(topics={topics.absolute(topics.SAMPLES)})
+    assert message.decimation == 50
+    block = to_sample_block(message)
+    assert (block.sequence, block.period, block.zero, len(block)) == (50, 2e-5, 3, 3)
+    assert (block.scale, block.offset) == (0.99973, 1.5e-7)
+    assert block.raw_displacement.tolist() == [0.01, 0.0100001, 0.0100002]
+    assert block.signal_strength.tolist() == np.float32([0.9, 0.8, 0.7]).tolist()
+    assert block.status.tolist() == [0, 0, 1]
+    assert block.environment == (20.0, 101325.0, 0.5, 20.5)
+
+
 def test_version_1_says_what_it_said():
     run = load_run(BAGS / "schema_1.mcap")
     assert run.run_id == "20260101-000000-abcd"
@@ -43,6 +65,7 @@ def test_version_1_says_what_it_said():
     assert run.commands[0].target == (0.01, 0.0, 0.0)
     assert run.arrivals[0].position == (0.0100001, 0.0, 0.0)
     assert next(run.readings()).compensated_displacement == 0.0100002
+    assert next(run.readings()).trigger == 7
     (stop,) = run.stops
     assert (stop.settled, stop.displacement, stop.readings) == (True, 0.0100003, 300)
     (block,) = run.blocks

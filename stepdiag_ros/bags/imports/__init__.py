@@ -1,0 +1,1 @@
+"""Measurements that other programs wrote: one module a format, found by the files' content."""

@@ -1,0 +1,289 @@
+"""From single deviations of one axis to the lines of an ISO 230-2 test; refuses contradictions.
+
+Every format that holds such a test comes through here: the targets may lie anywhere along the axis,
+and every run has each of them once.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
+from stepdiag_ros.bags.table_lines import plan_text
+from stepdiag_ros.bags.table_rows import refusal
+from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
+from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, Line, Volume
+
+SAME, ALTERNATING = "same", "alternating"
+LARGEST_PART = 0.002
+LARGEST_ANYWHERE = 0.2e-3
+"""Part of the measured length, and m on short ones, by which deviations of a run may differ; more
+is taken for a mistaken unit."""
+MOST_TARGETS = 1001
+LONGEST = 100.0
+_EVEN = 1e-4
+"""Part of the mean distance of targets, by which they may lie beside an even grid."""
+_NANOSECONDS = 10**9
+
+
+class AxisRow(NamedTuple):
+    """One deviation in a file.
+
+    Attributes:
+        row: line of the file.
+        run: as the file counts them.
+        target: commanded position, m.
+        deviation: measured less commanded position, m.
+        direction: ``forward`` or ``backward``; empty where the order of the rows tells it.
+        time: s since the start of the test; NaN if not known.
+    """
+
+    row: int
+    run: int
+    target: float
+    deviation: float
+    direction: str = ""
+    time: float = float("nan")
+
+
+class _Run(NamedTuple):
+    direction: str
+    rows: tuple[AxisRow, ...]
+
+
+def axis_name(told: str, options: ImportOptions, source: str) -> str:
+    """Return which axis was tested: X, Y or Z.
+
+    Args:
+        told: by the file, for example ``X`` or ``X-Axis``; empty if nothing.
+        options: of the user, whose word goes first.
+        source: of the file, for the text of an error.
+
+    Raises:
+        TableError: nobody says it.
+    """
+    if options.axis:
+        return options.axis.upper()
+    words = told.upper().replace("-", " ").replace("_", " ").replace(":", " ").split()
+    found = {word for word in words if word in AXES}
+    found |= {word[0] for word in words if len(word) == 2 and word[0] in AXES and word[1].isdigit()}
+    if len(found) != 1:
+        said = f"the file calls the axis '{told}'" if told else "the file does not name the axis"
+        raise TableError(f"{source}: {said}; say which it is: --axis X, Y or Z")
+    return found.pop()
+
+
+def axis_test(
+    source: str,
+    format_name: str,
+    axis: str,
+    rows: Sequence[AxisRow],
+    options: ImportOptions,
+    environment: Environment | None = None,
+    facts: Mapping[str, str] | None = None,
+    remarks: Sequence[str] = (),
+    further: Mapping[str, str] | None = None,
+) -> Imported:
+    """Make the lines of a test of one axis.
+
+    Args:
+        source: of the file, for the text of an error.
+        format_name: of the file, in words.
+        axis: X, Y or Z.
+        rows: in the order of the file.
+        options: of the user.
+        environment: during the test; unknown if None.
+        facts: that the file tells.
+        remarks: of the importer.
+        further: files that the import was made with.
+
+    Raises:
+        TableError: runs are incomplete, doubled or out of order, their directions are not known, or
+            the numbers have another unit; names file and row.
+    """
+    runs = _runs(source, rows, options.directions)
+    targets = np.array(sorted({row.target for run in runs for row in run.rows}))
+    _check(source, runs, targets)
+    place = AXES.index(axis)
+    volume, uneven = _volume(source, targets, place, options.standing)
+    said = [*remarks]
+    if uneven:
+        said.append(
+            "the targets are not evenly spaced, so that ISO 230-2 can be evaluated but not the"
+            " errors at the nodes of a measured box ('solve')"
+        )
+    if options.standing is None:
+        others = " and ".join(name for name in AXES if name != axis)
+        said.append(f"where {others} stood is not told; 0 is written for both (--standing)")
+    directions = list(dict.fromkeys(run.direction for run in runs))
+    group: dict[str, object] = {
+        "kind": LINEAR,
+        "names": [LINEAR_LINES[place]],
+        "repeats": max(_count(runs, direction) for direction in directions),
+        "directions": directions,
+    }
+    return Imported(
+        format=format_name,
+        volume=volume,
+        plan_text=plan_text(f"imported: positioning of {axis}", volume, [group]),
+        lines=_lines(runs, place, volume, directions, environment or Environment()),
+        facts=dict(facts or {}),
+        remarks=tuple(said),
+        further=dict(further or {}),
+    )
+
+
+def _count(runs: Sequence[_Run], direction: str) -> int:
+    return sum(run.direction == direction for run in runs)
+
+
+def _runs(source: str, rows: Sequence[AxisRow], directions: str) -> list[_Run]:
+    """Group rows into runs in the order of the file, each in the order of its measurement."""
+    if not rows:
+        raise TableError(f"{source} has no deviations; there is nothing measured in it")
+    groups: dict[tuple[int, str], list[AxisRow]] = {}
+    for row in rows:
+        groups.setdefault((row.run, row.direction), []).append(row)
+    senses = [_sense(source, group) for group in groups.values()]
+    told = all(row.direction for row in rows)
+    if not told and len(groups) > 1 and len(set(senses)) == 1:
+        if not directions:
+            raise TableError(
+                f"{source}: all {len(groups)} runs stand in the same order, which does not tell"
+                " whether every second one was measured the other way round; say it: --directions"
+                f" {SAME} or {ALTERNATING}"
+            )
+        if directions == ALTERNATING:
+            senses = [-sense if place % 2 else sense for place, sense in enumerate(senses)]
+    made = []
+    for ((_, direction), group), sense in zip(groups.items(), senses, strict=True):
+        way = direction or (FORWARD if sense > 0 else BACKWARD)
+        ordered = sorted(group, key=lambda row: row.target, reverse=way == BACKWARD)
+        made.append(_Run(way, tuple(ordered)))
+    return made
+
+
+def _sense(source: str, group: Sequence[AxisRow]) -> int:
+    """Return 1 if the targets of a run ascend, -1 if they descend."""
+    seen: dict[float, int] = {}
+    for row in group:
+        if row.target in seen:
+            raise refusal(
+                source,
+                row.row,
+                f"target {1e3 * row.target:g} mm is there twice in run {row.run}, first in row"
+                f" {seen[row.target]}",
+            )
+        seen[row.target] = row.row
+    if len(group) < 2:
+        raise refusal(
+            source, group[0].row, f"run {group[0].run} has a single target; two are needed"
+        )
+    sense = 1 if group[1].target > group[0].target else -1
+    for before, row in pairwise(group):
+        if (row.target - before.target) * sense < 0:
+            raise refusal(
+                source,
+                row.row,
+                f"the targets of run {row.run} turn back from {1e3 * before.target:g} mm to"
+                f" {1e3 * row.target:g} mm; are rows out of order?",
+            )
+    return sense
+
+
+def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
+    length = float(targets[-1] - targets[0])
+    known = set(targets)
+    for run in runs:
+        missing = sorted(known - {row.target for row in run.rows})
+        if missing:
+            raise refusal(
+                source,
+                run.rows[-1].row,
+                f"run {run.rows[0].run} ({run.direction}) has no target {1e3 * missing[0]:g} mm; is"
+                " the file cut off? complete the run or leave it out",
+            )
+        middle = sorted(row.deviation for row in run.rows)[len(run.rows) // 2]
+        for row in run.rows:
+            if abs(row.deviation - middle) > max(LARGEST_PART * length, LARGEST_ANYWHERE):
+                raise refusal(
+                    source,
+                    row.row,
+                    f"the deviation {1e6 * row.deviation:g} µm at {1e3 * row.target:g} mm differs"
+                    f" from the others of its run by {1e6 * (row.deviation - middle):.4g} µm; is it"
+                    " in another unit?",
+                )
+        times = [row.time for row in run.rows]
+        for row, before, after in zip(run.rows[1:], times, times[1:], strict=False):
+            if after < before:
+                raise refusal(
+                    source,
+                    row.row,
+                    f"time goes back from {before:g} s to {after:g} s along the"
+                    f" {run.direction} run {row.run}",
+                )
+
+
+def _volume(
+    source: str, targets: Vector, place: int, standing: tuple[float, float, float] | None
+) -> tuple[Volume, bool]:
+    """Return a box around the targets, and whether they lie beside its nodes.
+
+    A box has three sides, a test of an axis one: the others get the same size.
+    """
+    if len(targets) > MOST_TARGETS:
+        raise TableError(f"{source} has {len(targets)} targets; {MOST_TARGETS} are the most")
+    length = float(targets[-1] - targets[0])
+    if not 1e-4 <= length <= LONGEST or np.max(np.abs(targets)) > LONGEST:
+        raise TableError(
+            f"{source}: the targets reach from {1e3 * targets[0]:g} mm to {1e3 * targets[-1]:g} mm;"
+            " are they in another unit?"
+        )
+    blocks = len(targets) - 1
+    step = length / blocks
+    even = targets[0] + step * np.arange(blocks + 1)
+    origin = list(standing or (0.0, 0.0, 0.0))
+    origin[place] = float(targets[0])
+    volume = Volume((origin[0], origin[1], origin[2]), (step, step, step), blocks)
+    return volume, bool(np.max(np.abs(targets - even)) > _EVEN * step)
+
+
+def _lines(
+    runs: Sequence[_Run],
+    place: int,
+    volume: Volume,
+    directions: Sequence[str],
+    environment: Environment,
+) -> tuple[MeasuredLine, ...]:
+    first = runs[0].rows[0]
+    repeats = dict.fromkeys(directions, 0)
+    made = []
+    for number, run in enumerate(runs):
+        line = Line(LINEAR, LINEAR_LINES[place], "", repeats[run.direction], run.direction)
+        repeats[run.direction] += 1
+        target = np.tile(np.asarray(volume.origin), (len(run.rows), 1))
+        target[:, place] = [row.target for row in run.rows]
+        # Deviations keep the zero that the file gives them: a reader finds its figures again.
+        reading = [(row.target - first.target) + row.deviation for row in run.rows]
+        time = np.array([row.time for row in run.rows])
+        known = bool(np.all(np.isfinite(time)))
+        made.append(
+            MeasuredLine(
+                line=line,
+                line_index=line.repeat * len(directions) + directions.index(line.direction),
+                attempt=1,
+                setup=line.setup,
+                time=time,
+                # Where no time is told, the lines keep their order: one nanosecond each.
+                end_time=round(time[-1] * _NANOSECONDS) if known else number,
+                target=target,
+                displacement=np.array(reading),
+                standard_uncertainty=np.full(len(run.rows), np.nan),
+                environment=np.tile(np.array(environment, dtype=np.float64), (len(run.rows), 1)),
+            )
+        )
+    return tuple(made)

@@ -1,0 +1,353 @@
+"""Reads any table of text with a mapping file that says what its columns mean (``mapping``)."""
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from stepdiag_ros.bags.case import Case
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.imports.axis_test import AxisRow, axis_name, axis_test
+from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
+from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
+from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
+from stepdiag_ros.bags.table_lines import (
+    measured_lines,
+    passes_of,
+    plan_groups,
+    plan_text,
+    setups_of,
+)
+from stepdiag_ros.bags.table_rows import Pass, Row, refusal
+from stepdiag_ros.configuration import find, parse_yaml, plan_from_text, read_text
+from stepdiag_ros.metrology.geometry import MOVE_ORDERS, beam_direction
+from stepdiag_ros.metrology.measurement import Reading
+from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
+
+NAME = "table with a mapping file"
+_NANOSECONDS = 1e9
+_LATEST = 4e9
+"""s: what a time stamp of ROS can hold, about."""
+_GOOD = 0
+
+
+class _Cells(NamedTuple):
+    """One row of data: its line in the file, and its cells by meaning."""
+
+    row: int
+    texts: dict[str, str]
+
+
+def read(source: SourceFile, options: ImportOptions) -> Imported:
+    """Read a table.
+
+    Raises:
+        TableError: mapping and table do not fit, or a cell is wrong; names file and row.
+    """
+    mapping, name = _mapping(options.mapping)
+    text = source.text(options.encoding or mapping.encoding)
+    rows = list(_rows(text.text, text.name, mapping))
+    if not rows:
+        raise TableError(f"{text.name} has no rows of data; does skip_rows in {name} fit?")
+    # Everything that the import was made with stays with it.
+    further = {"mapping.yaml": mapping.text}
+    facts = dict(mapping.facts)
+    if mapping.table == AXIS:
+        axis = axis_name(mapping.axis, options, text.name)
+        if mapping.standing is not None and options.standing is None:
+            options = ImportOptions(**{**vars(options), "standing": mapping.standing})
+        found = _axis_rows(text.name, rows, mapping)
+        return axis_test(
+            text.name, NAME, axis, found, options, mapping.environment, facts, (), further
+        )
+    if mapping.table == LINES:
+        return _lines(text.name, rows, mapping, facts, further)
+    return _stream(text.name, rows, mapping, options, facts, further)
+
+
+def _mapping(path: str) -> tuple[TableMapping, str]:
+    try:
+        found = find(path, "imports")
+        text = read_text(found)
+        return mapping_of(parse_yaml(text, str(found)), str(found), text), str(found)
+    except ValueError as error:
+        raise TableError(str(error)) from None
+
+
+def _rows(text: str, source: str, mapping: TableMapping) -> Iterator[_Cells]:
+    """Go through the rows of data; cells are taken by the columns' names or numbers."""
+    places: dict[str, int] | None = None
+    count = 0
+    for number, cells in _split(text, source, mapping.delimiter):
+        if number <= mapping.skip_rows or not any(cell.strip() for cell in cells):
+            continue
+        if mapping.end and cells[0].strip().startswith(mapping.end):
+            return
+        if places is None:
+            places = _places(source, number, cells, mapping)
+            count = len(cells)
+            if mapping.header:
+                continue
+        # Programs leave empty cells at the ends of rows, and leave them out again.
+        if any(cell.strip() for cell in cells[count:]):
+            raise refusal(
+                source,
+                number,
+                f"it has {len(cells)} cells, the first row has {count}; is there a decimal comma?",
+            )
+        if max(places.values()) >= len(cells):
+            raise refusal(
+                source,
+                number,
+                f"it has only {len(cells)} cells; is the table cut off here, or does 'end' in the"
+                " mapping have to name what follows the data?",
+            )
+        yield _Cells(number, {name: cells[place].strip() for name, place in places.items()})
+
+
+def _split(text: str, source: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    if delimiter == " ":
+        for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+            yield number, line.split() or [""]
+        return
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    try:
+        for cells in reader:
+            yield reader.line_num, cells or [""]
+    except csv.Error as error:
+        raise refusal(source, reader.line_num, f"this is no table ({error})") from None
+
+
+def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) -> dict[str, int]:
+    names = [cell.strip() for cell in cells]
+    wanted = dict(mapping.columns)
+    wanted.update({_run_key(place): run.column for place, run in enumerate(mapping.runs)})
+    made: dict[str, int] = {}
+    for meaning, column in wanted.items():
+        if mapping.header and column in names:
+            if names.count(column) > 1:
+                raise refusal(
+                    source, row, f"there are {names.count(column)} columns '{column}'; number it"
+                )
+            place = names.index(column)
+        elif column.isdigit():
+            place = int(column) - 1
+        else:
+            shown = ", ".join(f"'{name}'" for name in names[:12])
+            raise refusal(source, row, f"there is no column '{column}', but {shown}")
+        if place >= len(cells):
+            raise refusal(source, row, f"there is no column {column}, only {len(cells)}")
+        if place in made.values():
+            raise refusal(source, row, f"the mapping takes column {column} for two things")
+        made[meaning] = place
+    return made
+
+
+def _run_key(place: int) -> str:
+    return f"run column {place}"
+
+
+class _Numbers:
+    """Takes numbers in SI units out of the cells of one table."""
+
+    def __init__(self, source: str, mapping: TableMapping) -> None:
+        self._source, self._mapping = source, mapping
+
+    def number(self, cells: _Cells, name: str, unit: str = "") -> float:
+        """Return a number in SI units; raises ``TableError``."""
+        what = f"'{self._mapping.columns.get(name, name)}'"
+        if name.startswith("run column"):
+            what = f"'{self._mapping.runs[int(name.split()[-1])].column}'"
+        text = cells.texts[name]
+        factor = self._mapping.units[unit or name]
+        return factor * number_in(text, self._source, cells.row, what, self._mapping.decimal)
+
+    def time(self, cells: _Cells) -> float:
+        """Return the time in s; NaN where no column tells it."""
+        return self.number(cells, "time") if "time" in cells.texts else float("nan")
+
+    def run(self, cells: _Cells) -> int:
+        """Return the number of the run; 1 where no column tells it."""
+        if "run" not in cells.texts:
+            return 1
+        what = f"'{self._mapping.columns['run']}'"
+        return whole_in(cells.texts["run"], self._source, cells.row, what)
+
+    def direction(self, cells: _Cells) -> str:
+        """Return the direction that a column or the mapping tells; empty where neither does."""
+        if "direction" not in cells.texts:
+            return self._mapping.direction
+        word = cells.texts["direction"]
+        found = self._mapping.words.get(word.lower(), "")
+        if not found:
+            known = ", ".join(f"'{one}'" for one in self._mapping.words)
+            raise refusal(
+                self._source, cells.row, f"the direction is '{word}'; the mapping knows {known}"
+            )
+        return found
+
+
+def _axis_rows(source: str, rows: Sequence[_Cells], mapping: TableMapping) -> list[AxisRow]:
+    numbers = _Numbers(source, mapping)
+    made = []
+    if mapping.runs:
+        for place, run in enumerate(mapping.runs):
+            for cells in rows:
+                deviation = mapping.sign * numbers.number(cells, _run_key(place), "deviation")
+                target = numbers.number(cells, "target")
+                made.append(AxisRow(cells.row, run.run, target, deviation, run.direction))
+        return made
+    for cells in rows:
+        target = numbers.number(cells, "target")
+        if "deviation" in cells.texts:
+            deviation = mapping.sign * numbers.number(cells, "deviation")
+        else:
+            deviation = mapping.sign * numbers.number(cells, "position") - target
+        made.append(
+            AxisRow(
+                cells.row,
+                numbers.run(cells),
+                target,
+                deviation,
+                numbers.direction(cells),
+                numbers.time(cells),
+            )
+        )
+    return made
+
+
+def _lines(
+    source: str,
+    rows: Sequence[_Cells],
+    mapping: TableMapping,
+    facts: dict[str, str],
+    further: dict[str, str],
+) -> Imported:
+    volume = mapping.volume
+    assert volume is not None, "a mapping of lines has a volume"
+    told = list(_stops(source, rows, mapping, volume))
+    case = Case(chain=mapping.chain, volume=volume)
+    setups = setups_of(passes_of(told, source), volume, source)
+    return Imported(
+        format=NAME,
+        volume=volume,
+        plan_text=plan_text(f"imported from {source}", volume, plan_groups(setups)),
+        lines=tuple(line for _, line in measured_lines(setups, case)),
+        machine_text=case.machine_text("the mapping file") if mapping.chain else "",
+        facts=facts,
+        chain=mapping.chain,
+        further=further,
+    )
+
+
+def _stops(
+    source: str, rows: Sequence[_Cells], mapping: TableMapping, volume: Volume
+) -> Iterator[Row]:
+    """Make the rows of a run table: where the machine stood follows from line and stop."""
+    numbers = _Numbers(source, mapping)
+    repeats: dict[tuple[str, ...], dict[int, int]] = {}
+    before: Pass | None = None
+    stop, last_time = 0, float("nan")
+    for cells in rows:
+        name, order = _line_and_order(source, cells, mapping)
+        direction = numbers.direction(cells) or FORWARD
+        counted = repeats.setdefault((name, order, direction), {})
+        repeat = counted.setdefault(numbers.run(cells), len(counted))
+        which = Pass(kind_of(name, order), name, order, repeat, direction)
+        stop = stop + 1 if which == before else 0
+        before = which
+        if "stop" in cells.texts:
+            what = f"'{mapping.columns['stop']}'"
+            stop = whole_in(cells.texts["stop"], source, cells.row, what)
+        positions = Line(which.kind, name, order, repeat, direction).stops(volume)
+        if stop >= len(positions):
+            raise refusal(
+                source,
+                cells.row,
+                f"'{which}' has no stop {stop}: it has {len(positions)} in the volume of the"
+                " mapping, counted from 0",
+            )
+        time = numbers.time(cells)
+        if time < last_time:
+            raise refusal(source, cells.row, f"time goes back from {last_time:g} s to {time:g} s")
+        last_time = time
+        x, y, z = (float(value) for value in positions[stop])
+        if "reading" in cells.texts:
+            reading = mapping.sign * numbers.number(cells, "reading")
+        else:
+            start = positions[0 if direction == FORWARD else -1]
+            along = beam_direction(name, np.asarray(volume.step))
+            nominal = float((positions[stop] - start) @ along)
+            reading = nominal + mapping.sign * numbers.number(cells, "deviation")
+        yield Row(cells.row, time, which, stop, (x, y, z), reading, mapping.environment)
+
+
+def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[str, str]:
+    known = {name for names in LINE_NAMES.values() for name in names}
+    name = cells.texts.get("line", mapping.line).lower()
+    if name not in known:
+        raise refusal(
+            source, cells.row, f"the line is '{name}'; expected one of {', '.join(sorted(known))}"
+        )
+    order = cells.texts.get("order", mapping.order).upper()
+    if order and order not in MOVE_ORDERS:
+        raise refusal(
+            source, cells.row, f"the order is '{order}'; expected one of {', '.join(MOVE_ORDERS)}"
+        )
+    if len(name) == 1 and order and "order" in cells.texts:
+        raise refusal(source, cells.row, f"a line along one axis ({name}) has no order '{order}'")
+    return name, "" if len(name) == 1 else order
+
+
+def _stream(
+    source: str,
+    rows: Sequence[_Cells],
+    mapping: TableMapping,
+    options: ImportOptions,
+    facts: dict[str, str],
+    further: dict[str, str],
+) -> Imported:
+    if not options.plan:
+        raise TableError(
+            f"{source}: a stream of readings needs the plan that it was measured by: --plan FILE"
+        )
+    try:
+        plan = plan_from_text(options.plan, "the plan")
+    except ValueError as error:
+        raise TableError(str(error)) from None
+    numbers = _Numbers(source, mapping)
+    unknown = float("nan")
+    readings: list[Reading] = []
+    for sequence, cells in enumerate(rows):
+        seconds = numbers.time(cells)
+        if not 0.0 <= seconds <= _LATEST:
+            raise refusal(source, cells.row, f"the time is {seconds:g} s, expected 0 to 4e9 s")
+        time = round(seconds * _NANOSECONDS)
+        if readings and time <= readings[-1].time:
+            raise refusal(
+                source,
+                cells.row,
+                f"time does not go on: {seconds:.9g} s follows {readings[-1].time / 1e9:.9g} s",
+            )
+        value = mapping.sign * numbers.number(cells, "reading")
+        readings.append(
+            Reading(
+                time=time,
+                sequence=sequence,
+                raw_displacement=unknown if mapping.compensated else value,
+                compensated_displacement=value if mapping.compensated else unknown,
+                signal_strength=unknown,
+                status=_GOOD,
+                environment=mapping.environment,
+            )
+        )
+    return Imported(
+        format=NAME,
+        volume=plan.volume,
+        plan_text=options.plan,
+        readings=tuple(readings),
+        facts=facts,
+        further=further,
+    )

@@ -1,0 +1,319 @@
+"""Mapping files: what the columns of somebody else's table mean (YAML, see config/imports)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.geometry import AXES, MOVE_ORDERS
+from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.plan import (
+    BACKWARD,
+    FORWARD,
+    LINE_NAMES,
+    Volume,
+)
+
+AXIS, LINES, READINGS = "axis", "lines", "readings"
+TABLES = (AXIS, LINES, READINGS)
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 25.4e-3}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+_DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
+
+_COLUMNS = {
+    AXIS: ("target", "deviation", "position", "run", "direction", "time"),
+    LINES: ("line", "order", "run", "direction", "stop", "reading", "deviation", "time"),
+    READINGS: ("time", "reading"),
+}
+_UNITS = {
+    "target": LENGTHS,
+    "deviation": LENGTHS,
+    "position": LENGTHS,
+    "reading": LENGTHS,
+    "time": TIMES,
+}
+_FACTS = (
+    "machine",
+    "machine_serial_number",
+    "instrument",
+    "instrument_serial_number",
+    "test_date",
+    "operator",
+    "expansion_coefficient_per_K",
+    "compensation_state",
+)
+
+
+@dataclass(frozen=True)
+class RunColumn:
+    """One column that holds a whole run of an axis: its name, direction, and number of the run."""
+
+    column: str
+    direction: str
+    run: int
+
+
+@dataclass(frozen=True)
+class TableMapping:
+    """What a mapping file says; see ``config/imports`` for each key in words.
+
+    Attributes:
+        table: one of ``TABLES``.
+        encoding: of the text.
+        delimiter: between cells; a space for any number of spaces and tabs.
+        decimal: sign in numbers.
+        skip_rows: lines before the names of the columns, or before the data.
+        header: a line with the names of the columns stands before the data.
+        end: a line that begins with this ends the data; empty if they go on to the end.
+        columns: meaning → name of the column, or its number from 1 as text.
+        runs: columns that hold a whole run each.
+        units: meaning → factor to SI.
+        sign: 1, or -1 where the file's sign of readings or deviations is the other way round.
+        words: word of the file, in small letters → direction.
+        axis: X, Y or Z; empty if the user has to say it.
+        standing: machine coordinates of the axes that stand, m; None if not known.
+        volume: of the lines; None for other tables.
+        line: name of the line where no column tells it.
+        order: of the moves of a step diagonal where no column tells it.
+        direction: of all rows where no column tells it.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        compensated: the readings are compensated for the air.
+        environment: that held during the whole measurement.
+        facts: name → text.
+        text: of the file.
+    """
+
+    table: str
+    encoding: str
+    delimiter: str
+    decimal: str
+    skip_rows: int
+    header: bool
+    end: str
+    columns: Mapping[str, str]
+    runs: tuple[RunColumn, ...] = ()
+    units: Mapping[str, float] = field(default_factory=dict)
+    sign: float = 1.0
+    words: Mapping[str, str] = field(default_factory=dict)
+    axis: str = ""
+    standing: tuple[float, float, float] | None = None
+    volume: Volume | None = None
+    line: str = ""
+    order: str = ""
+    direction: str = ""
+    chain: str = ""
+    compensated: bool = False
+    environment: Environment = field(default_factory=Environment)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    text: str = ""
+
+
+def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
+    """Make a mapping from parsed YAML.
+
+    Args:
+        parsed: the mapping.
+        source: what the user calls the file.
+        text: of the file.
+
+    Raises:
+        ValueError: names the file, the key, what is wrong and what is expected.
+    """
+    top = Section(parsed, source)
+    table = top.names("table", TABLES)[0]
+    layout = top.section("text")
+    columns = _columns(top, table)
+    runs = _runs(top) if table == AXIS and "runs" in top.keys() else ()  # noqa: SIM118
+    given: dict[str, Any] = {
+        "encoding": layout.text("encoding", default="utf-8-sig"),
+        "delimiter": _DELIMITERS[layout.names("delimiter", tuple(_DELIMITERS), default="comma")[0]],
+        "decimal": {"point": ".", "comma": ","}[
+            layout.names("decimal", ("point", "comma"), default="point")[0]
+        ],
+        "skip_rows": layout.integer("skip_rows", low=0, high=100000, default=0),
+        "header": layout.flag("header", default=True),
+        "end": layout.text("end", default=""),
+    }
+    layout.finish()
+    if given["delimiter"] == "," and given["decimal"] == ",":
+        raise ValueError(
+            f"{source}: text: a comma cannot be both delimiter and decimal sign; which is it?"
+        )
+    made = TableMapping(
+        table=table,
+        columns=columns,
+        runs=runs,
+        units=_units(top, columns, runs),
+        sign=float(top.integer("sign", low=-1, high=1, default=1)),
+        words=_words(top),
+        chain="".join(top.names("chain", AXES, default=AXES)) if _has(top, "chain") else "",
+        environment=_environment(top),
+        facts=_facts(top),
+        text=text,
+        **given,
+        **_of_table(top, table),
+    )
+    top.finish()
+    if made.sign == 0.0:
+        raise ValueError(f"{source}: 'sign' is 0; expected 1 or -1")
+    _check_columns(made, source)
+    return made
+
+
+def _has(section: Section, key: str) -> bool:
+    return key in section.keys()  # noqa: SIM118
+
+
+def _columns(top: Section, table: str) -> dict[str, str]:
+    section = top.section("columns")
+    made = {}
+    for name in section.keys():  # noqa: SIM118
+        if name not in _COLUMNS[table]:
+            known = ", ".join(_COLUMNS[table])
+            raise ValueError(f"{section.source}: unknown column '{name}'; there are {known}")
+        made[name] = _column(section, name)
+    section.finish()
+    return made
+
+
+def _column(section: Section, key: str) -> str:
+    """Return the name of a column, or its number from 1 as text."""
+    try:
+        return str(section.integer(key, low=1, high=10000))
+    except ValueError:
+        return section.text(key)
+
+
+def _runs(top: Section) -> tuple[RunColumn, ...]:
+    made = []
+    for section in top.sections("runs"):
+        made.append(
+            RunColumn(
+                column=_column(section, "column"),
+                direction=section.names("direction", (FORWARD, BACKWARD))[0],
+                run=section.integer("run", low=0, high=9999),
+            )
+        )
+        section.finish()
+    return tuple(made)
+
+
+def _units(
+    top: Section, columns: Mapping[str, str], runs: tuple[RunColumn, ...]
+) -> dict[str, float]:
+    section = top.section("units")
+    made = {}
+    needed = [name for name in columns if name in _UNITS]
+    if runs:
+        needed.append("deviation")
+    for name in needed:
+        made[name] = _UNITS[name][section.names(name, tuple(_UNITS[name]))[0]]
+    section.finish()
+    return made
+
+
+def _words(top: Section) -> dict[str, str]:
+    section = top.section("directions")
+    made = {FORWARD: FORWARD, BACKWARD: BACKWARD}
+    for direction in (FORWARD, BACKWARD):
+        if _has(section, direction):
+            word = section.text(direction).strip().lower()
+            if word in made and made[word] != direction:
+                raise ValueError(f"{section.source}: '{word}' stands for both directions")
+            made[word] = direction
+    section.finish()
+    return made
+
+
+def _environment(top: Section) -> Environment:
+    section = top.section("environment")
+    unknown = float("nan")
+
+    def value(key: str, low: float, high: float) -> float:
+        return unknown if section.unknown(key) else section.number(key, low, high)
+
+    made = Environment(
+        air_temperature=value("air_temperature_degC", -50.0, 100.0),
+        air_pressure=value("air_pressure_Pa", 20e3, 130e3),
+        relative_humidity=value("relative_humidity", 0.0, 1.0),
+        material_temperature=value("material_temperature_degC", -50.0, 100.0),
+    )
+    section.finish()
+    return made
+
+
+def _facts(top: Section) -> dict[str, str]:
+    section = top.section("facts")
+    made = {}
+    for name in _FACTS:
+        if _has(section, name):
+            number = name.endswith("_per_K")
+            made[name] = f"{section.number(name):.9g}" if number else section.text(name)
+    section.finish()
+    return made
+
+
+def _of_table(top: Section, table: str) -> dict[str, Any]:
+    """Return the keys that one kind of table has."""
+    if table == AXIS:
+        standing = top.vector("standing_m") if _has(top, "standing_m") else None
+        axis = top.names("axis", AXES)[0] if _has(top, "axis") else ""
+        return {"standing": standing, "axis": axis}
+    if table == READINGS:
+        return {"compensated": top.flag("compensated")}
+    box = top.section("volume")
+    volume = Volume(
+        origin=box.vector("origin_m"),
+        step=box.vector("step_m", low=1e-6, high=10.0),
+        blocks=box.integer("blocks", low=1, high=1000),
+    )
+    box.finish()
+    made: dict[str, Any] = {"volume": volume}
+    names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
+    for key, known in (
+        ("line", tuple(names)),
+        ("order", MOVE_ORDERS),
+        ("direction", (FORWARD, BACKWARD)),
+    ):
+        made[key] = top.names(key, known)[0] if _has(top, key) else ""
+    return made
+
+
+def _check_columns(made: TableMapping, source: str) -> None:
+    """Refuse a mapping that does not tell enough, or one thing twice."""
+
+    def one_of(*names: str) -> None:
+        found = [name for name in names if name in made.columns]
+        if len(found) != 1:
+            words = " or ".join(f"'{name}'" for name in names)
+            raise ValueError(f"{source}: columns: exactly one of {words} is needed")
+
+    if made.table == AXIS:
+        one_of("target")
+        if made.runs:
+            for name in ("deviation", "position", "run", "direction", "time"):
+                if name in made.columns:
+                    raise ValueError(
+                        f"{source}: columns: '{name}' does not go with 'runs', which has a column"
+                        " for each run"
+                    )
+        else:
+            one_of("deviation", "position")
+    elif made.table == LINES:
+        one_of("reading", "deviation")
+        if not made.line:
+            one_of("line")
+        for name in ("line", "order", "direction"):
+            if getattr(made, name) and name in made.columns:
+                raise ValueError(f"{source}: '{name}' is told twice: by a column and for all rows")
+    else:
+        one_of("time")
+        one_of("reading")
+    if not made.header:
+        named = [*made.columns.values(), *(run.column for run in made.runs)]
+        for name in named:
+            if not name.isdigit():
+                raise ValueError(
+                    f"{source}: without a header the columns are numbers from 1, not '{name}'"
+                )

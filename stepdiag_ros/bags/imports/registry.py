@@ -1,0 +1,114 @@
+"""Which formats there are, which of them a file has, and a bag from it.
+
+A format is a module here with ``NAME``, ``recognises(source)`` by content and ``read(source,
+options)``; what has no such description of its own is read by ``mapped_table`` with a mapping file.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl
+from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
+from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
+from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
+from stepdiag_ros.bags.table_rows import COLUMNS
+
+_ENOUGH_COLUMNS = 4
+"""Of a run table's, after which a table is taken for one that may lack others."""
+
+
+class Format(NamedTuple):
+    """A format: its name, whether a file has it, and how it is read."""
+
+    name: str
+    recognises: Callable[[SourceFile], bool]
+    read: Callable[[SourceFile, ImportOptions], Imported]
+
+
+FORMATS = (
+    Format(renishaw_rtl.NAME, renishaw_rtl.recognises, renishaw_rtl.read),
+    Format(plain_axis_table.NAME, plain_axis_table.recognises, plain_axis_table.read),
+)
+
+
+def is_run_table(source: SourceFile) -> bool:
+    """Say whether the first line of a file names columns of a run table (``bags.table``)."""
+    first = source.data[:2000].lstrip().splitlines()[0].decode("utf-8", errors="replace")
+    names = {name.strip(' "\ufeff') for name in first.replace(";", ",").split(",")}
+    return len(names.intersection(COLUMNS)) >= _ENOUGH_COLUMNS
+
+
+def read_file(
+    path: str | Path, options: ImportOptions | None = None
+) -> tuple[SourceFile, Imported]:
+    """Read a file of any format.
+
+    Args:
+        path: the file.
+        options: what the user says about it.
+
+    Raises:
+        TableError: it is of no known format, or refused; names file, row and reason.
+    """
+    source = read_source(path)
+    said = options or ImportOptions()
+    if said.mapping:
+        return source, mapped_table.read(source, said)
+    for found in FORMATS:
+        if found.recognises(source):
+            return source, found.read(source, said)
+    source.text(said.encoding)  # says it better where the file is no text at all
+    raise TableError(
+        f"{source.name} is of no format that is known by its content"
+        f" ({', '.join(found.name for found in FORMATS)}, run table); say what its columns are by"
+        " a mapping file: --mapping FILE"
+    )
+
+
+def import_file(path: str | Path, target: str | Path, options: ImportOptions) -> Imported:
+    """Make a bag from a file; the file goes into it byte for byte.
+
+    Times in the bag count from the start of the measurement, as far as the file tells them.
+
+    Args:
+        path: the file.
+        target: the new bag; it appears under its name when it is whole.
+        options: what the user says about it.
+
+    Raises:
+        TableError: the file is refused; names file, row and reason.
+        BagError: the target exists or cannot be written.
+    """
+    source, made = read_file(path, options)
+    # The same file, read in the same way, gives the same identity.
+    content = hashlib.sha256(source.data)
+    content.update(repr((made.plan_text, *sorted(made.further.items()))).encode())
+    further = tuple(
+        Attachment.yaml(PREFIX + name, text) for name, text in sorted(made.further.items())
+    )
+    write_bag(
+        Path(target),
+        ToWrite(
+            run_id=f"imported-{source.path.stem}-{content.hexdigest()[:12]}",
+            plan_name=f"imported from {source.path.name}",
+            middleware=f"none: imported ({made.format})",
+            plan=made.plan_text,
+            machine=made.machine_text,
+            facts={
+                "time_origin": "start of the measurement, as far as the file tells times",
+                **{f"source: {name}": text for name, text in made.facts.items()},
+                **{f"remark {n}": text for n, text in enumerate(made.remarks, start=1)},
+                "source_file": source.path.name,
+                "source_format": made.format,
+                "source_sha256": source.sha256,
+            },
+            attachments=(source.attachment(), *further),
+            lines=made.lines,
+            readings=made.readings,
+        ),
+    )
+    return made

@@ -1,0 +1,208 @@
+"""Tables of any layout, by mapping files: the shipped ones, and what is refused."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+import yaml
+from import_files import DATA, changed
+
+from stepdiag_ros.bags.axis_table import read_axis_table
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.imports.imported import ImportOptions
+from stepdiag_ros.bags.imports.mapping import mapping_of
+from stepdiag_ros.bags.imports.registry import import_file, read_file
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.cli import main
+from stepdiag_ros.configuration import available, find, read_text
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.standards.axis_test import all_runs
+from stepdiag_ros.resources import directory
+from stepdiag_ros.solving import solve_reproducibly
+
+COLUMNS = DATA / "made_up_runs_in_columns.csv"
+ROWS = DATA / "made_up_rows.csv"
+DIAGONALS = DATA / "made_up_step_diagonal.txt"
+STREAM = DATA / "made_up_stream.csv"
+
+
+def by(name, **options):
+    return ImportOptions(mapping=name, **options)
+
+
+def written(tmp_path, name, change):
+    """Write a changed copy of a shipped mapping file and return its path."""
+    parsed = yaml.safe_load(read_text(find(name, "imports")))
+    change(parsed)
+    path = tmp_path / f"{name}_changed.yaml"
+    path.write_text(yaml.safe_dump(parsed, allow_unicode=True), encoding="utf-8")
+    return str(path)
+
+
+def test_every_shipped_mapping_file_is_whole():
+    names = available("imports")
+    assert len(names) == 4
+    for name in names:
+        path = directory("config") / "imports" / f"{name}.yaml"
+        text = path.read_text(encoding="utf-8")
+        assert mapping_of(yaml.safe_load(text), name, text).text == text
+
+
+def test_runs_in_columns_with_decimal_commas():
+    _, made = read_file(COLUMNS, by("runs_in_columns"))
+    assert [line.line.direction for line in made.lines] == [FORWARD, BACKWARD] * 2
+    table = COLUMNS.read_text(encoding="cp1252").splitlines()[4:10]
+    cells = [[float(cell.replace(",", ".")) for cell in row.split(";")] for row in table]
+    for place, line in enumerate(made.lines):
+        rows = cells if place % 2 == 0 else cells[::-1]
+        assert line.target[:, 0] == pytest.approx([1e-3 * row[0] for row in rows], abs=1e-15)
+        found = line.displacement - line.target[:, 0]
+        assert found == pytest.approx([1e-6 * row[place + 1] for row in rows], abs=1e-15)
+    assert made.facts == {"machine": "Example machine"}
+    assert np.all(np.isnan(made.lines[0].environment))
+
+
+def test_rows_of_positions_in_inches_with_the_other_sign(tmp_path):
+    import_file(ROWS, tmp_path / "y.mcap", by("rows_of_positions", axis="Y"))
+    (runs,) = all_runs(load_run(tmp_path / "y.mcap").measurement)
+    assert (runs.name, runs.forward.shape, runs.backward.shape) == ("Y", (2, 5), (2, 5))
+    with ROWS.open(newline="") as file:
+        for row in csv.DictReader(file):
+            target = float(row["Position/inch"])
+            place = int(np.argmin(np.abs(runs.target - 25.4e-3 * target)))
+            ways = runs.forward if row["Dir"] == "+" else runs.backward
+            expected = 25.4e-3 * (-float(row["Laser/inch"]) - target)
+
+            assert ways[int(row["Run"]) - 1, place] == pytest.approx(expected, abs=1e-14)
+
+
+def test_step_diagonals_become_lines_that_can_be_solved(tmp_path):
+    import_file(DIAGONALS, tmp_path / "d.mcap", by("step_diagonal_stops"))
+    run = load_run(tmp_path / "d.mcap")
+    assert len(run.lines) == 16 and run.measurement.chain == "YXZ"
+    assert {(line.line.kind, line.line.order) for line in run.lines} == {("step_diagonal", "XYZ")}
+    results, _ = solve_reproducibly(run.measurement)
+    # A scale of 8 µm/m on every reading is the example's only error.
+    slope = results["conventional"].curves["E_XX"][-1] / 0.4
+    assert slope == pytest.approx(8e-6, abs=1e-6)
+
+
+def test_stops_are_counted_where_no_column_does(tmp_path):
+    name = written(tmp_path, "step_diagonal_stops", lambda made: made["columns"].pop("stop"))
+    counted, told = (
+        read_file(DIAGONALS, by(mapping))[1] for mapping in (name, "step_diagonal_stops")
+    )
+    for one, other in zip(counted.lines, told.lines, strict=True):
+        assert one.line == other.line
+        assert one.displacement.tolist() == other.displacement.tolist()
+
+
+def test_a_stream_of_readings_goes_in_with_its_plan(tmp_path):
+    plan = read_text(find("quick", "plans"))
+    import_file(STREAM, tmp_path / "s.mcap", by("readings_in_time", plan=plan))
+    run = load_run(tmp_path / "s.mcap")
+    readings = list(run.readings())
+    rows = [line.split("\t") for line in STREAM.read_text().splitlines()[1:]]
+    assert len(readings) == len(rows) == 400
+    for number, (reading, (time, value)) in enumerate(zip(readings, rows, strict=True)):
+        assert reading.sequence == number
+        assert reading.time == round(float(time) * 1e6)
+        assert reading.compensated_displacement == pytest.approx(1e-3 * float(value), abs=1e-18)
+        assert np.isnan(reading.raw_displacement) and np.isnan(reading.signal_strength)
+    assert run.plan_text == plan
+    with pytest.raises(TableError, match="--plan"):
+        read_file(STREAM, by("readings_in_time"))
+
+
+def test_the_house_s_table_of_an_axis_gives_the_same_test(tmp_path):
+    path = tmp_path / "axis.csv"
+    rows = ["cycle,direction,target_mm,position_mm"]
+    for cycle in range(2):
+        for way, targets in (("forward", (0, 10, 25)), ("backward", (25, 10, 0))):
+            rows += [f"{cycle},{way},{t},{t + 0.001 * cycle + 0.0001 * t}" for t in targets]
+    path.write_text("\n".join(rows) + "\n")
+    import_file(path, tmp_path / "z.mcap", ImportOptions(axis="Z"))
+    (runs,) = all_runs(load_run(tmp_path / "z.mcap").measurement)
+    direct = read_axis_table(path, "Z")
+    assert runs.name == direct.name == "Z"
+    for name in ("target", "forward", "backward"):
+        ours, theirs = getattr(runs, name), getattr(direct, name)
+        assert ours == pytest.approx(theirs, abs=1e-15), name
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "old", "new", "said"),
+    [
+        (COLUMNS, "runs_in_columns", "40,00", "40.00", r"row 6: 'Target \(mm\)' is '40.00'"),
+        (COLUMNS, "runs_in_columns", "40,00", "0,00", r"row 6: target 0 mm is there twice"),
+        (COLUMNS, "runs_in_columns", "Run 2 rev", "Run 3", r"row 4: there is no column 'Run 2 rev"),
+        (COLUMNS, "runs_in_columns", "Run 1 rev", "Run 1 fwd", r"row 4: there are 2 columns"),
+        (COLUMNS, "runs_in_columns", "\r\n40,00;", "\r\n41;40,00;", r"row 6: it has 6 cells"),
+        (COLUMNS, "runs_in_columns", "200,00;", "100,00;", r"row 10: the targets of run 1 turn"),
+        (COLUMNS, "runs_in_columns", "Statistics", "Sum", r"row 11: it has only 1 cells"),
+        (ROWS, "rows_of_positions", "1,1,+", "1,1,up", r"row 2: the direction is 'up'"),
+        (ROWS, "rows_of_positions", "2,1,+", "2,x,+", r"row 3: 'Run' is 'x', expected a whole"),
+        (ROWS, "rows_of_positions", "2.0000,-2.0", "2.0000,-2.5", r"row 3: the deviation 12.*unit"),
+        (DIAGONALS, "step_diagonal_stops", "forward    3 ", "forward    4 ", r"row 8: stop 3 of"),
+        (DIAGONALS, "step_diagonal_stops", "ppp ", "pps ", r"row 5: the line is 'pps'; expected"),
+        (DIAGONALS, "step_diagonal_stops", "forward   30", "forward   31", r"has no stop 31: it"),
+        (STREAM, "readings_in_time", "\n40.0\t", "\n20.0\t", r"row 4: time does not go on: 0.02 s"),
+        (STREAM, "readings_in_time", "\n40.0\t", "\n-40.0\t", r"row 4: the time is -0.04 s"),
+    ],
+)
+def test_a_cell_that_is_wrong_is_refused_with_its_row(path, name, old, new, said, tmp_path):
+    copy = changed(path, old, new, tmp_path)
+    plan = read_text(find("quick", "plans"))
+    with pytest.raises(TableError, match=said) as refused:
+        read_file(copy, by(name, axis="X", plan=plan))
+    assert str(copy) in str(refused.value) and "\n" not in str(refused.value)
+
+
+def _without_position(made):
+    made["columns"].pop("position")
+    made["units"].pop("position")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("runs_in_columns", lambda m: m.update(tabel=1), r"unknown key 'tabel'"),
+        ("runs_in_columns", lambda m: m["units"].pop("target"), r"units: 'target' is missing"),
+        ("runs_in_columns", lambda m: m["units"].update(target="cm"), r"'target' is 'cm'"),
+        ("runs_in_columns", lambda m: m["columns"].update(run="Run"), r"does not go with 'runs'"),
+        ("runs_in_columns", lambda m: m["text"].update(delimiter="comma"), r"both delimiter and"),
+        ("runs_in_columns", lambda m: m["text"].update(header=False), r"numbers from 1, not"),
+        ("runs_in_columns", lambda m: m.update(sign=0), r"'sign' is 0"),
+        ("runs_in_columns", lambda m: m["text"].update(encoding="utf-8"), r"encoding 'utf-8'"),
+        ("runs_in_columns", lambda m: m["text"].update(encoding="klingon"), r"'klingon'"),
+        ("rows_of_positions", _without_position, r"'deviation' or 'position'"),
+        ("rows_of_positions", lambda m: m["directions"].update(backward="+"), r"both directions"),
+        ("rows_of_positions", lambda m: m["columns"].update(reading="x"), r"unknown column"),
+        ("step_diagonal_stops", lambda m: m.update(line="ppp"), r"'line' is told twice"),
+        ("step_diagonal_stops", lambda m: m.pop("volume"), r"volume: 'origin_m' is missing"),
+        ("readings_in_time", lambda m: m.pop("compensated"), r"'compensated' is missing"),
+    ],
+)
+def test_a_mapping_file_that_is_wrong_is_refused_with_its_key(name, change, said, tmp_path):
+    path = COLUMNS if name == "runs_in_columns" else ROWS
+    with pytest.raises(TableError, match=said):
+        read_file(path, by(written(tmp_path, name, change), axis="X"))
+
+
+def test_the_command_says_what_it_made_and_refuses_in_one_sentence(tmp_path, capsys):
+    bag = tmp_path / "b.mcap"
+    assert main(["import", str(COLUMNS), str(bag), "--mapping", "runs_in_columns"]) == 0
+    shown = capsys.readouterr()
+    assert "4 lines with 24 stops, 5 blocks" in shown.out and "note: where Y and Z" in shown.err
+    assert main(["info", str(bag)]) == 0
+    assert f"{COLUMNS.name}, SHA-256 " in capsys.readouterr().out
+    assert main(["export", str(bag), "--output", str(tmp_path / "out"), "--attachments"]) == 0
+    kept = tmp_path / "out" / "attachments" / "source"
+    assert (kept / COLUMNS.name).read_bytes() == COLUMNS.read_bytes()
+    shipped = (directory("config") / "imports" / "runs_in_columns.yaml").read_bytes()
+    assert (kept / "mapping.yaml").read_bytes() == shipped
+    assert main(["import", str(COLUMNS), str(tmp_path / "c.mcap")]) != 0
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert re.search("of no format that is known.*--mapping", error)
+    assert not list(tmp_path.glob("*c.mcap*"))
