@@ -21,6 +21,10 @@ VERSIONS = {
     "iso230": 1,
     "squareness": 1,
     "volumetric": 1,
+    "volumetric_map": 1,
+    "compensation": 1,
+    "improvement": 1,
+    "nc_correction": 1,
     "plan": 1,
     "measurement": 1,
     "tracker_plan": 1,
@@ -31,6 +35,7 @@ VERSIONS = {
     "recovery": 1,
     "replay": 1,
     "import": 1,
+    "by_hand": 1,
     "export": 1,
     "selftest": 1,
 }

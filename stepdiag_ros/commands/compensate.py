@@ -1,0 +1,315 @@
+"""``stepdiag compensate``: tables for a machine's control from an identified result."""
+
+import io
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
+from stepdiag_ros.commands.standard_tests import is_bag
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+    from stepdiag_ros.compensation.applied import TableSet
+    from stepdiag_ros.compensation.control import Control, Files
+    from stepdiag_ros.compensation.identified import Identified
+    from stepdiag_ros.report.compensation import CompensationReport
+
+CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
+"""As in ``compensation``, which is slow to import."""
+_MILLI = 1e-3
+_ANY_DATE = 1e8
+"""s since 1970: no run that was recorded is older."""
+_TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
+_EPILOG = """\
+settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
+
+nothing is ever installed, and no file is overwritten. How to load the tables, what they do not
+correct and how to go back: docs/compensation.md
+
+examples:
+  stepdiag compensate run.mcap --for linuxcnc
+  stepdiag compensate run.mcap --for siemens --set axes=MX1,MY1,MZ1 --set tables=12 --output tables
+  stepdiag compensate run_results/results.json --for fanuc --spacing 10 --reference 500 0 300
+  stepdiag compensate run.mcap --for generic     the error map, for target correction by the bridge
+  stepdiag compensate second.mcap --for linuxcnc --on-top-of first_for_linuxcnc"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "compensate",
+        help="write compensation tables for a control, and say what they leave uncorrected",
+        description="Write the compensation tables of a control from a measurement: positioning,"
+        " and where the control can, straightness and squareness. What remains of the errors is"
+        " computed from the written files and shown, before and after.",
+        epilog=_EPILOG,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument(
+        "result",
+        type=Path,
+        nargs="?",
+        help="the measurement (.mcap), or results.json of 'stepdiag solve'",
+    )
+    parser.add_argument(
+        "--for", dest="control", choices=CONTROLS, required=True, help="the control"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="a new folder for the tables (default: NAME_for_CONTROL beside the result)",
+    )
+    parser.add_argument(
+        "--method", default="", help="of the solver (default: the one to rely on, least_squares)"
+    )
+    add_run_option(parser)
+    parser.add_argument(
+        "--spacing",
+        type=float,
+        default=0.0,
+        metavar="MM",
+        help="between entries of a table (default: as the nodes of the measurement; fanuc: finer)",
+    )
+    parser.add_argument(
+        "--reference",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X", "Y", "Z"),
+        help="reference point, machine coordinates, mm: corrections are zero there (default: 0)",
+    )
+    parser.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a setting of the control; may be given several times",
+    )
+    parser.add_argument(
+        "--settings", dest="list_settings", action="store_true", help="list the control's settings"
+    )
+    parser.add_argument(
+        "--on-top-of",
+        type=Path,
+        metavar="FOLDER",
+        help="tables that were at work when the run was measured: the new ones contain them",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON in SI units")
+    parser.add_argument(
+        "--pictures",
+        choices=("png", "svg", "pdf", "none"),
+        default="png",
+        help="format of the picture of what remains, or none (default: png)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the tables; see the module."""
+    from stepdiag_ros.compensation import control
+    from stepdiag_ros.report.compensation import compensation_json, print_compensation
+    from stepdiag_ros.report.tables import make_console
+
+    chosen = control(arguments.control)
+    if arguments.list_settings:
+        _list(chosen)
+        return 0
+    if arguments.result is None:
+        raise ValueError("name the result: a bag (.mcap), or results.json of 'stepdiag solve'")
+    folder = arguments.output or arguments.result.parent / (
+        f"{arguments.result.stem}_for_{chosen.name}"
+    )
+    _refuse_existing(folder)
+    report = report_of(chosen, arguments)
+    text = io.StringIO()
+    print_compensation(report, make_console(text))
+    contents = {
+        **report.files,
+        _TEXT: text.getvalue(),
+        _DOCUMENT: compensation_json(report) + "\n",
+    }
+    files = _write(folder, contents, report, arguments.pictures)
+    if arguments.json:
+        print(compensation_json(report))
+    else:
+        print_compensation(report, make_console(sys.stdout))
+    say(f"tables in {folder}: {', '.join(files)}")
+    return 0
+
+
+def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
+    """Make the tables of a control, and find what they leave.
+
+    Args:
+        chosen: the control.
+        arguments: parsed.
+
+    Raises:
+        ValueError: the result, a setting or a limit of the control forbids it; one sentence.
+    """
+    from stepdiag_ros.compensation.control import Layout, checked_settings
+    from stepdiag_ros.compensation.remaining import remainder
+    from stepdiag_ros.report.compensation import CompensationReport
+
+    settings = checked_settings(chosen, _given(arguments.settings))
+    if arguments.spacing < 0.0:
+        raise ValueError(f"--spacing is {arguments.spacing:g} mm; expected more than 0")
+    x, y, z = (value * _MILLI for value in arguments.reference)
+    before = _tables_before(chosen, arguments.on_top_of)
+    identified = load_identified(arguments.result, arguments.method, arguments.run_id)
+    layout = Layout(
+        reference=(x, y, z),
+        spacing=arguments.spacing * _MILLI,
+        settings=settings,
+        on_top_of=before,
+        header=_header(identified),
+    )
+    files = chosen.write(identified, layout)
+    applied = chosen.read(files)
+    if before.tables:
+        from stepdiag_ros.compensation.applied import Beyond
+
+        applied = Beyond(applied, before)
+    return CompensationReport(
+        control=chosen,
+        identified=identified,
+        layout=layout,
+        files=files,
+        remainder=remainder(identified, applied, chosen.corrects),
+        on_top_of=str(arguments.on_top_of or ""),
+    )
+
+
+def load_identified(path: Path, method: str = "", run_id: str | None = None) -> "Identified":
+    """Return the errors in a bag or in a ``results.json``.
+
+    Args:
+        path: of the file.
+        method: of the solver; empty: the one to rely on.
+        run_id: which run, where a bag holds several.
+
+    Raises:
+        ValueError: it cannot be read or solved, or does not have the method; one sentence.
+    """
+    from stepdiag_ros.compensation.identified import Origin, from_results_file, identify
+    from stepdiag_ros.report.diagnosis_build import sha256_of
+
+    if not is_bag(path):
+        return from_results_file(path, method, sha256_of(path))
+    from datetime import datetime, timezone
+
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.solve import report_of as solved
+
+    report = solved(path, run_id=run_id)
+    results = {one.method: one for one in report.ordered_results()}
+    if not results:
+        raise ValueError(f"{path}: its lines are not enough for any method; see 'stepdiag solve'")
+    if method and method not in results:
+        reason = report.refused.get(method, f"there is no such method; use {', '.join(results)}")
+        raise ValueError(f"{path}: method '{method}': {reason}")
+    result = results[method] if method else list(results.values())[-1]
+    start = load_run(path, run_id).start_time * 1e-9
+    # A table of stops tells no date; its times count from zero.
+    begun = datetime.fromtimestamp(start, timezone.utc) if start > _ANY_DATE else None
+    origin = Origin(
+        file=path.name,
+        sha256=sha256_of(path) if path.is_file() else "",
+        run_id=report.run_id,
+        run_time="" if begun is None else begun.isoformat(timespec="seconds"),
+        plan=report.plan,
+        machine=report.machine,
+        method=result.method,
+        software_version=report.run_software_version,
+    )
+    return identify(result, report.chain, report.measurement, origin, report.remarks)
+
+
+def _header(identified: "Identified") -> tuple[str, ...]:
+    from datetime import datetime, timezone
+
+    from stepdiag_ros import __version__
+
+    written = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    lines = (
+        f"written {written} by stepdiag_ros {__version__}, not installed by it",
+        *identified.origin.lines(),
+    )
+    # Controls read comments byte by byte.
+    return tuple(line.encode("ascii", "replace").decode() for line in lines)
+
+
+def _given(settings: list[str]) -> dict[str, Any]:
+    import yaml
+
+    given = {}
+    for one in settings:
+        name, equals, value = one.partition("=")
+        if not equals:
+            raise ValueError(f"--set {one}: expected NAME=VALUE")
+        # A list of joints or axes stays a text.
+        given[name.strip()] = value if "," in value else yaml.safe_load(value)
+    return given
+
+
+def _tables_before(chosen: "Control", folder: Path | None) -> "TableSet":
+    from stepdiag_ros.compensation.applied import TableSet
+    from stepdiag_ros.configuration import read_text
+
+    if folder is None:
+        return TableSet(())
+    if not folder.is_dir():
+        raise ValueError(f"--on-top-of {folder}: there is no such folder")
+    suffixes = (".comp", ".ini", ".INI", ".COM", ".CMA", ".TXT", ".txt")
+    files = {
+        path.name: read_text(path) for path in folder.iterdir() if path.name.endswith(suffixes)
+    }
+    found = chosen.read(files)
+    if not isinstance(found, TableSet):
+        raise ValueError(f"a map has no tables that could be contained in others: leave {folder}")
+    return found
+
+
+def _list(chosen: "Control") -> None:
+    print(f"{chosen.title}: --set NAME=VALUE")
+    for one in chosen.settings:
+        allowed = f" ({' or '.join(one.choices)})" if one.choices else ""
+        print(f"  {one.name}={one.default}{allowed}: {one.meaning}")
+    if not chosen.settings:
+        print("  none")
+
+
+def _refuse_existing(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if folder.exists():
+        raise ValueError(f"{folder} is there already and is not overwritten: name another --output")
+
+
+def _write(
+    folder: Path, contents: "Files", report: "CompensationReport", picture: str
+) -> list[str]:
+    """Write all files or none: into a folder beside, which then takes the name."""
+    from tempfile import TemporaryDirectory
+
+    from stepdiag_ros.report.publish import make_folder, write_results
+
+    def draw() -> "dict[str, Picture]":
+        from stepdiag_ros.report.compensation import draw_compensation
+
+        return draw_compensation(report)
+
+    make_folder(folder.parent)
+    formats = () if picture == "none" else (picture,)
+    with TemporaryDirectory(prefix=".partial-", dir=folder.parent) as partial:
+        made = Path(partial) / "tables"
+        with progress_bar("writing tables") as progress:
+            files = write_results(made, contents, draw, formats, progress)
+        _refuse_existing(folder)
+        made.replace(folder)
+    return [path.name for path in files]

@@ -1,0 +1,229 @@
+"""``stepdiag compensate-nc``: an NC program rewritten with the identified errors of the machine."""
+
+import argparse
+import hashlib
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, progress_bar
+
+if TYPE_CHECKING:
+    from stepdiag_ros.compensation.identified import Identified
+    from stepdiag_ros.compensation.nc_rewrite import RewriteSettings
+
+_MILLI, _MICRO = 1e-3, 1e-6
+# Every byte is a sign of its own in it: what is not changed stays as it is, in any encoding.
+_BYTES = "latin-1"
+_EPILOG = """\
+read are ISO 6983 programs: G0 to G3 (I J K, or R), G17 to G19, G20/G21, G53 to G59.3, G90/G91,
+G43 H, G28/G30, N words, comments, F S T M. Whatever else moves the axes, or changes what their
+coordinates mean, is refused with its line: cutter compensation, subprograms, macros, probing,
+rotated, scaled and polar coordinates, other axes. docs/compensate_nc.md says more.
+
+The work offsets are those set in the control when the program runs: machine coordinates of the
+workpiece zero. The errors depend on where the axes really stand, so the program is right for this
+set-up alone.
+
+examples:
+  stepdiag compensate-nc part.nc run.mcap --offset G54=150,-150,-300
+  stepdiag compensate-nc part.nc run_results/results.json --offset G54=150,-150,-300 \\
+      --tool-length 1=85.2 --tolerance 1 --outside hold --output part_corrected.nc"""
+
+
+def _triple(text: str) -> tuple[float, float, float]:
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"'{text}' is not three numbers: X,Y,Z in mm")
+    x, y, z = (_MILLI * number(part, -1e6, 1e6) for part in parts)
+    return x, y, z
+
+
+def _offset(text: str) -> tuple[str, tuple[float, float, float]]:
+    name, equals, place = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"'{text}' is not G54=X,Y,Z")
+    return name.strip().upper(), _triple(place)
+
+
+def _tool(text: str) -> tuple[int, float]:
+    name, equals, length = text.partition("=")
+    digits = name.strip().upper().removeprefix("H")
+    if not equals or not digits.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is not H=LENGTH, for example 1=85.2")
+    return int(digits), _MILLI * number(length, -1e4, 1e4)
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "compensate-nc",
+        help="rewrite an NC program for a machine with known errors, and prove what remains",
+        description="Replace every target of an NC program by the one at which the tool of this"
+        " machine comes to where the program wants it, divide feed moves so that the tool stays"
+        " within a tolerance of its way, and run both programs through the model of the machine to"
+        " say what remains.",
+        epilog=_EPILOG,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("program", type=Path, help="the NC program")
+    parser.add_argument(
+        "result",
+        type=Path,
+        help="the measurement (.mcap), results.json of 'stepdiag solve', or the map of 'stepdiag"
+        " compensate --for generic'",
+    )
+    add_run_option(parser)
+    parser.add_argument("--method", default="", help="of the solver (default: the one to rely on)")
+    parser.add_argument(
+        "--offset",
+        type=_offset,
+        action="append",
+        default=[],
+        metavar="G54=X,Y,Z",
+        help="machine coordinates of a workpiece zero in mm; once for each system in use",
+    )
+    parser.add_argument(
+        "--tool-length",
+        type=_tool,
+        action="append",
+        default=[],
+        metavar="H=MM",
+        help="what G43 H adds to the machine coordinate Z, in mm; once for each H in use",
+    )
+    parser.add_argument(
+        "--start",
+        type=_triple,
+        metavar="X,Y,Z",
+        help="machine coordinates where the program begins, in mm (default: not known)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=lambda text: _MICRO * number(text, 0.01, 1000.0),
+        default=2e-6,
+        metavar="UM",
+        help="that the tool may be away from its way along feed moves, in µm (default: 2)",
+    )
+    parser.add_argument(
+        "--decimals",
+        type=int,
+        choices=range(3, 8),
+        default=4,
+        help="of millimetres in the written program (default: 4)",
+    )
+    parser.add_argument(
+        "--outside",
+        choices=("refuse", "hold"),
+        default="refuse",
+        help="outside the measured box: refuse the program, or let the correction of the nearest"
+        " place in the box go on (default: refuse)",
+    )
+    parser.add_argument(
+        "--cycles",
+        choices=("refuse", "pass"),
+        default="refuse",
+        help="canned cycles: refuse them, or pass them uncorrected (default: refuse)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="default: NAME_corrected beside the program"
+    )
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Rewrite the program; see the module."""
+    from stepdiag_ros.compensation.nc_proof import prove
+    from stepdiag_ros.compensation.nc_rewrite import rewrite
+    from stepdiag_ros.report.nc_correction import NcReport, nc_json, text_lines
+
+    program: Path = arguments.program
+    data = program.read_bytes()
+    target = arguments.output or program.with_name(f"{program.stem}_corrected{program.suffix}")
+    if target.exists():
+        raise ValueError(f"{target} exists already; a program is never overwritten")
+    with progress_bar(f"rewriting {program.name}") as progress:
+        identified = _identified(arguments.result, arguments.method, arguments.run_id)
+        settings = _settings(arguments)
+        text = data.decode(_BYTES)
+        digest = hashlib.sha256(data).hexdigest()
+        progress(0.3, "correcting")
+        made = rewrite(
+            text, str(program), identified.error_map, settings, _header(identified, program, digest)
+        )
+        progress(0.6, "proving")
+        proof = prove(text, made, identified.error_map, settings.program)
+    report = NcReport(
+        program=str(program),
+        program_sha256=digest,
+        written=str(target),
+        origin=identified.origin,
+        settings=settings,
+        rewritten=made,
+        proof=proof,
+        remarks=identified.remarks,
+    )
+    if proof.after.largest > settings.tolerance:
+        raise ValueError(
+            f"{program}: the tool would be {1e6 * proof.after.largest:.3g} µm away from its way in"
+            f" line {proof.after.line}, more than the tolerance; nothing is written"
+        )
+    _write(target, made.text.encode(_BYTES))
+    if arguments.json:
+        print(nc_json(report))
+    else:
+        print("\n".join([*text_lines(report), f"written: {target}"]))
+    return 0
+
+
+def _identified(path: Path, method: str, run_id: str | None) -> "Identified":
+    from stepdiag_ros import schemas
+    from stepdiag_ros.commands.compensate import load_identified
+    from stepdiag_ros.commands.standard_tests import is_bag
+    from stepdiag_ros.compensation.generic import map_from_text
+    from stepdiag_ros.configuration import read_text
+
+    if not is_bag(path) and schemas.identifier("volumetric_map") in read_text(path):
+        return map_from_text(read_text(path), str(path))
+    return load_identified(path, method, run_id)
+
+
+def _settings(arguments: Namespace) -> "RewriteSettings":
+    from stepdiag_ros.compensation.nc_program import NcSettings
+    from stepdiag_ros.compensation.nc_rewrite import RewriteSettings
+
+    given: dict[str, Any] = {
+        "offsets": dict(arguments.offset),
+        "tool_lengths": dict(arguments.tool_length),
+        "start": arguments.start,
+        "cycles": arguments.cycles == "pass",
+    }
+    return RewriteSettings(
+        tolerance=arguments.tolerance,
+        decimals=arguments.decimals,
+        outside=arguments.outside,
+        program=NcSettings(**given),
+    )
+
+
+def _header(identified: "Identified", program: Path, digest: str) -> list[str]:
+    """Return comment lines that say what the program was made from, fit for any control."""
+    from stepdiag_ros import __version__
+
+    lines = [
+        f"corrected by stepdiag_ros {__version__} from {program.name}",
+        f"SHA-256 of that program: {digest}",
+        *identified.origin.lines(),
+        "only for the machine and the set-up that it was made for",
+    ]
+    plain = (line.replace("(", "[").replace(")", "]").replace(";", ",") for line in lines)
+    return [line.encode("ascii", "replace").decode() for line in plain]
+
+
+def _write(target: Path, data: bytes) -> None:
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        partial.write_bytes(data)
+        partial.rename(target)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,242 @@
+"""The generic form: the whole error map with ISO 230-1 names, as JSON and as CSV.
+
+``volumetric_map.json`` (schema ``volumetric_map``) is what target correction by the bridge and the
+rewriting of NC programs take, and what any other software can: nodes, curves, uncertainty, chain,
+frame, reversal, in SI units. ``error_curves.csv`` holds the same curves in the table that
+``stepdiag compare --measured`` reads, ``error_grid.csv`` the error vectors at all nodes.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepdiag_ros import schemas
+from stepdiag_ros.compensation.control import Files, Layout, Setting
+from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
+from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.target_correction import target_for
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+
+if TYPE_CHECKING:
+    from stepdiag_ros.run.target_correction import TargetCorrection
+
+MAP = "volumetric_map.json"
+CURVES_TABLE = "error_curves.csv"
+GRID_TABLE = "error_grid.csv"
+DEFINITION = (
+    "error of the tool relative to the workpiece: actual less commanded position, zero at the first"
+    " corner of the box; to come to a place, subtract the error there from the target"
+)
+MOST_ROWS = 100_000
+ROUNDING = 1e-12
+"""m or rad: of a value in the table of curves."""
+
+
+@dataclass(frozen=True)
+class CorrectedTargets:
+    """Targets corrected by an error map (``applied.Applied``); the reversal errors stay.
+
+    Attributes:
+        error_map: of the machine.
+    """
+
+    error_map: VolumetricMap
+
+    def sent(self, targets: Vector, forward: bool) -> Vector:  # noqa: ARG002
+        """Return where the axes are sent (see ``Applied.sent``); NaN where nothing is known."""
+        return target_for(self.error_map, targets)
+
+
+class _Generic:
+    name = "generic"
+    title = "volumetric error map (JSON, CSV), for target correction by the bridge"
+    settings: tuple[Setting, ...] = ()
+    corrects = TRANSLATIONS
+    says = (
+        "the map corrects everything in it, angular errors too, wherever targets can be changed:"
+        " parameter 'correction' of the bridge, or a rewritten NC program",
+        "it holds in the measured box; beyond its edge the bridge goes on with the correction of"
+        " the nearest place, and nothing is claimed there",
+        "reversal errors are told, but a target cannot know from which side it is approached: the"
+        " mean of both directions is corrected",
+    )
+    source = "ISO 230-1 (names and signs), this package (schema volumetric_map)"
+
+    def write(self, identified: Identified, layout: Layout) -> Files:
+        """Return the map as JSON and the two tables.
+
+        Raises:
+            ValueError: nothing of the box is determined, or tables were at work in the run.
+        """
+        if layout.on_top_of.tables:
+            raise ValueError(
+                "a map cannot contain the tables of a control: leave these switched on, and the map"
+                " corrects what they leave"
+            )
+        error_map = identified.error_map
+        grid = error_map.grid()
+        if not np.any(np.all(np.isfinite(error_map.errors(grid)[1:]), axis=1)):
+            raise ValueError(
+                f"no error vector in the box is determined; not determined are"
+                f" {', '.join(error_map.unknown_curves)}"
+            )
+        notes = "".join(f"# {line}\n" for line in layout.header)
+        files = {
+            MAP: schemas.json_text(schemas.document("volumetric_map", content(identified))) + "\n",
+            CURVES_TABLE: notes + _curves(error_map),
+        }
+        if len(grid) <= MOST_ROWS:
+            files[GRID_TABLE] = notes + _grid(error_map, grid)
+        return files
+
+    def read(self, files: Mapping[str, str]) -> CorrectedTargets:
+        """Return what target correction does with the map."""
+        if MAP not in files:
+            raise ValueError(f"there is no {MAP} among these files")
+        return CorrectedTargets(map_from_text(files[MAP], MAP).error_map)
+
+
+def content(identified: Identified) -> dict[str, Any]:
+    """Return the map as the content of a document of the schema ``volumetric_map``."""
+    error_map = identified.error_map
+    return {
+        "definition": DEFINITION,
+        "origin": {key: text or None for key, text in asdict(identified.origin).items()},
+        "chain": error_map.chain or None,
+        "frame": error_map.frame,
+        "reference_point": REFERENCE_POINT,
+        "nodes": {
+            letter: numbers_or_null(nodes)
+            for letter, nodes in zip(AXES, error_map.nodes, strict=True)
+        },
+        "curves": {name: numbers_or_null(curve) for name, curve in error_map.curves.items()},
+        "standard_uncertainty": {
+            name: numbers_or_null(spread) for name, spread in error_map.standard_uncertainty.items()
+        },
+        "reversal": {
+            AXES[axis]: numbers_or_null(values) for axis, values in identified.reversal.items()
+        },
+        "not_estimated": list(error_map.left_out),
+        "not_determined": list(error_map.not_determined),
+        "remarks": list(identified.remarks),
+    }
+
+
+def map_from_text(text: str, source: str) -> Identified:
+    """Return the map in a document of the schema ``volumetric_map``.
+
+    Args:
+        text: of the document.
+        source: what the user calls it, for the text of an error.
+
+    Raises:
+        ValueError: it is no such document; names the source and what is wrong.
+    """
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{source} is no JSON document: {error}") from None
+    expected = schemas.identifier("volumetric_map")
+    if not isinstance(document, dict) or document.get("schema") != expected:
+        raise ValueError(
+            f"{source} is no volumetric map ({expected}); 'stepdiag compensate RESULT --for"
+            " generic' makes one"
+        )
+    try:
+        x, y, z = (known_numbers(document["nodes"][letter]) for letter in AXES)
+        error_map = VolumetricMap(
+            nodes=(x, y, z),
+            curves={name: known_numbers(curve) for name, curve in document["curves"].items()},
+            standard_uncertainty={
+                name: known_numbers(spread)
+                for name, spread in document["standard_uncertainty"].items()
+            },
+            chain=document["chain"] or "",
+            frame=document["frame"],
+            not_determined=tuple(document["not_determined"]),
+        )
+        reversal = {
+            AXES.index(letter): known_numbers(values)
+            for letter, values in document["reversal"].items()
+        }
+        origin = Origin(**{key: value or "" for key, value in document["origin"].items()})
+        for axis, values in reversal.items():
+            if values.shape != error_map.nodes[axis].shape:
+                raise ValueError(f"reversal of {AXES[axis]}: not one value for each node")
+        return Identified(error_map, reversal, origin, tuple(document["remarks"]))
+    except KeyError as missing:
+        raise ValueError(f"{source}: {missing} is missing") from None
+    except (TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{source}: {error}") from None
+
+
+def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
+    """Return the correction of targets by the map in a file.
+
+    Args:
+        path: of the file, a document of the schema ``volumetric_map``.
+        limit: largest correction of an axis, m.
+
+    Raises:
+        ValueError: the file cannot be read, is no map, or tells no error at all.
+    """
+    from stepdiag_ros.run.target_correction import TargetCorrection
+
+    try:
+        data = path.read_bytes()
+        text = data.decode("utf-8")
+    except OSError as error:
+        raise ValueError(f"correction: {path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"correction: {path} is no text file") from None
+    identified = map_from_text(text, str(path))
+    places = identified.error_map.grid()
+    if not np.any(np.all(np.isfinite(identified.error_map.errors(places)[1:]), axis=1)):
+        raise ValueError(
+            f"{path}: no error in the box is determined, so no target can be corrected"
+        )
+    origin = identified.origin
+    return TargetCorrection(
+        error_map=identified.error_map,
+        limit=limit,
+        name=path.name,
+        sha256=hashlib.sha256(data).hexdigest(),
+        made_from=" ".join(part for part in (origin.file, origin.run_id) if part),
+    )
+
+
+def numbers_or_null(values: Sequence[float] | Vector) -> list[float | None]:
+    """Return numbers for a JSON document, NaN as ``None``."""
+    return [float(value) if isfinite(value) else None for value in values]
+
+
+def _curves(error_map: VolumetricMap) -> str:
+    rows = ["name,position_m,repeat,value,standard_uncertainty,definition"]
+    for name, curve in error_map.curves.items():
+        nodes = error_map.nodes[AXES.index(name[3])]
+        spreads = error_map.standard_uncertainty.get(name, np.full(len(nodes), np.nan))
+        for node, value, spread in zip(
+            nodes.tolist(), curve.tolist(), spreads.tolist(), strict=True
+        ):
+            if isfinite(value):
+                # What the frame fixes is as uncertain as its rounding, not without uncertainty.
+                uncertainty = f"{max(spread, ROUNDING):.6e}" if isfinite(spread) else ""
+                rows.append(f"{name},{node:.9g},0,{value:.12e},{uncertainty},")
+    return "\n".join([*rows, ""])
+
+
+def _grid(error_map: VolumetricMap, grid: Vector) -> str:
+    rows = ["x_m,y_m,z_m,error_x_m,error_y_m,error_z_m"]
+    for place, vector in zip(grid.tolist(), error_map.errors(grid).tolist(), strict=True):
+        told = [f"{value:.6e}" if isfinite(value) else "" for value in vector]
+        rows.append(",".join([*(f"{value:.9g}" for value in place), *told]))
+    return "\n".join([*rows, ""])
+
+
+CONTROL = _Generic()

@@ -1,0 +1,276 @@
+"""What compensation is made from: an identified error map, reversal errors, and their origin."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import LINEAR
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns, all_runs
+from stepdiag_ros.metrology.standards.iso230_2 import evaluate
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+
+NO_REVERSAL = (
+    "the reversal errors are not known: no linear line was measured both ways, or the source does"
+    " not hold the lines; both directions are corrected by the same values"
+)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where an identified error map comes from; empty texts where that is not known.
+
+    Attributes:
+        file: name of the bag or of the document.
+        sha256: of that file, 64 hexadecimal digits.
+        run_id: identity of the run.
+        run_time: when the run began, ISO 8601, UTC.
+        plan: name of the plan.
+        machine: name of the machine.
+        method: of the solver.
+        software_version: of the run.
+    """
+
+    file: str = ""
+    sha256: str = ""
+    run_id: str = ""
+    run_time: str = ""
+    plan: str = ""
+    machine: str = ""
+    method: str = ""
+    software_version: str = ""
+
+    def lines(self) -> list[str]:
+        """Return the origin line by line, in words."""
+        titles = {
+            "file": "made from",
+            "sha256": "SHA-256",
+            "run_id": "run",
+            "run_time": "measured",
+            "plan": "plan",
+            "machine": "machine",
+            "method": "method",
+            "software_version": "run made by stepdiag_ros",
+        }
+        return [f"{title}: {getattr(self, key) or 'unknown'}" for key, title in titles.items()]
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The errors of a machine as far as a measurement has told them.
+
+    Attributes:
+        error_map: of the measured box; mean of both directions of approach where both were
+            measured.
+        reversal: axis (0, 1, 2) → reversal error B = forward - backward (ISO 230-2) of its
+            positioning at the nodes of the map, m; an axis whose reversal is not known is not
+            there.
+        origin: where this comes from.
+        remarks: what a reader must know, in words.
+    """
+
+    error_map: VolumetricMap
+    reversal: Mapping[int, Vector] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
+    remarks: tuple[str, ...] = ()
+
+    def half_reversal(self, axis: int, positions: Vector) -> Vector:
+        """Return half the reversal error at positions of an axis, m; zero where it is not known.
+
+        It is added to the mean error on the way forward, and taken from it on the way back.
+        """
+        places = np.asarray(positions, dtype=np.float64)
+        if axis not in self.reversal:
+            return np.zeros(places.shape)
+        half: Vector = 0.5 * np.interp(places, self.error_map.nodes[axis], self.reversal[axis])
+        return half
+
+
+def identify(
+    result: VolumetricErrors,
+    chain: str,
+    measurement: Measurement | None,
+    origin: Origin,
+    remarks: Sequence[str] = (),
+) -> Identified:
+    """Return what a result says, with the reversal errors of the lines that it was solved from.
+
+    Args:
+        result: of a solver.
+        chain: order of the machine's axes from workpiece to tool; empty if not known.
+        measurement: the lines; None if they are not at hand.
+        origin: of both.
+        remarks: about the run.
+
+    Raises:
+        ValueError: the result is not enough for a map; the text says what is missing.
+    """
+    error_map = VolumetricMap.of_result(result, chain)
+    reversal: dict[int, Vector] = {}
+    said = [*remarks, *result.remarks, *_misfit(result)]
+    for runs in () if measurement is None else all_runs(measurement):
+        if runs.kind != LINEAR or not len(runs.forward) or not len(runs.backward):
+            continue
+        axis = AXES.index(runs.name)
+        found, words = reversal_of(runs, _stop_uncertainty(measurement, runs))
+        reversal[axis] = np.interp(error_map.nodes[axis], runs.target, found)
+        said += [f"reversal of {runs.name}: {remark}" for remark in (words, *runs.remarks)]
+    if not reversal:
+        said.append(NO_REVERSAL)
+    return Identified(error_map, reversal, origin, tuple(dict.fromkeys(said)))
+
+
+def _misfit(result: VolumetricErrors) -> list[str]:
+    """Warn where the readings disagree with the model that the tables would be made from."""
+    freedom = result.degrees_of_freedom
+    if not freedom or not result.chi_squared > freedom + 5.0 * np.sqrt(2.0 * freedom):
+        return []
+    return [
+        f"the readings disagree with this model (reduced chi squared"
+        f" {result.chi_squared / freedom:.3g}): something acts that is not in it, such as angular"
+        " errors, drift or growth, and part of it is in these values; see 'stepdiag diagnose' first"
+    ]
+
+
+def reversal_of(runs: BidirectionalRuns, stop_uncertainty: float = nan) -> tuple[Vector, str]:
+    """Return the reversal errors of an axis as far as they stand out from noise, and in words how.
+
+    B_i = mean forward - mean backward (ISO 230-2). Where a constant explains all of them, their
+    mean is taken, which is known better than each; where zero does, zero: tables made of noise make
+    a machine worse. Judged by chi squared, which must not exceed its expectation by more than three
+    of its standard deviations. With unknown noise the values are taken as they are.
+
+    Args:
+        runs: of the axis, both ways.
+        stop_uncertainty: standard uncertainty of a reading at a stop, m; NaN if not known.
+
+    Returns:
+        at the targets of the runs, m, shape (m,); words.
+    """
+    found = evaluate(runs).reversal
+    noise = max(_scatter(runs), stop_uncertainty, key=lambda u: -1.0 if np.isnan(u) else u)
+    if not noise > 0.0:
+        return found, "taken as measured, since the noise of a stop is not known"
+    spread = noise * float(np.sqrt(1.0 / len(runs.forward) + 1.0 / len(runs.backward)))
+    nothing = np.zeros(len(found))
+    if _explained(found / spread, len(found)):
+        return nothing, "zero within the noise, and not compensated"
+    constant = np.full(len(found), np.mean(found))
+    if _explained((found - constant) / spread, len(found) - 1):
+        return constant, f"{constant[0] * 1e6:.3f} µm, the same everywhere within the noise"
+    return found, "differs from place to place"
+
+
+def _explained(residuals: Vector, freedom: int) -> bool:
+    """Say whether residuals, in standard deviations, are noise."""
+    return bool(residuals @ residuals <= freedom + 3.0 * np.sqrt(2.0 * freedom))
+
+
+def _scatter(runs: BidirectionalRuns) -> float:
+    """Return the pooled standard deviation of a stop from repeated runs, m; NaN from single ones.
+
+    A shift of a whole run, such as a drift between runs, is part of it.
+    """
+    squares, freedom = 0.0, 0
+    for one in (runs.forward, runs.backward):
+        if len(one) > 1:
+            squares += float(np.sum((one - np.mean(one, axis=0)) ** 2))
+            freedom += (len(one) - 1) * one.shape[1]
+    return float(np.sqrt(squares / freedom)) if freedom else nan
+
+
+def _stop_uncertainty(measurement: Measurement | None, runs: BidirectionalRuns) -> float:
+    """Return the rms standard uncertainty of the stops of some runs, m; NaN if not known."""
+    lines = () if measurement is None else measurement.lines
+    squares = [
+        line.standard_uncertainty**2
+        for line in lines
+        if line.setup == runs.setup and line.line.kind == runs.kind
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else nan
+
+
+def from_results_file(path: Path, method: str, digest: str) -> Identified:
+    """Return what a ``results.json`` (schema ``result``) says; it holds no lines, so no reversal.
+
+    Args:
+        path: of the document.
+        method: of the solver; empty: the last in the document, which is the one to rely on.
+        digest: SHA-256 of the file.
+
+    Raises:
+        ValueError: it is no such document, or lacks the method or what a map needs.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path} is no JSON document: {error}") from None
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if not isinstance(schema, str) or not schema.startswith("urn:stepdiag_ros:result:"):
+        raise ValueError(f"{path} is no result of 'stepdiag solve' (results.json), nor a bag")
+    try:
+        methods = document["methods"]
+        known = list(methods)
+        if method and method not in methods:
+            raise ValueError(f"{path} has no method '{method}'; it has {', '.join(known)}")
+        if not known:
+            raise ValueError(f"{path}: no method could be used on its lines")
+        name = method or known[-1]
+        result = _result(methods[name], name)
+        run = document["run"]
+        origin = Origin(
+            file=path.name,
+            sha256=digest,
+            run_id=run.get("run_id") or "",
+            plan=run.get("plan") or "",
+            machine=run.get("machine") or "",
+            method=name,
+            software_version=run.get("software_version") or "",
+        )
+        return identify(result, run.get("chain") or "", None, origin, run.get("remarks", ()))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} does not fit the schema 'result': {error}") from None
+
+
+def _result(entry: Mapping[str, Any], method: str) -> VolumetricErrors:
+    x, y, z = (known_numbers(entry["nodes"][letter]) for letter in AXES)
+    return VolumetricErrors(
+        method=method,
+        nodes=(x, y, z),
+        curves={name: known_numbers(values) for name, values in entry["curves"].items()},
+        standard_uncertainty={
+            name: known_numbers(values) for name, values in entry["standard_uncertainty"].items()
+        },
+        figures=(),
+        lines=int(entry["lines"]),
+        chi_squared=nan if entry["chi_squared"] is None else float(entry["chi_squared"]),
+        degrees_of_freedom=int(entry["degrees_of_freedom"]),
+        not_determined=tuple(entry["not_determined"]),
+        remarks=tuple(entry["remarks"]),
+        frame=str(entry.get("frame", FRAME)),
+    )
+
+
+def known_numbers(values: Sequence[float | None]) -> Vector:
+    """Return numbers of a JSON document, ``null`` as NaN."""
+    return np.array([nan if value is None else float(value) for value in values])
+
+
+def curve_at(identified: Identified, name: str, positions: Vector) -> Vector:
+    """Return an error curve at positions of its axis, straight between nodes, constant beyond.
+
+    Args:
+        identified: the errors.
+        name: of the curve, such as E_YX.
+        positions: m, shape (n,).
+    """
+    nodes = identified.error_map.nodes[moving_axis(name)]
+    values: Vector = np.interp(positions, nodes, identified.error_map.curves[name])
+    return values

@@ -1,0 +1,294 @@
+"""The volumetric error map: where in the measured box the tool is how far from where it should be.
+
+The error vector at q is the tool point less q, motions of the tool relative to the workpiece, zero
+at the corner of the first nodes, in the frame of the curves. It is computed by the exact forward
+model (``forward.tool_point``), so that it has the signs of the readings that it was found from.
+
+A map holds for the box that was measured and for nothing beyond it: outside, the error is unknown.
+It is unknown, too, wherever a curve that acts there was not determined: a translation acts
+everywhere, a rotation where an axis after it in the chain is away from the first corner. Rotations
+that the method did not estimate at all are not in it; ``left_out`` names them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.metrology.forward import ErrorCurves, levers, tool_point
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    CHAINS,
+    CURVES,
+    FRAME,
+    ROTATIONS,
+    TRANSLATIONS,
+    Vector,
+    moving_axis,
+)
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+
+EDGE = 1e-9
+"""m: a place so little beyond the box is on its edge; coordinates in files are rounded."""
+
+
+@dataclass(frozen=True)
+class VolumetricMap:
+    """Errors of a machine in a box.
+
+    Attributes:
+        nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that
+            axis,); the box reaches from the first to the last ones.
+        curves: ISO 230-1 name → errors at the nodes of its axis, m (translations) or rad
+            (rotations); NaN where not determined. All nine translations, and rotations or none.
+        standard_uncertainty: of some or all of the curves, same shapes; NaN where not known.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        frame: of the curves, in words.
+        not_determined: what the lines could not tell, in words.
+        covariance: of all curves stacked in their order, see ``VolumetricErrors``; empty if not
+            known.
+
+    Raises:
+        ValueError: nodes that do not ascend, an unknown or missing curve, a wrong number of values,
+            rotations without a chain.
+    """
+
+    nodes: tuple[Vector, Vector, Vector]
+    curves: Mapping[str, Vector]
+    standard_uncertainty: Mapping[str, Vector] = field(default_factory=dict)
+    chain: str = ""
+    frame: str = FRAME
+    not_determined: tuple[str, ...] = ()
+    covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for letter, nodes in zip(AXES, self.nodes, strict=True):
+            ascending = nodes.ndim == 1 and len(nodes) >= 2 and bool(np.all(np.diff(nodes) > 0))
+            if not ascending or not np.all(np.isfinite(nodes)):
+                raise ValueError(f"nodes of axis {letter}: expected two or more, ascending")
+        for name, values in (*self.curves.items(), *self.standard_uncertainty.items()):
+            if name not in CURVES:
+                raise ValueError(f"'{name}' is no error curve; use names such as E_XX or E_AX")
+            nodes = self.nodes[moving_axis(name)]
+            if values.shape != nodes.shape:
+                raise ValueError(
+                    f"{name}: {values.size} values for {len(nodes)} nodes of {name[3]}"
+                )
+        missing = [name for name in TRANSLATIONS if name not in self.curves]
+        if missing:
+            raise ValueError(f"an error map needs {', '.join(missing)}")
+        if self.chain and self.chain not in CHAINS:
+            raise ValueError(
+                f"'{self.chain}' is no kinematic chain; use one of {', '.join(CHAINS)}"
+            )
+        if not self.chain and any(name in ROTATIONS for name in self.curves):
+            raise ValueError("a map with rotations needs the order of the machine's axes (chain)")
+
+    @classmethod
+    def of_result(cls, result: VolumetricErrors, chain: str = "") -> "VolumetricMap":
+        """Return the map of a solver's result.
+
+        The frame makes three curves end at zero (``forward.in_result_frame``). Where nothing
+        between the ends was determined, this zero is no finding, and the end counts as unknown.
+
+        Args:
+            result: of a solver.
+            chain: order of the axes from workpiece to tool; needed where it has rotations.
+
+        Raises:
+            ValueError: see the class.
+        """
+        return cls(
+            nodes=result.nodes,
+            curves={name: _told_by_lines(curve) for name, curve in result.curves.items()},
+            standard_uncertainty=result.standard_uncertainty,
+            chain=chain,
+            frame=result.frame,
+            not_determined=result.not_determined,
+            covariance=result.covariance,
+        )
+
+    @property
+    def low(self) -> Vector:
+        """Return the first corner of the box, m, shape (3,)."""
+        return np.array([nodes[0] for nodes in self.nodes])
+
+    @property
+    def high(self) -> Vector:
+        """Return the last corner of the box, m, shape (3,)."""
+        return np.array([nodes[-1] for nodes in self.nodes])
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return the rotations that are not in the map, because they were not estimated."""
+        return tuple(name for name in ROTATIONS if name not in self.curves)
+
+    @cached_property
+    def unknown_curves(self) -> tuple[str, ...]:
+        """Return the curves that are not determined at some node at least."""
+        return tuple(n for n, values in self.curves.items() if not np.all(np.isfinite(values)))
+
+    def inside(self, positions: Vector) -> NDArray[np.bool_]:
+        """Say which places lie in the box, shape (n,).
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        places = np.asarray(positions, dtype=np.float64)
+        within = (places >= self.low - EDGE) & (places <= self.high + EDGE)
+        answer: NDArray[np.bool_] = np.all(within, axis=-1)
+        return answer
+
+    def nearest(self, positions: Vector) -> Vector:
+        """Return the places in the box that are nearest to given ones, m, shape (n, 3)."""
+        placed: Vector = np.clip(np.asarray(positions, dtype=np.float64), self.low, self.high)
+        return placed
+
+    def errors(self, positions: Vector) -> Vector:
+        """Return the error vectors at some places, m, shape (n, 3); NaN where not known.
+
+        Between nodes the curves are straight. Outside the box nothing is known.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        places = np.asarray(positions, dtype=np.float64)
+        ways = self.nearest(places) - self.low
+        errors, zero = self._forward
+        actual, _ = tool_point(ways, errors, self.chain or CHAINS[0])
+        vectors: Vector = actual - ways - zero
+        vectors[self._unknown(ways) | ~self.inside(places)] = nan
+        return vectors
+
+    def standard_uncertainty_at(self, positions: Vector) -> Vector:
+        """Return the standard uncertainty of each component of the error, m, shape (n, 3).
+
+        By the law of propagation (JCGM 100:2008, 5.2), to first order, with the covariance of the
+        curves; NaN where that or the error is not known. That the map is straight between nodes,
+        and what a rotation does that is left out, is not in it.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        weights, unknown = self._weights(positions)
+        size = weights.shape[-1]
+        if self.covariance.shape != (size, size):
+            return np.full((len(weights), 3), nan)
+        covariance = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
+        missing = ~np.isfinite(np.diag(self.covariance))
+        variance = np.einsum("nij,jk,nik->ni", weights, covariance, weights, optimize=True)
+        spread: Vector = np.sqrt(np.maximum(variance, 0.0))
+        spread[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        return spread
+
+    def uncertainty_limit_at(self, positions: Vector) -> Vector:
+        """Return what the standard uncertainty cannot exceed, m, shape (n, 3).
+
+        u(Σ w_i x_i) <= Σ |w_i| u(x_i), however the errors of the curves are correlated; for maps
+        whose covariance is not at hand. NaN where not known.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        weights, unknown = self._weights(positions)
+        each = np.concatenate(
+            [
+                self.standard_uncertainty.get(name, np.full(curve.shape, nan))
+                for name, curve in self.curves.items()
+            ]
+        )
+        missing = ~np.isfinite(each)
+        limit: Vector = np.abs(weights) @ np.where(missing, 0.0, each)
+        limit[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        return limit
+
+    def grid(self, between: int = 0) -> Vector:
+        """Return the nodes of the box as places, m, shape (n, 3).
+
+        Args:
+            between: number of further places between two nodes, evenly spread.
+        """
+        fine = [_refined(nodes, between) for nodes in self.nodes]
+        mesh = np.meshgrid(*fine, indexing="ij")
+        return np.stack([part.ravel() for part in mesh], axis=1)
+
+    @cached_property
+    def _forward(self) -> tuple[ErrorCurves, Vector]:
+        """Return the curves from the first corner on, zero where unknown, and the error there."""
+        shifted = [nodes - nodes[0] for nodes in self.nodes]
+        known = {name: np.nan_to_num(curve, nan=0.0) for name, curve in self.curves.items()}
+        errors = ErrorCurves.from_curves(shifted, known)
+        zero, _ = tool_point(np.zeros((1, 3)), errors, self.chain or CHAINS[0])
+        return errors, zero[0]
+
+    def _unknown(self, ways: Vector) -> NDArray[np.bool_]:
+        """Say at which ways from the first corner, in the box, a curve that acts is not known."""
+        unknown = np.zeros(len(ways), dtype=bool)
+        arms = levers(ways, self.chain or CHAINS[0])
+        for name in self.unknown_curves:
+            axis = moving_axis(name)
+            shifted = self.nodes[axis] - self.nodes[axis][0]
+            holes = np.isnan(self.curves[name]).astype(np.float64)
+            # Between two nodes a curve is as little known as at either of them.
+            gap = np.interp(ways[:, axis], shifted, holes) > 0.0
+            acts = np.ones(len(ways), dtype=bool)
+            if name in ROTATIONS:
+                acts = np.any(np.abs(arms[axis]) > EDGE, axis=1)
+            unknown |= gap & acts
+        return unknown
+
+    def _weights(self, positions: Vector) -> tuple[Vector, NDArray[np.bool_]]:
+        """Return the derivative of the error by all curve values, and where it is not known.
+
+        To first order e(q) = Σ_i t_i(q_i) + ε_i(q_i) × L_i(q), less the same at the first corner,
+        from which q counts and where the levers L_i are zero.
+
+        Returns:
+            shape (n, 3, all values in the order of the curves); shape (n,).
+        """
+        places = np.asarray(positions, dtype=np.float64)
+        ways = self.nearest(places) - self.low
+        arms = levers(ways, self.chain or CHAINS[0])
+        parts = []
+        for name, curve in self.curves.items():
+            axis = moving_axis(name)
+            shares = _interpolation(self.nodes[axis] - self.nodes[axis][0], ways[:, axis])
+            part = np.zeros((len(places), 3, len(curve)))
+            if name in TRANSLATIONS:
+                shares[:, 0] -= 1.0
+                part[:, AXES.index(name[2]), :] = shares
+            else:
+                turn = np.cross(np.eye(3)["ABC".index(name[2])], arms[axis])
+                part = turn[:, :, None] * shares[:, None, :]
+            parts.append(part)
+        return np.concatenate(parts, axis=2), self._unknown(ways) | ~self.inside(places)
+
+
+def _told_by_lines(curve: Vector) -> Vector:
+    """Return a curve without an end that is known by the definition of the frame alone."""
+    inner = curve[1:-1]
+    if inner.size == 0 or not np.all(np.isnan(inner)):
+        return curve
+    return np.concatenate([curve[:1], np.full(len(curve) - 1, nan)])
+
+
+def _refined(nodes: Vector, between: int) -> Vector:
+    count = (len(nodes) - 1) * (between + 1) + 1
+    fine: Vector = np.interp(
+        np.arange(count) / (between + 1.0), np.arange(len(nodes), dtype=np.float64), nodes
+    )
+    return fine
+
+
+def _interpolation(nodes: Vector, places: Vector) -> Vector:
+    """Return the weights of linear interpolation between nodes, shape (places, nodes)."""
+    upper = np.clip(np.searchsorted(nodes, places, side="right"), 1, len(nodes) - 1)
+    share = (places - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1])
+    weights = np.zeros((len(places), len(nodes)))
+    rows = np.arange(len(places))
+    weights[rows, upper - 1] = 1.0 - share
+    weights[rows, upper] = share
+    return weights

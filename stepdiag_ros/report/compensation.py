@@ -1,0 +1,239 @@
+"""Compensation tables as a person and a program read them: what they correct and leave."""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from stepdiag_ros import schemas
+from stepdiag_ros.compensation.control import MILLI, Control, Files, Layout
+from stepdiag_ros.compensation.identified import Identified
+from stepdiag_ros.compensation.remaining import Change, Remainder
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS
+from stepdiag_ros.report.figures import legend_below, new_picture, tidy
+from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+NOT_INSTALLED = (
+    "Nothing was installed: load the files by hand, measure again, and keep what was there before."
+)
+COMPUTED = (
+    "Before and after are computed from the files as written, with their rounding and spacing, for"
+    " the errors that were found, both directions of approach; only a new measurement is a proof."
+)
+_BEFORE, _AFTER = "#D55E00", "#0072B2"
+_DECIMALS = 3
+
+
+@dataclass(frozen=True)
+class CompensationReport:
+    """Tables and what they leave.
+
+    Attributes:
+        control: that they are for.
+        identified: errors that they were made from.
+        layout: how they were made.
+        files: name → text.
+        remainder: what they leave.
+        on_top_of: folder of the tables that are contained in them; empty: none.
+    """
+
+    control: Control
+    identified: Identified
+    layout: Layout
+    files: Files
+    remainder: Remainder
+    on_top_of: str = ""
+
+    def uncorrected(self) -> list[str]:
+        """Say what the tables do not correct, sentence by sentence, in numbers where known."""
+        said = [
+            f"{one.name} stays: {_value(one.after, one.unit)}"
+            for one in self.remainder.changes
+            if not one.corrected and not one.name.startswith("volume")
+        ]
+        error_map = self.identified.error_map
+        turning = [name for name in ROTATIONS if name in error_map.curves]
+        volume = self.remainder.change("volume, rms")
+        if turning and self.control.name != "generic":
+            said.append(
+                f"angular errors ({', '.join(turning)}) act by levers and stay; with them"
+                f" {_value(volume.after, 'm')} rms are left in the volume"
+            )
+        if error_map.left_out:
+            said.append(
+                f"{', '.join(error_map.left_out)} were not estimated: what they do in the volume is"
+                " neither corrected nor in these figures"
+            )
+        if error_map.unknown_curves:
+            said.append(f"not determined by these lines: {', '.join(error_map.unknown_curves)}")
+        return said
+
+
+def print_compensation(report: CompensationReport, console: PlainConsole) -> None:
+    """Print what was written and what it leaves."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    sentence(f"Compensation tables for {report.control.title}")
+    for line in report.identified.origin.lines():
+        sentence(f"  {line}")
+    sentence(f"  files: {', '.join(report.files)}")
+    console.print()
+    console.print(change_table("What the tables change", report.remainder.changes))
+    console.print()
+    remainder = report.remainder
+    sentence(COMPUTED)
+    if remainder.known < remainder.places:
+        sentence(
+            f"Of {remainder.places} places in the volume {remainder.known} have a known error;"
+            " the others are not in the figures."
+        )
+    if math.isfinite(remainder.rms_uncertainty):
+        sentence(
+            f"The errors in the volume are known to {_value(remainder.rms_uncertainty, 'm')} (rms"
+            " standard uncertainty): no compensation made from them is better than that."
+        )
+    for title, sentences in (
+        ("Not corrected:", report.uncorrected()),
+        ("To know:", report.control.says),
+        ("About the result:", report.identified.remarks),
+    ):
+        if sentences:
+            console.print()
+            sentence(title)
+            for text in sentences:
+                sentence(f"- {text}")
+    console.print()
+    sentence(f"Format by: {report.control.source}.")
+    sentence(NOT_INSTALLED)
+
+
+def change_table(title: str, changes: Sequence[Change], with_tables: bool = True) -> Table:
+    """Return figures before and after.
+
+    Args:
+        title: of the table.
+        changes: the figures.
+        with_tables: say of each whether the control has a table for it.
+    """
+    more = ["corrected by a table"] if with_tables else []
+    table = new_table(title, "", "before", "after", "times smaller", *more)
+    for one in changes:
+        told = ["yes" if one.corrected else "no"] if with_tables else []
+        before, after = _value(one.before, one.unit), _value(one.after, one.unit)
+        table.add_row(one.name, before, after, _times(one), *told)
+    return table
+
+
+def _value(value: float, unit: str) -> str:
+    if not math.isfinite(value):
+        return UNKNOWN
+    if unit == "rad":
+        return f'{plain(value * MICRO, 2)} µrad ({plain(value * ARC_SECONDS, 2)}")'
+    return f"{plain(value * MICRO, _DECIMALS)} µm"
+
+
+def _times(one: Change) -> str:
+    if math.isnan(one.factor) or not math.isfinite(one.after):
+        return UNKNOWN if math.isnan(one.before) or math.isnan(one.after) else "-"
+    return "> 1000" if one.factor > 1000 else plain(one.factor, 1)
+
+
+def draw_compensation(report: CompensationReport) -> "dict[str, Picture]":
+    """Draw the nine translations before and after, both directions of approach.
+
+    Columns are the axis that moves, rows the direction of the error.
+    """
+    picture = new_picture(12.0, 9.0)
+    panels = picture.subplots(3, 3, squeeze=False)
+    for one in report.remainder.axes:
+        for error in range(3):
+            axes = panels[error][one.axis]
+            places = one.positions * MILLI
+            for values, colour, label in (
+                (one.before, _BEFORE, "before"),
+                (one.after, _AFTER, "after (computed)"),
+            ):
+                own = error == one.axis
+                lines = values[..., error] if own else np.mean(values, axis=0)[None, :, error]
+                for number, line in enumerate(lines):
+                    direction = (" forward", " backward")[number] if own else ""
+                    axes.plot(
+                        places,
+                        line * MICRO,
+                        color=colour,
+                        linestyle="-" if number == 0 else "--",
+                        linewidth=1.2,
+                        label=f"{label}{direction}",
+                    )
+            name = TRANSLATIONS[3 * one.axis + error]
+            corrected = "" if name in report.control.corrects else " (no table)"
+            axes.set_title(f"{name}{corrected}", fontsize=9)
+            axes.set_xlabel(f"{AXES[one.axis]} / mm", fontsize=8)
+            axes.set_ylabel("µm", fontsize=8)
+            tidy(axes)
+    rms, largest = (
+        report.remainder.change("volume, rms"),
+        report.remainder.change("volume, largest"),
+    )
+    picture.suptitle(
+        f"What remains with tables for {report.control.title}\nvolume: rms"
+        f" {_value(rms.before, 'm')} → {_value(rms.after, 'm')}, largest"
+        f" {_value(largest.before, 'm')} → {_value(largest.after, 'm')}",
+        fontsize=11,
+    )
+    legend_below(picture, panels.ravel(), (COMPUTED,))
+    return {"what_remains": picture}
+
+
+def compensation_json(report: CompensationReport) -> str:
+    """Return the report as JSON text; SI, ``null`` where not known (schema ``compensation``)."""
+    remainder = report.remainder
+    content = {
+        "control": report.control.name,
+        "title": report.control.title,
+        "format_source": report.control.source,
+        "origin": {key: text or None for key, text in asdict(report.identified.origin).items()},
+        "settings": dict(report.layout.settings),
+        "spacing": report.layout.spacing or None,
+        "reference": list(report.layout.reference),
+        "on_top_of": report.on_top_of or None,
+        "files": [
+            {"name": name, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+            for name, text in report.files.items()
+        ],
+        "corrects": list(report.control.corrects),
+        "uncorrected": report.uncorrected(),
+        "says": list(report.control.says),
+        "remarks": list(report.identified.remarks),
+        "places": remainder.places,
+        "places_known": remainder.known,
+        "rms_standard_uncertainty": _number(remainder.rms_uncertainty),
+        "changes": [
+            {**change_document(one), "corrected": one.corrected} for one in remainder.changes
+        ],
+    }
+    return schemas.json_text(schemas.document("compensation", content))
+
+
+def change_document(one: Change) -> dict[str, Any]:
+    """Return a figure before and after for a JSON document."""
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "before": _number(one.before),
+        "after": _number(one.after),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
