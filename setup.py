@@ -16,6 +16,8 @@ SHARED = [
     "config.trackers",
     "config.models",
     "config.devices",
+    "config.linuxcnc",
+    "config.imports",
     "config.rviz",
     "config.foxglove",
     "config.plotjuggler",
@@ -37,7 +39,18 @@ setup(
     ],
     package_dir={f"stepdiag_ros.share.{name}": name.replace(".", "/") for name in SHARED},
     package_data={
-        "": ["py.typed", "*.msg", "*.srv", "*.action", "*.json", "*.yaml", "*.rviz", "*.xml"],
+        "": [
+            "py.typed",
+            "*.msg",
+            "*.srv",
+            "*.action",
+            "*.json",
+            "*.yaml",
+            "*.rviz",
+            "*.xml",
+            "*.ini",
+            "*.hal",
+        ],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [
             "interfaces/*/*/*.msg",

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
-Folder = Literal["plans", "machines", "cells", "instruments", "trackers", "models", "devices"]
+Folder = Literal[
+    "plans", "machines", "cells", "instruments", "trackers", "models", "devices", "imports"
+]
 Made = TypeVar("Made")
 
 _BARE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -34,6 +36,7 @@ _SINGULAR = {
     "trackers": "tracker",
     "models": "model",
     "devices": "device file",
+    "imports": "mapping file",
 }
 
 

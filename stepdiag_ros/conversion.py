@@ -125,6 +125,8 @@ def to_reading(message: Any) -> Reading:
         signal_strength=float(message.signal_strength),
         status=int(message.status),
         environment=_environment_of(message),
+        # Bags from before this was recorded do not tell it.
+        trigger=int(getattr(message, "trigger", 0)),
     )
 
 
@@ -148,6 +150,7 @@ def from_reading(
     message.signal_strength = float(reading.signal_strength)
     message.status = int(reading.status)
     _set_environment(message, reading.environment)
+    message.trigger = int(reading.trigger)
     return message
 
 

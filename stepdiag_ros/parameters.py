@@ -8,14 +8,16 @@ device cannot while it is open, and take effect when it is opened again.
 """
 
 from stepdiag_ros.declaration import Change, Declaration, DeclaredNode
+from stepdiag_ros.device_parameters import (
+    CELL,
+    DEVICE_FILE,
+    INTERFEROMETER,
+    MANAGED,
+    WEATHER,
+)
 
 _MACHINE = Declaration(
     "machine", "demo", "machine under test: YAML file, or a name in config/machines"
-)
-_CELL = Declaration(
-    "cell",
-    "demo",
-    "simulated cell, if the device is simulated: YAML file, or a name in config/cells",
 )
 _READING_TIMEOUT = Declaration(
     "reading_timeout",
@@ -26,43 +28,6 @@ _READING_TIMEOUT = Declaration(
     3600.0,
     change=Change.ANY_TIME,
 )
-_WEATHER_BEGINS = Declaration(
-    "weather_begins",
-    0,
-    "ROS time at which the weather of the simulated cell begins, the same for all its nodes;"
-    " 0: when this node starts",
-    unit="ns",
-    low=0,
-    high=2**62,
-)
-_DEVICE_FILE = Declaration(
-    "device_file",
-    "",
-    "settings of the driver: YAML file, or a name in config/devices; empty: the driver's defaults",
-    change=Change.WHILE_CLOSED,
-)
-_MANAGED = (
-    Declaration(
-        "autostart",
-        True,
-        "open the device and use it as soon as the ROS clock runs; false: only when a manager says"
-        " so (ros2 lifecycle set, a launch file)",
-    ),
-    Declaration(
-        "retry_after",
-        5.0,
-        "real time after which a device that has failed is opened anew, with autostart",
-        "s",
-        0.1,
-        3600.0,
-    ),
-    Declaration(
-        "hardware_id",
-        "",
-        "identity of the device on /diagnostics, such as its serial number; empty: its driver",
-    ),
-)
-"""Of every node that owns a device."""
 
 NODES: tuple[DeclaredNode, ...] = (
     DeclaredNode(
@@ -102,9 +67,9 @@ NODES: tuple[DeclaredNode, ...] = (
         "the bridge to the machine's controller; it alone makes the machine move",
         (
             Declaration("device", "simulated", "driver of the controller (docs/devices.md)"),
-            _DEVICE_FILE,
+            DEVICE_FILE,
             _MACHINE,
-            _CELL,
+            CELL,
             Declaration(
                 "position_rate",
                 50.0,
@@ -124,118 +89,52 @@ NODES: tuple[DeclaredNode, ...] = (
                 3600.0,
                 change=Change.ANY_TIME,
             ),
-            *_MANAGED,
-        ),
-    ),
-    DeclaredNode(
-        "interferometer",
-        "interferometer",
-        "streams the readings of a laser interferometer",
-        (
-            Declaration("device", "simulated", "driver of the instrument (docs/devices.md)"),
-            _DEVICE_FILE,
-            _CELL,
             Declaration(
-                "rate",
-                0.0,
-                "readings in a second; 0: the cell's own",
-                "Hz",
-                0.0,
-                1e4,
-                change=Change.WHILE_CLOSED,
-            ),
-            Declaration(
-                "seed",
-                0,
-                "of the noise of the simulated readings",
-                low=0,
-                high=2**31,
-                change=Change.WHILE_CLOSED,
-            ),
-            Declaration(
-                "hold_after",
-                1.0,
-                "time without axis positions after which the last one is taken to hold",
-                "s",
-                0.0,
-                3600.0,
-                change=Change.WHILE_CLOSED,
-            ),
-            Declaration(
-                "weather_age",
-                10.0,
-                "age from which on what a weather sensor has said counts as unknown",
-                "s",
-                0.1,
-                86400.0,
-                change=Change.WHILE_CLOSED,
-            ),
-            Declaration(
-                "index_equation",
-                "edlen",
-                "equation for the refractive index of air; edlen is the modified one",
-                choices=("edlen", "ciddor"),
-                change=Change.WHILE_CLOSED,
-            ),
-            Declaration(
-                "reading_timeout",
-                2.0,
-                "time without a reading after which the beam is stale and a run is stopped",
+                "silence_limit",
+                0.5,
+                "time without a word of the sequencer, or an actual position of the controller,"
+                " after which a move is stopped",
                 "s",
                 0.05,
-                3600.0,
+                10.0,
                 change=Change.ANY_TIME,
             ),
             Declaration(
-                "dim_signal",
-                0.2,
-                "part of the full signal below which the beam is called dim",
-                low=0.0,
-                high=1.0,
-                change=Change.ANY_TIME,
+                "correction",
+                "",
+                "error map by which commanded targets are corrected: volumetric_map.json of"
+                " 'stepdiag compensate --for generic'; empty: targets are sent as they are",
+                change=Change.BETWEEN_RUNS,
             ),
             Declaration(
-                "rate_tolerance",
-                0.1,
-                "part of the rate by which the readings in a second may be off unmentioned",
-                low=0.0,
-                high=1.0,
-                change=Change.ANY_TIME,
+                "correction_limit",
+                0.2e-3,
+                "largest correction of an axis; a move that needs more is refused",
+                "m",
+                0.0,
+                0.5e-3,
+                change=Change.BETWEEN_RUNS,
             ),
-            _WEATHER_BEGINS,
-            *_MANAGED,
+            *MANAGED,
         ),
     ),
     DeclaredNode(
-        "weather",
-        "weather",
-        "publishes what the weather sensors say",
+        "by_hand",
+        "by_hand",
+        "follows a run by the readings alone, in place of sequencer and bridge; it moves nothing",
         (
-            Declaration("device", "simulated", "driver of the weather station (docs/devices.md)"),
-            _DEVICE_FILE,
-            _CELL,
             Declaration(
-                "rate",
-                1.0,
-                "values in a second",
-                "Hz",
-                0.001,
-                1000.0,
-                change=Change.WHILE_CLOSED,
+                "plan",
+                "demo",
+                "test plan whose NC program the operator runs: YAML file, or a name in"
+                " config/plans",
+                change=Change.BETWEEN_RUNS,
             ),
-            Declaration(
-                "value_timeout",
-                10.0,
-                "age from which on a value of the weather station is told to be unknown",
-                "s",
-                0.1,
-                86400.0,
-                change=Change.ANY_TIME,
-            ),
-            _WEATHER_BEGINS,
-            *_MANAGED,
+            _MACHINE,
         ),
     ),
+    INTERFEROMETER,
+    WEATHER,
     DeclaredNode(
         "assembler",
         "assembler",

@@ -77,6 +77,9 @@ class Topic:
 RUN_DESCRIPTION = Topic("run/description", "stepdiag_ros/msg/RunDescription", Qos.LATCHED)
 RUN_STATE = Topic("run/state", "stepdiag_ros/msg/RunState", Qos.LATCHED)
 MACHINE_COMMAND = Topic("machine/command", "stepdiag_ros/msg/StepCommand", Qos.COMMAND)
+MOTION_PERMIT = Topic(
+    "machine/permit", "stepdiag_ros/msg/MotionPermit", Qos.COMMAND, recorded=False
+)
 COMMAND_STATUS = Topic("machine/command_status", "stepdiag_ros/msg/CommandStatus", Qos.COMMAND)
 MACHINE_STATE = Topic("machine/state", "stepdiag_ros/msg/MachineState", Qos.LATCHED)
 JOINT_STATES = Topic(
@@ -87,6 +90,12 @@ READING = Topic(
     "stepdiag_ros/msg/InterferometerReading",
     Qos.STREAM,
     highest_rate=10_000.0,
+)
+SAMPLES = Topic(
+    "interferometer/samples",
+    "stepdiag_ros/msg/InterferometerSamples",
+    Qos.STREAM,
+    highest_rate=500.0,
 )
 AIR_TEMPERATURE = Topic(
     "weather/air_temperature", "sensor_msgs/msg/Temperature", Qos.STREAM, highest_rate=1000.0
@@ -145,10 +154,12 @@ TOPICS = (
     RUN_DESCRIPTION,
     RUN_STATE,
     MACHINE_COMMAND,
+    MOTION_PERMIT,
     COMMAND_STATUS,
     MACHINE_STATE,
     JOINT_STATES,
     READING,
+    SAMPLES,
     AIR_TEMPERATURE,
     MATERIAL_TEMPERATURE,
     AIR_PRESSURE,
@@ -166,6 +177,13 @@ TOPICS = (
     DIAGNOSTICS,
     CLOCK,
 )
+WEATHER = {
+    "air_temperature": (AIR_TEMPERATURE, "temperature"),
+    "air_pressure": (AIR_PRESSURE, "fluid_pressure"),
+    "relative_humidity": (RELATIVE_HUMIDITY, "relative_humidity"),
+    "material_temperature": (MATERIAL_TEMPERATURE, "temperature"),
+}
+"""Field of ``measurement.Environment`` → topic and field of its message."""
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 
 

@@ -69,7 +69,7 @@ def test_every_key_of_a_plan_is_explained_in_the_demo():
     ):
         assert key in text
     assert "\noverrun_m: 0.0\n" in text
-    for key in ("dwell_s", "settle_s", "window_s", "longest_wait_s", "line_attempts"):
+    for key in ("dwell_s", "settle_s", "window_s", "longest_wait_s", "stop_attempts"):
         line = next(line for line in text.splitlines() if line.strip().startswith(key))
         assert "#" in line
 

@@ -46,7 +46,7 @@ STOP = SettledStop(
     environment=AIR,
 )
 BLOCK = BlockDisplacement(3, 2, LINEAR, TIME, 5, "X", 4, 5, 0.00577, 0.00578, 1.5e-8)
-READING = Reading(TIME, 2**50 + 1, 0.25, float("nan"), 0.875, 2, AIR)
+READING = Reading(TIME, 2**50 + 1, 0.25, float("nan"), 0.875, 2, AIR, 2**40)
 MEASURED = MeasuredLine(
     line=LINEAR,
     line_index=9,

@@ -41,7 +41,7 @@ def test_every_node_is_started_the_same_three_ways():
 
     built = (ROOT / "CMakeLists.txt").read_text()
     simulated = simulated_cell("quick", "demo", "demo", Path(), 1.0, 0.0, 1)
-    launched = {process.name for process in simulated} | {"scene"}
+    launched = {process.name for process in simulated} | {"scene", "by_hand"}
     for name in NODES:
         module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"
         assert module.read_text().startswith("#!/usr/bin/env python3\n"), name
@@ -72,6 +72,7 @@ def test_imports_point_inwards():
         "devices",
         "bags",
         "run",
+        "compensation",
         "report",
         "scene",
         "nodes",

@@ -49,12 +49,13 @@ def parameters(action):
 
 
 def test_there_are_the_launch_files_that_the_documentation_names():
-    assert set(FILES) == {"simulated_cell", "measure", "replay", "monitor"}
+    assert set(FILES) == {"simulated_cell", "measure", "by_hand", "replay", "monitor"}
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_every_argument_is_described(launched, cell_file, name):
-    required = {"measure": {"parameters": str(cell_file)}, "replay": {"bag": "run.mcap"}}
+    cell = {"parameters": str(cell_file)}
+    required = {"measure": cell, "by_hand": cell, "replay": {"bag": "run.mcap"}}
     arguments, actions = launched(name, **required.get(name, {}))
     for options in arguments.values():
         assert len(options["description"]) >= 10
@@ -90,6 +91,13 @@ def test_a_simulated_cell_runs_in_simulated_time_in_one_weather(launched):
         launched("simulated_cell", factor="fast")
     with pytest.raises(ValueError, match=r"'factor' of node clock is 0\.0; expected"):
         launched("simulated_cell", factor="0")
+
+
+def test_by_hand_nothing_is_started_that_moves_a_machine(launched, cell_file):
+    _, actions = launched("by_hand", parameters=str(cell_file))
+    names = [action.options["executable"] for action in actions if "executable" in action.options]
+    assert {"by_hand", "interferometer", "recorder", *EVALUATION} <= set(names)
+    assert not {"bridge", "sequencer"} & set(names)
 
 
 def test_a_machine_is_measured_with_the_parameters_of_one_file(launched, cell_file):

@@ -113,7 +113,7 @@ def test_no_parameter_allows_a_higher_rate_than_the_topics_keep_a_second_of():
     def high(role, name):
         return declared_node(role).find(name).high
 
-    assert high("interferometer", "rate") == topics.READING.highest_rate
+    assert high("interferometer", "reading_rate_limit") == topics.READING.highest_rate
     assert high("cnc_bridge", "position_rate") == topics.JOINT_STATES.highest_rate
     assert high("weather", "rate") == topics.AIR_PRESSURE.highest_rate
     assert 1.0 / declared_node("clock").find("period").low == topics.CLOCK.highest_rate

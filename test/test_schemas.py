@@ -16,7 +16,7 @@ from stepdiag_ros.cli import main
 
 PACKAGE = Path(stepdiag_ros.__file__).parent
 WRITERS_OF_OTHER_JSON = {"schemas/__init__.py", "embedded/typehash.py"}
-"""The second makes what ROS 2 hashes."""
+"""The second makes what ROS 2 hashes. Drivers speak JSON where their devices do, and print none."""
 
 
 def _objects(part, path="$"):
@@ -73,7 +73,8 @@ def test_json_is_written_in_one_place():
     found = {
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")
-        if re.search(r"\bjson\.dumps?\(", path.read_text())
+        if PACKAGE / "devices" not in path.parents
+        and re.search(r"\bjson\.dumps?\(", path.read_text())
     }
     assert found == WRITERS_OF_OTHER_JSON
     options = {

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import (
     HelpFormatter,
@@ -87,6 +88,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         action="store_true",
         help="take the lines as recorded, do not assemble them again from the readings",
     )
+    add_air_options(parser)
     add_correction_options(parser)
     parser.add_argument("--json", action="store_true", help="print JSON (SI units), not tables")
     parser.add_argument(
@@ -121,7 +123,8 @@ def run(arguments: Namespace) -> int:
         instrument = load_instrument(arguments.instrument)[0]
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
-        measured, remark = measurement_of(recorded, arguments.recorded_lines, progress)
+        air = air_choice(arguments)
+        measured, remark = measurement_of(recorded, arguments.recorded_lines, progress, air)
     measurement, corrections = corrected(measured, arguments)
     if not measurement.lines:
         raise ValueError(f"{arguments.bag}: no line was finished, so there is nothing to solve")

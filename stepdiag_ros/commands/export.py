@@ -18,7 +18,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         " numbers are empty cells.",
         epilog="examples:\n"
         "  stepdiag export run.mcap             writes into run_tables/\n"
-        "  stepdiag export run.mcap --readings  every reading of the interferometer, too",
+        "  stepdiag export run.mcap --readings  every reading of the interferometer, too\n"
+        "  stepdiag export run.mcap --attachments  and the files that it was made from",
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
@@ -33,6 +34,11 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--readings", action="store_true", help="write every reading of the interferometer, too"
     )
     parser.add_argument(
+        "--attachments",
+        action="store_true",
+        help="write the files in the bag, too: plan, machine, what it was imported from",
+    )
+    parser.add_argument(
         "--overwrite", action="store_true", help="replace files that are there already"
     )
     parser.add_argument("--json", action="store_true", help="print the names of the files as JSON")
@@ -41,6 +47,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Export the bag; see the module."""
+    from stepdiag_ros.bags.attachments import write_attachments
     from stepdiag_ros.bags.export import export_bag
 
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_tables"
@@ -53,15 +60,20 @@ def run(arguments: Namespace) -> int:
             overwrite=arguments.overwrite,
             run_id=arguments.run_id,
         )
+        files = list(report.files)
+        if arguments.attachments:
+            files += write_attachments(
+                arguments.bag, folder / "attachments", overwrite=arguments.overwrite
+            )
     if arguments.json:
         document = {
             "bag": str(arguments.bag),
-            "files": [str(path) for path in report.files],
+            "files": [str(path) for path in files],
             "remarks": list(report.remarks),
         }
         print(schemas.json_text(schemas.document("export", document)))
     else:
-        for path in report.files:
+        for path in files:
             print(path)
     for remark in report.remarks:
         say(remark)

@@ -9,9 +9,13 @@ from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.table import Table
 
     from stepdiag_ros.bags.info import BagInfo, RunInBag
+    from stepdiag_ros.bags.sample_check import SampleCheck
+    from stepdiag_ros.metrology.time_alignment import RunTiming
 
 _MOST_GAPS = 10
 
@@ -59,6 +63,7 @@ def _print(info: "BagInfo") -> None:
             ("Plan", info.header.plan_name),
             ("Made by", f"stepdiag_ros {info.header.software_version}, {info.header.middleware}"),
         ]
+        rows += [("Source", text) for text in _source(info.header.facts)]
     else:
         rows += [("Run", _words_of(run)) for run in info.runs]
     rows += [
@@ -70,6 +75,9 @@ def _print(info: "BagInfo") -> None:
             ("Lines", str(len(info.lines))),
             ("Readings", _gaps(info)),
         ]
+        rows += [("Samples", _samples(check)) for check in info.samples.values()]
+        if info.timing is not None:
+            rows.append(("Timing", _timing(info.timing, info.settle)))
         if info.diagnosis:
             rows.append(("Diagnosis", info.diagnosis))
     for name, text in rows:
@@ -77,6 +85,19 @@ def _print(info: "BagInfo") -> None:
     if info.topics:
         console.print()
         console.print(_topics(info))
+
+
+def _source(facts: "Mapping[str, str]") -> list[str]:
+    """Return what an imported bag tells of the file that it was made from, in lines."""
+    if "source_file" not in facts:
+        return []
+    told = [f"{facts['source_file']}, SHA-256 {facts.get('source_sha256', 'unknown')}"]
+    for name, text in facts.items():
+        if name.startswith("source: "):
+            told.append(f"{name.removeprefix('source: ')}: {text}")
+        elif name.startswith("remark "):
+            told.append(f"note: {text}")
+    return told
 
 
 def _words_of(run: "RunInBag") -> str:
@@ -110,6 +131,24 @@ def _gaps(info: "BagInfo") -> str:
     shown = ", ".join(f"{gap.after} to {gap.before}" for gap in info.gaps[:_MOST_GAPS])
     more = " …" if len(info.gaps) > _MOST_GAPS else ""
     return f"{missing} MISSING in {len(info.gaps)} gaps of the sequence: {shown}{more}"
+
+
+def _samples(check: "SampleCheck") -> str:
+    missing = f"{check.missing:,} MISSING" if check.missing else "none missing"
+    told = f"{check.samples:,} at {check.rate:,.0f} Hz in {check.blocks:,} blocks, {missing}"
+    if check.different:
+        return f"{told}; {check.different} of {check.made} readings DO NOT FOLLOW from them"
+    return f"{told}; {check.made:,} readings follow from them, to the last bit"
+
+
+def _timing(timing: "RunTiming", settle: float) -> str:
+    from stepdiag_ros.run.timing import effect_on_stops, in_words, worrying
+
+    told = in_words(timing)
+    if timing.offset.reason:
+        return told
+    mark = "TOO LATE: " if worrying(timing.offset, settle) else ""
+    return f"{mark}{told}; {effect_on_stops(timing.offset, settle)}"
 
 
 def _topics(info: "BagInfo") -> "Table":

@@ -7,6 +7,7 @@ from importlib import import_module
 NODES = (
     "assembler",
     "bridge",
+    "by_hand",
     "clock",
     "diagnosis",
     "evaluator",

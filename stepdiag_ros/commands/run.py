@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.air import AS_MEASURED
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_result_options,
@@ -11,7 +12,7 @@ from stepdiag_ros.commands.output import (
     progress_bar,
     say,
 )
-from stepdiag_ros.topics import READING
+from stepdiag_ros.device_parameters import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
     from stepdiag_ros.session.following import Told
@@ -73,7 +74,7 @@ def _factor(text: str) -> float:
 
 
 def _reading_rate(text: str) -> float:
-    return number(text, 0.1, READING.highest_rate)
+    return number(text, 0.1, HIGHEST_SAMPLE_RATE)
 
 
 def _seed(text: str) -> int:
@@ -126,6 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
         "output": None,
         "recorded_lines": False,
         "truth": None,
+        **AS_MEASURED,
         "expansion": None,
         "material_temperature": None,
         "visibility": False,

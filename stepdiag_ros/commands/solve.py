@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import (
     HelpFormatter,
@@ -18,10 +19,14 @@ from stepdiag_ros.commands.output import (
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.metrology.air.recompensation import AirChoice
     from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, Reading
     from stepdiag_ros.report.content import Report, Truth
 
 _READINGS_BETWEEN_STEPS = 1000
+TARGET_CORRECTION = "target correction"
+"""End of the name under which the bridge tells of target correction on /diagnostics."""
+_WARN = 1
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -38,7 +43,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  stepdiag solve run.mcap --json          the same as JSON\n"
         "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
         "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
-        "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C",
+        "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C\n"
+        "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew",
         formatter_class=HelpFormatter,
     )
     parser.add_argument(
@@ -63,6 +69,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="say of each of the 21 errors whether these lines determine it, what it is confounded"
         " with, and how certain it can be",
     )
+    add_air_options(parser)
     add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
     parser.set_defaults(run=run)
@@ -79,6 +86,7 @@ def run(arguments: Namespace) -> int:
         lambda measurement: corrected(measurement, arguments),
         arguments.visibility,
         arguments.run_id,
+        air_choice(arguments),
     )
     return show_report(report, arguments, results_folder(arguments.bag))
 
@@ -90,6 +98,7 @@ def report_of(
     correct: "Callable[[Measurement], tuple[Measurement, tuple[str, ...]]] | None" = None,
     with_visibility: bool = False,
     run_id: str | None = None,
+    air: "AirChoice | None" = None,
 ) -> "Report":
     """Solve a bag by every method.
 
@@ -101,6 +110,7 @@ def report_of(
             not compared with the recorded one.
         with_visibility: say of each error whether these lines tell it.
         run_id: which run, where the bag holds several.
+        air: compensate the readings for the air anew; None: as it was done in the run.
 
     Raises:
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
@@ -110,7 +120,7 @@ def report_of(
 
     with progress_bar(f"reading {bag.name}") as progress:
         recorded = load_run(bag, run_id)
-        measured, remark = measurement_of(recorded, recorded_lines, progress)
+        measured, remark = measurement_of(recorded, recorded_lines, progress, air)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     name = recorded.machine.get("name", "")
     return build_report(
@@ -124,9 +134,35 @@ def report_of(
         truth=_truth(recorded, measurement, truth),
         bag=bag,
         with_visibility=with_visibility,
-        recorded=() if corrections else recorded.results,
-        remarks=(remark, *corrections, *_diagnosed(recorded)),
+        recorded=() if corrections or air else recorded.results,
+        remarks=(
+            remark,
+            *corrections,
+            *_target_corrections(recorded),
+            *_out_of_step(recorded),
+            *_diagnosed(recorded),
+        ),
     )
+
+
+def _target_corrections(recorded: "RecordedRun") -> tuple[str, ...]:
+    """Say by what the bridge corrected targets in the run: the result is what that left."""
+    said = {
+        one.message: None
+        for one in recorded.diagnostics
+        if one.name.endswith(TARGET_CORRECTION) and one.level == _WARN
+    }
+    return tuple(f"in this run {words}: the errors are those that it left" for words in said)
+
+
+def _out_of_step(recorded: "RecordedRun") -> tuple[str, ...]:
+    """Say what the assembler has found to be wrong with the time stamps of the run."""
+    said = {
+        one.message: None
+        for one in recorded.diagnostics
+        if one.name.endswith("assembler: timing") and one.level == _WARN
+    }
+    return tuple(f"in this run {words}: stepdiag info BAG" for words in said)
 
 
 def _diagnosed(recorded: "RecordedRun") -> tuple[str, ...]:
@@ -160,7 +196,10 @@ def _truth(
 
 
 def measurement_of(
-    recorded: "RecordedRun", recorded_lines: bool, progress: Progress
+    recorded: "RecordedRun",
+    recorded_lines: bool,
+    progress: Progress,
+    air: "AirChoice | None" = None,
 ) -> "tuple[Measurement, str]":
     """Return the lines of a run, and in words where they come from.
 
@@ -168,11 +207,17 @@ def measurement_of(
         recorded: the run.
         recorded_lines: take the lines as recorded even where the bag has the readings.
         progress: told how far the reading has come.
+        air: compensate the readings for the air anew; None: as it was done in the run.
+
+    Raises:
+        ValueError: they are to be compensated anew, and there is nothing to do it with.
     """
     from stepdiag_ros.metrology.assembly import assemble
     from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 
     readings = _Counted(recorded, progress)
+    if air is not None:
+        return _compensated_anew(recorded, recorded_lines, readings, air)
     if recorded_lines or not recorded.commands:
         return recorded.measurement, "solved from the lines as recorded"
     events = assemble(
@@ -191,6 +236,53 @@ def measurement_of(
     return (
         Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
         f"assembled again from {readings.count} readings: {comparison}",
+    )
+
+
+def _compensated_anew(
+    recorded: "RecordedRun", recorded_lines: bool, readings: "_Counted", air: "AirChoice"
+) -> "tuple[Measurement, str]":
+    """Return the lines of a run from its counts and its weather, and in words how."""
+    from stepdiag_ros.metrology.air.recompensation import begins_of_setups, recompensated
+    from stepdiag_ros.metrology.assembly import assemble
+    from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
+
+    if recorded_lines:
+        raise ValueError("--air compensates readings: it cannot be used with --recorded-lines")
+    if recorded.begun_late or not recorded.commands:
+        raise ValueError(
+            f"{recorded.path}: --air needs all commands and readings of the run, and the recording"
+            " lacks some: solve it as it was compensated in the run"
+        )
+    weather = recorded.weather()
+    if air.kind == "own" and not weather:
+        raise ValueError(f"{recorded.path}: no weather sensor was recorded; --air own needs some")
+    begins = begins_of_setups(recorded.commands, recorded.arrivals)
+    events = assemble(
+        recorded.plan,
+        recorded.start_time,
+        recorded.commands,
+        recorded.arrivals,
+        recompensated(readings, weather, begins, recorded.plan, air),
+    )
+    if not readings.count:
+        raise ValueError(f"{recorded.path}: --air needs readings, and the bag has none")
+    lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    if not any(line.complete for line in lines):
+        raise ValueError(
+            f"{recorded.path}: no line is complete when its readings are compensated by --air"
+            f" {air.kind}: is the count recorded, and was the weather known throughout the run?"
+        )
+    if air.kind == "off":
+        how = "not compensated for the air: displacements are those of the count"
+    else:
+        how = (
+            f"compensated anew for the recorded air: equation {air.equation}, dead path"
+            f" {air.dead_path:g} m, wavelength {air.wavelength * 1e9:.4f} nm"
+        )
+    return (
+        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
+        f"assembled from {readings.count} readings, {how}",
     )
 
 

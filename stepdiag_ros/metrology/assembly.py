@@ -36,11 +36,21 @@ from stepdiag_ros.metrology.window import STATUS_WORDS, Window, examine
 Event = SettledStop | BlockDisplacement | MeasuredLine
 
 FIRST_STATUS_THAT_LOSES_ZERO = 2
-"""BEAM_LOST, OVERSPEED and FAULT of InterferometerReading.msg; LOW_SIGNAL below still counts."""
+"""BEAM_LOST and all above it of InterferometerReading.msg; LOW_SIGNAL below still counts."""
 
+_NOT_SETTLED = "not settled within"
 _NEVER = 2**63
 _MOST_LOSSES = 1000
 _NOTHING: list[Event] = []
+
+
+def repetition_helps(reason: str) -> bool:
+    """Say whether a rejected stop need only be measured again, and not its whole line.
+
+    Args:
+        reason: of the rejection, as a ``SettledStop`` has it.
+    """
+    return reason.startswith(_NOT_SETTLED)
 
 
 @dataclass
@@ -124,6 +134,7 @@ class Assembler:
         self._line: _OpenLine | None = None
         self._zero: _Zero | None = None
         self._zeros_of_setup: dict[str, int] = {}
+        self._trigger = 0  # of the last settled stop
 
     def add_command(self, command: StopCommand) -> list[Event]:
         """Take the next command of the run.
@@ -250,14 +261,14 @@ class Assembler:
         window = examine(self._readings[first:last], stop.window_start, stop.window_end)
         line = self._line_of(stop)
         hopeless = self._hopeless(stop, line, window)
-        objection = hopeless or window.objection(self._plan.sampling)
+        objection = hopeless or window.objection(self._plan.sampling, self._trigger)
         next_end = stop.window_end + self._window
         if objection and not hopeless and next_end <= stop.last_end:
             stop.window_start, stop.window_end = stop.window_end, next_end
             return
         if objection and not hopeless:
             waited = self._plan.sampling.longest_wait
-            objection = f"not settled within {waited:g} s after in position: {objection}"
+            objection = f"{_NOT_SETTLED} {waited:g} s after in position: {objection}"
         if not objection:
             objection = self._implausible(stop, line, window)
         self._decide(stop, line, window, objection, events)
@@ -379,6 +390,8 @@ class Assembler:
         )
         if decided.settled and not isfinite(line.zero.displacement):
             line.zero.displacement = decided.displacement
+        if decided.settled:
+            self._trigger = window.trigger
         before = line.stops.get(command.stop - 1)
         line.stops[command.stop] = line.last = decided
         events.append(decided)

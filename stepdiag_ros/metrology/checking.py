@@ -110,6 +110,14 @@ class Section:
             raise self._wrong(key, value, "a text")
         return value
 
+    def texts(self, key: str, default: Any = _MISSING) -> tuple[str, ...]:
+        """Return a list of texts; a single text is a list of one."""
+        value = self._take(key, default)
+        listed = [value] if isinstance(value, str) else value
+        if not isinstance(listed, Sequence) or not all(isinstance(text, str) for text in listed):
+            raise self._wrong(key, value, "a list of texts")
+        return tuple(listed)
+
     def names(self, key: str, known: Sequence[str], default: Any = _MISSING) -> tuple[str, ...]:
         """Return one or several different names out of ``known``."""
         value = self._take(key, default)
@@ -124,6 +132,24 @@ class Section:
             if name not in known:
                 raise self._wrong(key, name, f"one of {', '.join(known)}")
         return tuple(listed)
+
+    def table(self, key: str, known: Sequence[str]) -> dict[str, str]:
+        """Return a table of texts (or whole numbers, as texts) to names out of ``known``.
+
+        It is empty if the key is not there.
+        """
+        value = self._take(key, {})
+        if not isinstance(value, Mapping):
+            raise self._wrong(key, value, f"a table of texts to one of {', '.join(known)}")
+        table = {}
+        for text, name in value.items():
+            # YAML 1.1 reads ON, OFF, YES and NO as true and false.
+            if isinstance(text, bool) or not isinstance(text, str | int):
+                raise self._wrong(key, text, "texts; write it in quotes")
+            if name not in known:
+                raise self._wrong(f"{key}: {text}", name, f"one of {', '.join(known)}")
+            table[str(text)] = str(name)
+        return table
 
     def numbers(
         self, key: str, count: int | None = None, default: Any = _MISSING

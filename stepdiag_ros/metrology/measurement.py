@@ -41,6 +41,7 @@ class Reading(NamedTuple):
         signal_strength: 0..1.
         status: STATUS_* of InterferometerReading.msg, 0 is good.
         environment: that the compensation used.
+        trigger: number of the hardware trigger that it was taken at, from 1; 0: not triggered.
     """
 
     time: int
@@ -50,6 +51,7 @@ class Reading(NamedTuple):
     signal_strength: float
     status: int
     environment: Environment
+    trigger: int = 0
 
 
 class StopCommand(NamedTuple):

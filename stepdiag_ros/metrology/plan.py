@@ -28,6 +28,8 @@ LINE_NAMES = {
     DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
 }
 """Kind of a line → the names that it may have."""
+HOLD = "hold"
+LEAVE = "leave"
 FORWARD = "forward"
 BACKWARD = "backward"
 
@@ -152,8 +154,11 @@ class Sampling:
         longest_wait: after in position without a settled window the stop is rejected, s.
         standard_deviation_limit: of the readings in a window, m.
         drift_limit: change over the window by its fitted slope, m.
-        line_attempts: how often a line with a rejected stop is measured before it is left
-            incomplete.
+        stop_attempts: how often a stop that does not settle, though the zero is kept, is measured
+            before its line is begun anew.
+        line_attempts: how often a line with a rejected stop is measured before ``after_attempts``.
+        after_attempts: ``hold``: the run stops until an operator has seen to it; ``leave``: the
+            line is left incomplete.
     """
 
     dwell: float = 0.5
@@ -162,7 +167,9 @@ class Sampling:
     longest_wait: float = 3.0
     standard_deviation_limit: float = 1e-6
     drift_limit: float = 0.5e-6
+    stop_attempts: int = 2
     line_attempts: int = 2
+    after_attempts: str = HOLD
 
 
 @dataclass(frozen=True)
@@ -284,9 +291,15 @@ class Plan:
             drift_limit=sampling_section.number(
                 "drift_limit_m", low=0.0, default=standard.drift_limit
             ),
+            stop_attempts=sampling_section.integer(
+                "stop_attempts", low=1, high=100, default=standard.stop_attempts
+            ),
             line_attempts=sampling_section.integer(
                 "line_attempts", low=1, high=100, default=standard.line_attempts
             ),
+            after_attempts=sampling_section.names(
+                "after_attempts", (HOLD, LEAVE), default=standard.after_attempts
+            )[0],
         )
         sampling_section.finish()
         if sampling.longest_wait < sampling.settle + sampling.window:

@@ -19,6 +19,7 @@ STATUS_WORDS = {
     2: "the beam was lost",
     3: "the mirror moved too fast for the counter",
     4: "the interferometer reported a fault",
+    5: "the count did not fit the way of the axes",
 }
 """What STATUS_* of InterferometerReading.msg mean, other than 0 (good)."""
 
@@ -43,6 +44,7 @@ class Window:
         last_sequence: of the last reading; 0 if there are none.
         environment: mean of each quantity; NaN where it was unknown at any of the readings.
         fault: why the readings cannot be used, whatever their values; empty if they can.
+        trigger: number of the hardware trigger that they were taken at; 0: none.
     """
 
     start: int
@@ -58,11 +60,21 @@ class Window:
     last_sequence: int
     environment: Environment
     fault: str
+    trigger: int = 0
 
-    def objection(self, sampling: Sampling) -> str:
-        """Say why the stop cannot count as settled in this window; empty if it can."""
+    def objection(self, sampling: Sampling, last_trigger: int = 0) -> str:
+        """Say why the stop cannot count as settled in this window; empty if it can.
+
+        Args:
+            sampling: the limits.
+            last_trigger: number of the trigger of the stop before; 0: it had none.
+        """
         if self.fault:
             return self.fault
+        if last_trigger and not self.trigger:
+            return f"no trigger has come since trigger {last_trigger}, that of the stop before"
+        if last_trigger and self.trigger == last_trigger:
+            return f"trigger {last_trigger} was that of the stop before"
         if self.standard_deviation > sampling.standard_deviation_limit:
             limit = _micrometres(sampling.standard_deviation_limit)
             return (
@@ -80,11 +92,16 @@ class Window:
 def examine(readings: Sequence[Reading], start: int, end: int) -> Window:
     """Return what the readings of the window [start, end) say.
 
+    Where some of them were taken at a hardware trigger, these alone count: the trigger knows better
+    when the machine stood than any time stamp. They need not fill the window.
+
     Args:
         readings: those with a time within the window, in order.
         start: ns.
         end: ns.
     """
+    triggered = [reading for reading in readings if reading.trigger]
+    readings = triggered or readings
     count = len(readings)
     if count == 0:
         return Window(
@@ -120,6 +137,7 @@ def examine(readings: Sequence[Reading], start: int, end: int) -> Window:
         last_sequence=readings[-1].sequence,
         environment=_mean_environment(readings),
         fault=_fault(readings, start, end),
+        trigger=readings[-1].trigger,
     )
 
 
@@ -178,6 +196,12 @@ def _fault(readings: Sequence[Reading], start: int, end: int) -> str:
     lost = readings[-1].sequence - readings[0].sequence + 1 - len(readings)
     if lost != 0:
         return f"{lost} readings of the window are missing"
+    triggers = sorted({reading.trigger for reading in readings})
+    if len(triggers) > 1:
+        numbers = ", ".join(map(str, triggers))
+        return f"the triggers {numbers} came in one stop: does the trigger line bounce?"
+    if triggers[0]:
+        return ""
     times = [start, *(reading.time for reading in readings), end]
     longest = max(after - before for before, after in pairwise(times))
     if 2 * longest > end - start:

@@ -10,6 +10,7 @@ from typing import Any
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import (
+    axis_positions,
     from_block,
     from_measured_line,
     from_settled_stop,
@@ -21,7 +22,8 @@ from stepdiag_ros.conversion import (
 from stepdiag_ros.metrology.assembly import Assembler, Event
 from stepdiag_ros.metrology.measurement import BlockDisplacement, SettledStop
 from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.run.health import Finding, Gaps
+from stepdiag_ros.run.health import Finding, Gaps, Level
+from stepdiag_ros.run.timing import LiveTiming
 from stepdiag_ros.run.work_health import Arrival, Stops
 
 
@@ -33,6 +35,7 @@ class AssemblerNode(StepdiagNode):
     def __init__(self) -> None:
         super().__init__("assembler")
         self._assembler: Assembler | None = None
+        self._timing: LiveTiming | None = None
         # Commands and arrivals of a run whose description has not come yet.
         self._early: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=1000)
         self._stops = self.announce(topics.STOP)
@@ -45,16 +48,20 @@ class AssemblerNode(StepdiagNode):
         self.health.add_task("readings", self._judge_readings)
         self.health.add_task("sequence", self._judge_sequence)
         self.health.add_task("stops", lambda: self._decided.judge(), log=False)
+        self.health.add_task("timing", self._judge_timing)
         self.follow_run()
         # A fast replay on a busy computer may be seconds ahead of this node.
         self.listen(topics.MACHINE_COMMAND, self._on_command, keep_all=True)
         self.listen(topics.COMMAND_STATUS, self._on_status, keep_all=True)
         self.listen(topics.READING, self._on_reading, keep_all=True)
+        self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
 
     def on_run(self, description: Any) -> None:
         """Begin anew with the plan of the run."""
         plan = plan_from_text(description.plan, "plan of the run")
-        self._assembler = Assembler(plan, to_nanoseconds(description.header.stamp))
+        start = to_nanoseconds(description.header.stamp)
+        self._assembler = Assembler(plan, start)
+        self._timing = LiveTiming(plan, start)
         self.run_id = description.run_id
         self._gaps.begin()
         self._coming.begin(self.now(), self.real_time())
@@ -89,9 +96,21 @@ class AssemblerNode(StepdiagNode):
         self._gaps.take(reading.sequence, reading.time, real)
         if self._assembler is not None:
             self._publish(self._assembler.add_reading(reading))
+        if self._timing is not None:
+            self._timing.take_reading(reading)
+
+    def _on_joints(self, message: Any) -> None:
+        position = axis_positions(message)
+        if self._timing is not None and position is not None:
+            self._timing.take_position(to_nanoseconds(message.header.stamp), position)
 
     def _judge_readings(self) -> Finding:
         return self._coming.judge(not self.run_over, self.now(), self.real_time())
+
+    def _judge_timing(self) -> Finding:
+        if self._timing is None:
+            return Finding(Level.OK, "no run was begun yet")
+        return self._timing.judge()
 
     def _judge_sequence(self) -> Finding:
         return self._gaps.judge(not self.run_over, self.real_time())
@@ -108,6 +127,8 @@ class AssemblerNode(StepdiagNode):
                 self._blocks.publish(from_block(event, self.run_id))
             else:
                 self._decided.lines += 1
+                if self._timing is not None:
+                    self._timing.take_line(event)
                 self._lines.publish(from_measured_line(event, self.run_id))
 
 

@@ -8,6 +8,8 @@ from functools import partial
 from math import nan
 from typing import Any
 
+import numpy as np
+
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, plan_from_text
 from stepdiag_ros.conversion import (
@@ -21,23 +23,21 @@ from stepdiag_ros.conversion import (
 )
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
-from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.air.compensator import Compensator
+from stepdiag_ros.metrology.fringe_count import CountCheck
+from stepdiag_ros.metrology.geometry import beam_direction
+from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
-from stepdiag_ros.run.device_health import Air, Beam
+from stepdiag_ros.run.device_health import Air, Beam, Compensation
 from stepdiag_ros.run.health import Finding, Gaps, Rate
-from stepdiag_ros.run.sequence import Answer
+from stepdiag_ros.run.reading_source import ReadingSource
+from stepdiag_ros.run.sequence import Answer, State
 from stepdiag_ros.run.supervision import fact_of_run
+from stepdiag_ros.samples_conversion import from_sample_block
 from stepdiag_ros.scene.frames import LASER
 
-WEATHER = {
-    "air_temperature": (topics.AIR_TEMPERATURE, "temperature"),
-    "air_pressure": (topics.AIR_PRESSURE, "fluid_pressure"),
-    "relative_humidity": (topics.RELATIVE_HUMIDITY, "relative_humidity"),
-    "material_temperature": (topics.MATERIAL_TEMPERATURE, "temperature"),
-}
-"""Field of Environment → topic and field of its message."""
 SETTINGS = {
     "rate": "rate_hz",
     "seed": "seed",
@@ -67,16 +67,24 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         self.on_change("rate_tolerance", lambda new: setattr(self._rate, "tolerance", new))
         self._gaps = Gaps()
         self._judge_anew()
-        for task in (self._judge_beam, self._judge_rate, self._judge_sequence, self._judge_weather):
+        for task in (
+            self._judge_beam,
+            self._judge_rate,
+            self._judge_sequence,
+            self._judge_weather,
+            self._judge_compensation,
+        ):
             self.add_device_task(task.__name__.removeprefix("_judge_"), task)
         self._plan: Plan | None = None
         self._run_begins = 0
         self._setup = ""
+        self._count_check = CountCheck()
+        self._direction = np.zeros(3)
         # Since when a good reading of the present setup is waited for, ns; 0 if it has come.
         self._aligned = 0
-        self._environment = Environment()
         self._weather_time = 0
         self._readings = self.stream(topics.READING)
+        self._samples = self.stream(topics.SAMPLES)
         self._message = new_message(topics.READING.type_name)
         self._listens = False
 
@@ -86,7 +94,8 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         if not settings.get("rate_hz"):
             settings.pop("rate_hz", None)
         surroundings = Surroundings(cell=self._cell)
-        return prepare("interferometer", self.parameter("device"), settings, surroundings)
+        with self.naming_file(changed):
+            return prepare("interferometer", self.parameter("device"), settings, surroundings)
 
     def open_device(self) -> InterferometerDevice:
         """Open the instrument; what it is asked for may have changed since it was closed."""
@@ -94,12 +103,20 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         return super().open_device()
 
     def _judge_anew(self) -> None:
+        """Begin with what the parameters say now."""
         asked = self.parameter("rate") or (self._cell.reading_rate if self._cell else nan)
         self._rate = Rate(asked, self.parameter("rate_tolerance"))
         self._air = Air(self.parameter("weather_age"))
+        self._compensation = Compensation(self.parameter("compensation"))
+        how = ("compensation", "dead_path", "wavelength", "index_equation")
+        self._compensator = Compensator(*map(self.parameter, how))
 
     def on_open(self, device: InterferometerDevice) -> None:
         """Feed the instrument from now on; tell it of a run that goes on already."""
+        highest, late = self.parameter("reading_rate_limit"), self.parameter("stamps_late")
+        self._source = ReadingSource(device, highest, late, self._compensator)
+        if self._source.factor:
+            self._rate = Rate(self._source.rate, self.parameter("rate_tolerance"))
         if self._plan is not None and not self.run_over and isinstance(device, FollowsRun):
             device.begin_run(self._plan, self._run_begins)
         if self._listens:
@@ -110,7 +127,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
             self.listen(topics.COMMAND_STATUS, self._on_answer)
         self.follow_run()
         self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
-        for name, (topic, field) in WEATHER.items():
+        for name, (topic, field) in topics.WEATHER.items():
             self.listen(topic, partial(self._on_weather, name, field))
 
     def on_begin(self, device: InterferometerDevice) -> None:  # noqa: ARG002
@@ -122,6 +139,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
     def on_end(self, device: InterferometerDevice, reason: str) -> None:  # noqa: ARG002
         """Forget beam and zero: whoever uses the instrument again has to set them up again."""
         self._setup, self._aligned = "", 0
+        self._count_check.end()
         if self.facts.pop("beam", ""):
             self.beat()
 
@@ -141,13 +159,21 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
             return
         if self._plan is None or state.run_id != self.run_id:
             return
+        if state.state == State.WAITING_FOR_SETUP:
+            # An operator is at the beam: what is set up now does not stand yet.
+            self._setup, self._aligned = "", 0
+            self._count_check.end()
+            return
         if not state.setup or state.setup == self._setup:
             return
         line, volume = self._plan.lines[state.line_index], self._plan.volume
         # The laser stands before the first stop of the forward pass, whichever pass comes first.
         x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
         self._setup, self._aligned = state.setup, self.now()
-        self._beam.set_up(self._aligned)
+        self._beam.set_up(self._aligned + self._source.mixing)
+        self._direction = beam_direction(line.name, np.asarray(volume.step))
+        self._count_check.end()
+        self._compensator.align(self._aligned, self._direction, np.array((x, y, z)))
         with self.failing(f"align the interferometer for {state.setup}"):
             self.device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
 
@@ -167,27 +193,36 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
     def _on_joints(self, message: Any) -> None:
         position = motor_positions(message) or axis_positions(message)
         if self.device is not None and position is not None:
+            self._compensator.move(position)
+            self._count_check.add_position(to_nanoseconds(message.header.stamp), position)
             with self.failing("tell the interferometer the position"):
                 self.device.update_position(to_nanoseconds(message.header.stamp), position)
 
     def _on_weather(self, name: str, field: str, message: Any) -> None:
-        self._environment = self._environment._replace(**{name: float(getattr(message, field))})
         # The four sensors speak one after another with the same stamp; each word counts.
         stamp = to_nanoseconds(message.header.stamp)
         self._weather_time = max(stamp, self._weather_time + 1)
-        self._air.take(name, getattr(self._environment, name), stamp, self.real_time())
+        self._air.take(name, float(getattr(message, field)), stamp, self.real_time())
         if self.device is not None:
             with self.failing("tell the interferometer the weather"):
-                self.device.update_environment(self._weather_time, self._environment)
+                known = self._air.known.at(self._weather_time)
+                self.device.update_environment(self._weather_time, known)
 
-    def poll(self, device: InterferometerDevice) -> None:
+    def poll(self, device: InterferometerDevice) -> None:  # noqa: ARG002
         """Publish the readings; while the node is not active they are read and dropped."""
-        readings = device.poll(self.now())
+        now = self.now()
+        blocks, readings = self._source.poll(now, self.real_time(), self._air.known.at(now))
+        for block in blocks:
+            self._samples.publish(from_sample_block(block, LASER, self._source.factor))
+        before, readings = self._count_check.trouble, self._count_check.judged(readings)
+        if self._count_check.trouble != before:
+            self.get_logger().error(f"the count is wrong: {self._count_check.trouble}")
         for reading in readings:
             message = from_reading(reading, LASER, message=self._message)
             self._readings.publish(message)
             if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
                 self._aligned = 0
+                self._count_check.begin(self._direction, reading.time)
                 self.facts["beam"] = fact_of_run(self.run_id, self._setup)
                 self.beat()
         if readings and self.active:
@@ -197,6 +232,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         real = self.real_time()
         self._gaps.take_all(readings, real)
         self._rate.take(len(readings), readings[-1].time)
+        self._compensation.take(readings)
         if self._beam.take(readings, real):
             self.health.look()
 
@@ -208,6 +244,9 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
 
     def _judge_sequence(self) -> Finding:
         return self._gaps.judge(not self.run_over, self.real_time())
+
+    def _judge_compensation(self) -> Finding:
+        return self._compensation.judge(self._judge_weather())
 
     def _judge_weather(self) -> Finding:
         return self._air.judge(self.now(), self.real_time())

@@ -149,6 +149,25 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
             settings |= {setting: given[name] for name, setting in simulated.items()}
         return settings
 
+    @contextmanager
+    def naming_file(self, changed: Mapping[str, Any]) -> Iterator[None]:
+        """Say in which file a setting is wrong that is refused in the block.
+
+        Args:
+            changed: parameters that are to have another value than they have.
+        """
+        file = changed.get("device_file", self.parameter("device_file"))
+        try:
+            yield
+        except ValueError as error:
+            if file:
+                raise ValueError(f"{file}: {error}") from None
+            if str(error).endswith("is missing"):
+                raise ValueError(
+                    f"{error}; the parameter device_file is to name the file of settings"
+                ) from None
+            raise
+
     def open_device(self) -> D:
         """Open the device and return it.
 

@@ -16,7 +16,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import RunHeader
-from stepdiag_ros.bags.peek import head_of, stamp_of
+from stepdiag_ros.bags.peek import block_head_of, head_of, stamp_of
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import to_nanoseconds
@@ -27,7 +27,7 @@ from stepdiag_ros.nodes.parameters import ParameterCollector
 from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
 from stepdiag_ros.run.health import Finding, Gaps
 from stepdiag_ros.run.sequence import STORE_LIMIT
-from stepdiag_ros.run.supervision import HEARD_UNTIL, fact_of_run
+from stepdiag_ros.run.supervision import BY_HAND_ROLE, HEARD_UNTIL, fact_of_run
 from stepdiag_ros.run.work_health import Arrival, Storage, judge_recording
 from stepdiag_ros.topics import Topic
 
@@ -76,7 +76,7 @@ class RecorderNode(StepdiagNode):
         self._bag_run = ""
         self.health.live_facts[HEARD_UNTIL] = lambda: str(self._heard_until() or "")
         self._collector = ParameterCollector(self)
-        self._gaps = Gaps()
+        self._gaps, self._sample_gaps = Gaps(), Gaps(what="sample")
         self._readings = Arrival("reading", self.parameter("reading_timeout"))
         self._positions = Arrival("actual position", self.parameter("position_timeout"))
         self._storage = Storage(self.parameter("space_wanted"), self.parameter("space_needed"))
@@ -87,8 +87,9 @@ class RecorderNode(StepdiagNode):
         self.health.add_task("recording", self._judge_recording, log=False)
         self.health.add_task("disk", self._judge_disk)
         self.health.add_task("readings", partial(self._judge_arrival, self._readings))
-        self.health.add_task("positions", partial(self._judge_arrival, self._positions))
-        self.health.add_task("sequence", self._judge_sequence)
+        self.health.add_task("positions", self._judge_positions)
+        self.health.add_task("sequence", partial(self._judge_gaps, self._gaps))
+        self.health.add_task("samples", partial(self._judge_gaps, self._sample_gaps))
         self.follow_run()
         for topic in topics.RECORDED:
             if topic is not topics.RUN_DESCRIPTION:
@@ -121,6 +122,7 @@ class RecorderNode(StepdiagNode):
         self._say_of_bag(BAG, str(writer.path.resolve()))
         self._incomplete.clear()
         self._gaps.begin()
+        self._sample_gaps.begin()
         for arrival in (self._readings, self._positions):
             arrival.begin(self.now(), self.real_time())
         self._record(topics.RUN_DESCRIPTION, serialize_message(description))
@@ -174,6 +176,9 @@ class RecorderNode(StepdiagNode):
             head, real = head_of(message), self.real_time()
             self._gaps.take(head.sequence, head.time, real)
             self._readings.take(head.time, real)
+        elif topic is topics.SAMPLES:
+            block = block_head_of(message)
+            self._sample_gaps.take(block.sequence, block.time, self.real_time(), block.samples)
         elif topic is topics.JOINT_STATES:
             self._positions.take(stamp_of(message), self.real_time())
 
@@ -200,11 +205,17 @@ class RecorderNode(StepdiagNode):
         bag = self._writer.path if self._writer else None
         return self._storage.look(folder, bag, self.real_time())
 
+    def _judge_positions(self) -> Finding:
+        # Of a machine that is not connected nobody tells where it is.
+        if self.watch.present(BY_HAND_ROLE, self.run_id):
+            self._positions.begin(self.now(), self.real_time())
+        return self._judge_arrival(self._positions)
+
     def _judge_arrival(self, arrival: Arrival) -> Finding:
         return arrival.judge(not self.run_over, self.now(), self.real_time())
 
-    def _judge_sequence(self) -> Finding:
-        return self._gaps.judge(not self.run_over, self.real_time())
+    def _judge_gaps(self, gaps: Gaps) -> Finding:
+        return gaps.judge(not self.run_over, self.real_time())
 
     def _close_when_over(self) -> None:
         if self._close_at is None:

@@ -4,6 +4,7 @@
 import sys
 from collections.abc import Callable
 from functools import partial
+from math import isnan
 from typing import Any
 
 from stepdiag_ros import topics
@@ -12,7 +13,6 @@ from stepdiag_ros.conversion import new_message, set_header
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.interferometer import WEATHER
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air
 from stepdiag_ros.run.health import Finding
@@ -36,7 +36,8 @@ class WeatherNode(DeviceNode[WeatherDevice]):
         self._cell = load_cell(self.parameter("cell"))[0] if simulated else None
         self.opener()
         self._outlets = {
-            name: (self.stream(topic), topic, field) for name, (topic, field) in WEATHER.items()
+            name: (self.stream(topic), topic, field)
+            for name, (topic, field) in topics.WEATHER.items()
         }
         self._air = Air(self.parameter("value_timeout"))
         self.on_change("value_timeout", partial(setattr, self._air, "stale_after"))
@@ -47,16 +48,21 @@ class WeatherNode(DeviceNode[WeatherDevice]):
         """Return what opens the weather station (see ``DeviceNode.opener``)."""
         settings = self.device_settings(changed, SETTINGS)
         surroundings = Surroundings(cell=self._cell)
-        return prepare("weather", self.parameter("device"), settings, surroundings)
+        with self.naming_file(changed):
+            return prepare("weather", self.parameter("device"), settings, surroundings)
 
     def poll(self, device: WeatherDevice) -> None:
         """Publish what the sensors have said."""
         for time, environment in device.poll(self.now()):
-            self._air.take_all(environment, time, self.real_time())
             for name, (publisher, topic, field) in self._outlets.items():
+                value = getattr(environment, name)
+                if isnan(value):
+                    # Nothing was said of it; it grows old with whoever needs it.
+                    continue
+                self._air.take(name, value, time, self.real_time())
                 message = new_message(topic.type_name)
                 set_header(message, time, SENSOR_FRAMES.get(topic, LASER))
-                setattr(message, field, getattr(environment, name))
+                setattr(message, field, value)
                 publisher.publish(message)
 
     def _judge_sensors(self) -> Finding:

@@ -114,7 +114,9 @@ def _sampling_text(sampling: Sampling) -> list[str]:
         f"  longest_wait_s: {_number(sampling.longest_wait)}",
         f"  standard_deviation_limit_m: {_number(sampling.standard_deviation_limit)}",
         f"  drift_limit_m: {_number(sampling.drift_limit)}",
+        f"  stop_attempts: {sampling.stop_attempts}",
         f"  line_attempts: {sampling.line_attempts}",
+        f"  after_attempts: {sampling.after_attempts}",
     ]
 
 

@@ -1,19 +1,21 @@
 """How instruments and machine are, judged from what they send."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from math import inf, isnan, nan
 
 from stepdiag_ros.devices.cnc import CncState, Point
 from stepdiag_ros.devices.interferometer import (
     STATUS_BEAM_LOST,
+    STATUS_COUNT_ERROR,
     STATUS_FAULT,
     STATUS_LOW_SIGNAL,
     STATUS_OK,
     STATUS_OVERSPEED,
 )
-from stepdiag_ros.metrology.air.humidity import PRESSURE_RANGE, TEMPERATURE_RANGE
+from stepdiag_ros.metrology.air.known_air import PLAUSIBLE, KnownAir
 from stepdiag_ros.metrology.geometry import AXES
-from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.measurement import Reading
+from stepdiag_ros.run.entitlement import Silence
 from stepdiag_ros.run.health import HOLD, WINDOW, Age, Finding, Level, figure
 
 HAS_BEAM = (STATUS_OK, STATUS_LOW_SIGNAL)
@@ -21,6 +23,7 @@ NOW_LOST = {
     STATUS_BEAM_LOST: "the beam is lost",
     STATUS_OVERSPEED: "the mirror moved too fast for the counter: the zero is lost",
     STATUS_FAULT: "the interferometer reports a fault of its own",
+    STATUS_COUNT_ERROR: "the count does not fit the way of the axes: the zero is lost",
 }
 NO_BEAM_YET = "there is no beam"
 """Outside a run or before its first setup, when nobody needs one."""
@@ -144,16 +147,6 @@ class Beam:
             self._since, self._lowest, self._sum, self._count = real, inf, 0.0, 0
 
 
-RANGES: Mapping[str, tuple[float, float, str, str]] = {
-    "air_temperature": (*TEMPERATURE_RANGE, "degC", "air temperature"),
-    "air_pressure": (*PRESSURE_RANGE, "Pa", "air pressure"),
-    "relative_humidity": (0.0, 1.0, "0..1", "relative humidity"),
-    "material_temperature": (*TEMPERATURE_RANGE, "degC", "material temperature"),
-}
-"""Field of Environment → values that can be meant, their unit, and the field in words.
-
-Beyond them the equations for the index of air do not hold: the usual cause is another unit.
-"""
 FOR_THE_RECORD = "material_temperature"
 """Field that no reading is compensated for."""
 
@@ -163,13 +156,19 @@ class Air:
 
     Args:
         stale_after: s after which a value counts as unknown; NaN if values do not age.
+
+    Attributes:
+        known: what of it may be used.
     """
 
     def __init__(self, stale_after: float) -> None:
         self.stale_after = stale_after
+        self.known = KnownAir(stale_after)
         self._values: dict[str, float] = {}
         self._first_heard = nan
-        self._ages = {name: Age() for name in RANGES}
+        self._ages = {name: Age() for name in PLAUSIBLE}
+        self._gaps = 0
+        self._missing = False
 
     def take(self, name: str, value: float, time: int, real: float) -> None:
         """Take one value.
@@ -184,34 +183,32 @@ class Air:
             self._first_heard = real
         self._values[name] = value
         self._ages[name].take(time, real)
-
-    def take_all(self, environment: Environment, time: int, real: float) -> None:
-        """Take all values of one time (see ``take``)."""
-        for name, value in environment._asdict().items():
-            self.take(name, value, time, real)
+        self.known.take(name, value, time)
 
     def judge(self, now: int, real: float) -> Finding:
         """Return what is known (``now``: ROS time, ns; ``real``: s, never steps)."""
         values: dict[str, str] = {}
         unknown: list[str] = []
         strange: list[str] = []
-        for name, (low, high, unit, words) in RANGES.items():
+        for name, expected in PLAUSIBLE.items():
             value, age = self._values.get(name, nan), self._ages[name].at(now, real)
-            values[f"{words} ({unit})"] = figure(value, 6)
-            values[f"age of the {words} (s)"] = figure(age)
+            values[f"{expected.words} ({expected.unit})"] = figure(value, 6)
+            values[f"age of the {expected.words} (s)"] = figure(age)
             if isnan(value) or isnan(age) or age > self.stale_after:
                 unknown.append(name)
-            elif not low <= value <= high:
-                strange.append(name)
+            elif objection := self.known.objection(name):
+                strange.append(f"the {expected.words} is {objection}")
+        needed = [name for name in unknown if name != FOR_THE_RECORD]
+        missing = bool(self._values) and bool(needed or strange)
+        self._gaps += missing and not self._missing
+        self._missing = missing
+        values["times not known since the start"] = str(self._gaps)
         if not self._values:
             return Finding(Level.STALE, "no weather sensor has spoken yet", values)
-        if len(self._values) < len(RANGES) and real - self._first_heard < HOLD:
+        if len(self._values) < len(PLAUSIBLE) and real - self._first_heard < HOLD:
             return Finding(Level.STALE, "not all weather sensors have spoken yet", values)
         if strange:
-            return Finding(
-                Level.ERROR, f"{_named(strange)} out of range: is the unit right?", values
-            )
-        needed = [name for name in unknown if name != FOR_THE_RECORD]
+            return Finding(Level.ERROR, f"{'; '.join(strange)}; it is not used", values)
         if needed:
             consequence = "readings are not compensated"
             return Finding(Level.ERROR, f"{_named(needed)} not known: {consequence}", values)
@@ -221,14 +218,66 @@ class Air:
 
 
 def _named(names: list[str]) -> str:
-    words = [RANGES[name][3] for name in names]
+    words = [PLAUSIBLE[name].words for name in names]
     return f"{' and '.join(words)} {'is' if len(words) == 1 else 'are'}"
+
+
+NOT_ASKED_FOR = "readings are not compensated for the air, as it was asked for"
+NO_COMPENSATED = (
+    "the instrument does not compensate for the air: set the parameter compensation to own"
+)
+NO_RAW = "the instrument tells no count: set the parameter compensation to instrument"
+
+
+class Compensation:
+    """Judges whether readings are compensated for the air in the way that was asked for.
+
+    Args:
+        kind: one of ``compensator.COMPENSATIONS``.
+    """
+
+    LOOKS = 3
+    """For so many looks in a row an instrument must not do its part, before this is said of it."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._last: Reading | None = None
+        self._ever = False
+        self._doubts = 0
+
+    def take(self, readings: Iterable[Reading]) -> None:
+        """Take readings, in order."""
+        for reading in readings:
+            if reading.status in HAS_BEAM:
+                self._last = reading
+                self._ever |= not isnan(reading.compensated_displacement)
+
+    def judge(self, air: Finding) -> Finding:
+        """Return how readings are compensated, where the sensors are found to be so (``air``)."""
+        values = {"compensated by": self._kind}
+        if self._last is None:
+            return Finding(Level.OK, NO_READING_YET, values)
+        if self._kind == "off":
+            return Finding(Level.WARN, NOT_ASKED_FOR, values)
+        known = not isnan(self._last.compensated_displacement)
+        self._doubts = 0 if known or self._ever else self._doubts + 1
+        if known:
+            return Finding(Level.OK, "readings are compensated for the air", values)
+        # The first readings may come before the weather; and what could be done before, will be.
+        if self._doubts >= self.LOOKS:
+            if self._kind == "own" and isnan(self._last.raw_displacement):
+                return Finding(Level.ERROR, NO_RAW, values, forbids=True)
+            if self._kind == "instrument" and air.level is Level.OK:
+                return Finding(Level.ERROR, NO_COMPENSATED, values, forbids=True)
+        return Finding(Level.ERROR, "readings are not compensated: the air is not known", values)
 
 
 TROUBLE = {
     CncState.STOPPED: "the machine was stopped",
     CncState.FAULT: "the controller is faulty",
 }
+SOME_POSITIONS = 3.0
+"""So many positions must fail to come before axes that move count as silent."""
 LIMIT_ALLOWANCE = 1e-6
 """m beyond a soft limit that are still the servo's business."""
 
@@ -243,6 +292,7 @@ class Axes:
     def __init__(self, stale_after: float) -> None:
         self.stale_after = stale_after
         self._age = Age()
+        self._silence = Silence()
         self._position: Point = (nan, nan, nan)
         self._low: Point = (nan, nan, nan)
         self._high: Point = (nan, nan, nan)
@@ -259,6 +309,25 @@ class Axes:
         """Take actual positions (m) of a time (ns), come at a time (s) that never steps."""
         self._position = position
         self._age.take(time, real)
+        self._silence.heard(real)
+
+    def moves(self, real: float) -> None:
+        """Expect positions often from now on (s): a move begins."""
+        self._silence.heard(real)
+
+    def silent(self, limit: float, rate: float, now: int, real: float) -> str:
+        """Say that nothing is heard of axes that move; empty if enough is.
+
+        Args:
+            limit: s; that of some positions, if they come so rarely.
+            rate: of the positions, Hz.
+            now: ROS time, ns.
+            real: s of a clock that never steps; looked at many times a second.
+        """
+        limit = max(limit, SOME_POSITIONS / rate)
+        if self._silence.look(real) <= limit or self._age.at(now, real) <= limit:
+            return ""
+        return f"the axes move, but no actual position has come for {limit:g} s"
 
     def judge(self, state: CncState, reason: str, now: int, real: float) -> Finding:
         """Return how the axes are.

@@ -153,6 +153,7 @@ class Gaps:
         last_missing: the last of them.
         late: how many came that were not newer than the one before: late, or repeated.
         restarts: how often the numbers began anew while time went on.
+        what: is numbered, in words.
     """
 
     missing: int = 0
@@ -160,6 +161,7 @@ class Gaps:
     last_missing: int | None = None
     late: int = 0
     restarts: int = 0
+    what: str = "reading"
     _number: int | None = None
     _time: int = 0
     _trouble: float = nan
@@ -170,13 +172,14 @@ class Gaps:
         self.first_missing = self.last_missing = None
         self._trouble = nan
 
-    def take(self, number: int, time: int, real: float) -> None:
+    def take(self, number: int, time: int, real: float, count: int = 1) -> None:
         """Take the next of the stream.
 
         Args:
             number: its sequence number.
             time: when it was measured, ns.
             real: when it came, s of a clock that never steps.
+            count: how many there are in a row, if they come together.
         """
         last = self._number
         if last is not None and number != last + 1:
@@ -191,7 +194,7 @@ class Gaps:
                     self.first_missing = last + 1
             else:
                 self.restarts += 1
-        self._number, self._time = number, time
+        self._number, self._time = number + count - 1, time
 
     def take_all(self, readings: Iterable[Reading], real: float) -> None:
         """Take readings in the order in which they came (see ``take``)."""
@@ -209,23 +212,23 @@ class Gaps:
             "last number": figure(self._number),
         }
         if self._number is None:
-            return Finding(Level.OK, "no reading has come yet", values)
+            return Finding(Level.OK, f"no {self.what} has come yet", values)
         found = self._words()
         if found and (in_run or real - self._trouble <= HOLD):
             return Finding(Level.WARN, found, values)
         return Finding(
-            Level.OK, "no reading is missing" if not found else f"before: {found}", values
+            Level.OK, f"no {self.what} is missing" if not found else f"before: {found}", values
         )
 
     def _words(self) -> str:
         found = []
         if self.missing == 1:
-            found.append(f"reading {self.first_missing} is missing")
+            found.append(f"{self.what} {self.first_missing} is missing")
         elif self.missing:
             between = f"{self.first_missing} and {self.last_missing}"
-            found.append(f"{self.missing} readings are missing, all between numbers {between}")
+            found.append(f"{self.missing} {self.what}s are missing, all between numbers {between}")
         if self.late:
-            found.append(f"{self.late} readings came late or twice")
+            found.append(f"{self.late} {self.what}s came late or twice")
         if self.restarts:
             found.append("the instrument was started again: its zero is lost")
         return "; ".join(found)

@@ -10,10 +10,10 @@ from math import nan
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import ErrorCurves, levers, tool_point
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.scene.shapes import spread
 
 MOST_NODES = 60
@@ -33,41 +33,11 @@ def error_vectors(result: VolumetricErrors, chain: str, positions: Vector) -> Ve
             place is unknown where the result has rotations.
         positions: machine coordinates, m, shape (n, 3).
     """
-    corner = np.array([nodes[0] for nodes in result.nodes])
-    ways = [nodes - nodes[0] for nodes in result.nodes]
-    places = np.asarray(positions, dtype=np.float64) - corner
     turns = any(name in ROTATIONS for name in result.curves)
     missing = [name for name in TRANSLATIONS if name not in result.curves]
     if missing or (turns and not chain):
-        return np.full(places.shape, nan)
-    order = chain or "XYZ"
-    unknown = np.zeros(len(places), dtype=bool)
-    arms = levers(places, order)
-    curves = {name: _told_by_lines(curve) for name, curve in result.curves.items()}
-    for name, curve in curves.items():
-        axis = AXES.index(name[3])
-        # Between two nodes a curve is as little known as at either of them.
-        gap = np.interp(places[:, axis], ways[axis], np.isnan(curve).astype(np.float64)) > 0.0
-        unknown |= gap if name in TRANSLATIONS else gap & np.any(arms[axis] != 0.0, axis=1)
-    known = {name: np.nan_to_num(curve, nan=0.0) for name, curve in curves.items()}
-    errors = ErrorCurves.from_curves(ways, known)
-    actual, _ = tool_point(places, errors, order)
-    zero, _ = tool_point(np.zeros((1, 3)), errors, order)
-    vectors: Vector = actual - places - zero[0]
-    vectors[unknown] = nan
-    return vectors
-
-
-def _told_by_lines(curve: Vector) -> Vector:
-    """Return a curve without an end that is known by the definition of the frame alone.
-
-    The frame makes three curves end at zero (``forward.in_result_frame``). Where nothing between
-    the ends is known, an error that is drawn at the end would only be taken for a finding.
-    """
-    inner = curve[1:-1]
-    if inner.size == 0 or not np.all(np.isnan(inner)):
-        return curve
-    return np.concatenate([curve[:1], np.full(len(curve) - 1, nan)])
+        return np.full(np.shape(positions), nan)
+    return VolumetricMap.of_result(result, chain).errors(positions)
 
 
 def axis_rotations(result: VolumetricErrors, axis: int) -> Vector:

@@ -19,6 +19,8 @@ START_LIMIT = 20.0
 """Real seconds within which the nodes that evaluate must be up."""
 LISTENERS_LIMIT = 60.0
 """The same for nodes that somebody else starts, maybe by hand, maybe after this."""
+LIVE = ("cnc_bridge", "sequencer")
+"""Roles of nodes beside which no run is replayed: what is recorded would be taken for real."""
 QUIET = 2.0
 """Real seconds without a new message after which the nodes that evaluate are taken to be done."""
 
@@ -75,6 +77,7 @@ def replay(
     with ExitStack() as stack:
         stack.enter_context(in_graph())
         player = PlayerNode(bag, run, derived=not assembled, late=late)
+        player.refuse_company(LIVE)
         if check:
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             if topics.DIAGNOSIS in present:

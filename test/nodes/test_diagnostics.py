@@ -59,6 +59,8 @@ class Cell:
     def __init__(self, folder):
         laser = {"device": "meddled", "rate": 100.0, "reading_timeout": TIMEOUT, "hold_after": 0.1}
         machine = {"device": "meddled", "position_timeout": TIMEOUT, "hardware_id": "mill 7"}
+        # As above: what is slow is the thread, and the machine is none that could hit anything.
+        machine["silence_limit"] = 10.0
         given = {
             "sequencer": {"plan": "quick"},
             "recorder": {"folder": str(folder)},

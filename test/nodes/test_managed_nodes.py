@@ -56,6 +56,7 @@ class Bench:
             )
         }
         self.commands = self.speaker(topics.MACHINE_COMMAND)
+        self.permits = self.speaker(topics.MOTION_PERMIT)
         self.descriptions = self.speaker(topics.RUN_DESCRIPTION)
         self.states = self.speaker(topics.RUN_STATE)
 
@@ -120,12 +121,22 @@ class Bench:
         self.descriptions.publish(description)
         self.until(lambda: self.node.run_id == RUN)
 
-    def command(self, number, x):
-        self.commands.publish(
-            message_class(topics.MACHINE_COMMAND)(
-                run_id=RUN, command_id=number, axis="X", target=[x, 0.0, 0.0], feed=0.01
-            )
+    def send(self, number, x, **fields):
+        """Ask for a move as a sequencer would, but without the permit."""
+        given = {"run_id": RUN, "command_id": number, "purpose": 1, "axis": "X", "feed": 0.01}
+        message = message_class(topics.MACHINE_COMMAND)(
+            **{**given, "target": [x, 0.0, 0.0], **fields}
         )
+        if not message.header.stamp.sec:
+            set_now(message, self.node)
+        self.commands.publish(message)
+
+    def permit(self, number):
+        self.permits.publish(message_class(topics.MOTION_PERMIT)(run_id=RUN, command_id=number))
+
+    def command(self, number, x):
+        self.permit(number)
+        self.send(number, x)
         answers = self.heard[topics.COMMAND_STATUS]
         self.until(lambda: any(answer.command_id == number for answer in answers))
         return [answer for answer in answers if answer.command_id == number][-1]
@@ -279,9 +290,10 @@ def set_now(message, node):
 
 
 def test_a_bridge_that_is_deactivated_stops_the_machine_and_moves_nothing_until_active(bench):
-    cell = bench(BridgeNode)
+    cell = bench(BridgeNode, "silence_limit:=10.0")
     cell.await_state("active")
     cell.begin_run()
+    assert cell.trigger("reset").success
     assert cell.command(1, 0.01).status in (Answer.ACCEPTED, Answer.MOVING)
     FakeCnc.braking = True
     assert cell.change(id=Transition.TRANSITION_DEACTIVATE)
@@ -308,9 +320,10 @@ def test_a_bridge_that_is_deactivated_stops_the_machine_and_moves_nothing_until_
 
 
 def test_a_controller_that_fails_in_a_move_is_stopped_closed_and_opened_anew(bench):
-    cell = bench(BridgeNode)
+    cell = bench(BridgeNode, "silence_limit:=10.0")
     cell.await_state("active")
     cell.begin_run()
+    assert cell.trigger("reset").success
     cell.command(1, 0.01)
     broken["poll"] = OSError("connection reset")
     broken["stop"] = RuntimeError("a mistake in the driver")
@@ -328,6 +341,7 @@ def test_a_controller_that_fails_in_a_move_is_stopped_closed_and_opened_anew(ben
     cell.await_state("active")
     cell.until(lambda: state[-1].state == CncState.READY)
     assert tuple(state[-1].position) == (0.0, 0.0, 0.0)
+    assert cell.trigger("reset").success
     broken["start_move"] = OSError("no answer")
     assert cell.command(2, 0.01).status == Answer.FAULT
     cell.await_state("unconfigured", "cannot start a move: no answer")

@@ -126,7 +126,8 @@ def endpoints(process: NodeProcess) -> set[Rule]:
 
 def processes(folder: Path) -> dict[str, NodeProcess]:
     cell = simulated_cell("quick", "demo", "demo", folder, 1.0, 0.0, 1)
-    return {process.name: process for process in [*cell, NodeProcess("scene")]}
+    others = (NodeProcess("scene"), NodeProcess("by_hand"))
+    return {process.name: process for process in [*cell, *others]}
 
 
 def test_every_node_has_its_enclave_and_everyone_else_is_known(tmp_path: Path) -> None:
@@ -171,9 +172,11 @@ def who_may(how: str, name: str) -> set[str]:
 
 
 def test_only_the_sequencer_commands_motion() -> None:
-    assert who_may("publish", "/machine/command") == {"sequencer"}
-    assert who_may("publish", "/run/state") == {"sequencer"}
-    assert who_may("publish", "/machine/command_status") == {"bridge"}
+    # Nothing moves without its permit; a run measured by hand is only told of.
+    assert who_may("publish", "/machine/permit") == {"sequencer"}
+    assert who_may("publish", "/machine/command") == {"sequencer", "by_hand"}
+    assert who_may("publish", "/run/state") == {"sequencer", "by_hand"}
+    assert who_may("publish", "/machine/command_status") == {"bridge", "by_hand"}
     assert who_may("publish", "/machine/state") == {"bridge"}
     assert who_may("publish", "/joint_states") == {"bridge"}
     assert who_may("publish", "/interferometer/reading") == {"interferometer"}
@@ -185,6 +188,8 @@ def test_who_may_stop_start_and_change() -> None:
     assert who_may("request", "/cnc_bridge/stop") == stopping
     for service in ("start", "resume", "pause", "abort", "measure/_action/send_goal"):
         assert who_may("request", f"/sequencer/{service}") == {"operator"}
+    for service in ("start", "resume", "abort"):
+        assert who_may("request", f"/by_hand/{service}") == {"operator"}
     for service in ("set_parameters", "set_parameters_atomically", "change_state"):
         leading = {"launch"} if service == "change_state" else set()
         assert who_may("request", f"/cnc_bridge/{service}") == {"maintenance"} | leading

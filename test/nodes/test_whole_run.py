@@ -14,8 +14,10 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.commands.solve import measurement_of
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.declaration import USE_SIM_TIME
+from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.scene.frames import LASER, MACHINE
@@ -67,6 +69,22 @@ def test_the_bag_alone_gives_the_same_result_to_the_last_bit(finished, tmp_path)
         for name, curve in result.curves.items():
             solved = again["methods"][method]["curves"][name]
             assert np.array_equal(curve, np.array(solved, dtype=float), equal_nan=True), name
+
+
+def test_the_air_can_be_compensated_anew_from_the_bag(finished):
+    recorded = load_run(finished[0])
+
+    def furthest_off(choice):
+        made, remark = measurement_of(recorded, False, lambda *_: None, choice)
+        pairs = zip(made.lines, recorded.measurement.lines, strict=True)
+        off = max(float(np.abs(a.displacement - b.displacement).max()) for a, b in pairs)
+        return off, remark
+
+    # The simulated laser compensates by the same formula, with the dead path of the demo cell.
+    off, remark = furthest_off(AirChoice("own", dead_path=0.3))
+    assert off < 1e-9 and "compensated anew for the recorded air: equation edlen" in remark
+    off, remark = furthest_off(AirChoice("off"))
+    assert 5e-6 < off < 20e-6 and "not compensated for the air" in remark
 
 
 def test_a_replay_gives_the_same_bytes_as_the_live_run(finished):

@@ -1,6 +1,6 @@
 """Beam, air and axes: each state is reached, at its threshold, and left again."""
 
-from math import nan
+from math import isnan, nan
 
 import pytest
 
@@ -13,8 +13,20 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OVERSPEED,
 )
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.run.device_health import DIM, GOOD, NO_BEAM_YET, WAS_LOST, Air, Axes, Beam
-from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, Level
+from stepdiag_ros.run.device_health import (
+    DIM,
+    GOOD,
+    NO_BEAM_YET,
+    NO_COMPENSATED,
+    NO_RAW,
+    NOT_ASKED_FOR,
+    WAS_LOST,
+    Air,
+    Axes,
+    Beam,
+    Compensation,
+)
+from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, Finding, Level
 
 SECOND = 1_000_000_000
 STALE_AFTER = 2.0
@@ -139,6 +151,11 @@ def test_signal_is_told_over_the_last_whole_window(laser):
     assert laser.judge().message == GOOD
 
 
+def take_all(air, environment, time, real):
+    for name, value in environment._asdict().items():
+        air.take(name, value, time, real)
+
+
 class TestAir:
     GOOD = Environment(20.0, 101325.0, 0.5, 20.1)
 
@@ -153,21 +170,21 @@ class TestAir:
 
     def test_all_known(self):
         air = Air(10.0)
-        air.take_all(self.GOOD, SECOND, 1.0)
+        take_all(air, self.GOOD, SECOND, 1.0)
         finding = air.judge(SECOND, 1.0)
         assert finding.level is Level.OK and finding.values["air pressure (Pa)"] == "101325"
 
     def test_values_grow_old_and_are_known_again(self):
         air = Air(10.0)
-        air.take_all(self.GOOD, SECOND, 1.0)
+        take_all(air, self.GOOD, SECOND, 1.0)
         assert air.judge(11 * SECOND, 11.0).level is Level.OK
         assert air.judge(11 * SECOND + 1, 11.1).level is Level.ERROR
-        air.take_all(self.GOOD, 12 * SECOND, 12.0)
+        take_all(air, self.GOOD, 12 * SECOND, 12.0)
         assert air.judge(12 * SECOND, 12.0).level is Level.OK
 
     def test_one_sensor_that_is_silent_is_named(self):
         air = Air(10.0)
-        air.take_all(self.GOOD, SECOND, 1.0)
+        take_all(air, self.GOOD, SECOND, 1.0)
         for name in ("air_temperature", "relative_humidity", "material_temperature"):
             air.take(name, getattr(self.GOOD, name), 15 * SECOND, 15.0)
         finding = air.judge(15 * SECOND, 15.0)
@@ -180,16 +197,77 @@ class TestAir:
             ("relative_humidity", 50.0, Level.ERROR),
             ("relative_humidity", 1.0, Level.OK),
             ("air_temperature", 293.15, Level.ERROR),
+            ("air_temperature", 68.0, Level.ERROR),
             ("air_temperature", nan, Level.ERROR),
             ("material_temperature", nan, Level.WARN),
         ],
     )
     def test_a_value_of_another_unit_or_none(self, field, value, level):
         air = Air(10.0)
-        air.take_all(self.GOOD._replace(**{field: value}), SECOND, 1.0)
+        take_all(air, self.GOOD._replace(**{field: value}), SECOND, 1.0)
         finding = air.judge(SECOND, 1.0)
         assert finding.level is level, finding
         assert level is Level.OK or field.replace("_", " ") in finding.message
+
+    @pytest.mark.parametrize(
+        ("field", "value", "words"),
+        [
+            ("air_pressure", 1013.25, "the air pressure is out of range: it would fit in hPa"),
+            ("air_pressure", 760.0, "it would fit in hPa or mmHg"),
+            ("air_pressure", 101.0, "it would fit in kPa"),
+            ("relative_humidity", 50.0, "it would fit in per cent"),
+            ("air_temperature", 293.15, "it would fit in K"),
+            ("air_temperature", 68.0, "it would fit in degF"),
+            ("material_temperature", -999.0, "the material temperature is out of range; it is not"),
+        ],
+    )
+    def test_another_unit_is_guessed_in_words_and_the_value_is_not_used(self, field, value, words):
+        air = Air(10.0)
+        take_all(air, self.GOOD, SECOND, 1.0)
+        assert air.known.at(SECOND) == self.GOOD
+        air.take(field, value, 2 * SECOND, 2.0)
+        assert words in air.judge(2 * SECOND, 2.0).message
+        assert isnan(getattr(air.known.at(2 * SECOND), field))
+        air.take(field, getattr(self.GOOD, field), 3 * SECOND, 3.0)
+        assert air.judge(3 * SECOND, 3.0).level is Level.OK
+        assert air.judge(3 * SECOND, 3.0).values["times not known since the start"] == "1"
+        assert air.known.at(3 * SECOND) == self.GOOD
+
+
+class TestCompensation:
+    AIR = Finding(Level.OK, "")
+
+    def judged(self, kind, raw, compensated, air=AIR, status=STATUS_OK):
+        compensation = Compensation(kind)
+        compensation.take([Reading(1, 1, raw, compensated, 1.0, status, Environment())])
+        for _ in range(Compensation.LOOKS - 1):
+            assert not compensation.judge(air).forbids
+        return compensation.judge(air)
+
+    def test_readings_that_are_not_compensated_as_asked_for(self):
+        assert self.judged("own", 1.0, 1.0).level is Level.OK
+        assert self.judged("instrument", nan, 1.0).level is Level.OK
+        assert self.judged("off", 1.0, 1.0).message == NOT_ASKED_FOR
+        for finding, words in (
+            (self.judged("own", nan, nan), NO_RAW),
+            (self.judged("instrument", 1.0, nan), NO_COMPENSATED),
+        ):
+            assert finding.message == words and finding.forbids
+        unknown = Finding(Level.ERROR, "air pressure is not known")
+        assert "the air is not known" in self.judged("instrument", 1.0, nan, unknown).message
+        assert "the air is not known" in self.judged("own", 1.0, nan, unknown).message
+
+    def test_an_instrument_that_did_its_part_is_not_blamed_for_a_gap_in_the_weather(self):
+        compensation = Compensation("instrument")
+        good = Reading(1, 1, 1.0, 1.0, 1.0, STATUS_OK, Environment())
+        compensation.take([good, good._replace(compensated_displacement=nan)])
+        for _ in range(10):
+            finding = compensation.judge(self.AIR)
+            assert "the air is not known" in finding.message and not finding.forbids
+
+    def test_without_a_beam_nothing_is_said(self):
+        finding = self.judged("own", nan, nan, status=STATUS_BEAM_LOST)
+        assert finding.level is Level.OK
 
 
 class TestAxes:
@@ -234,3 +312,26 @@ class TestAxes:
         finding = self.judged(self.at(1.001))
         assert finding.level is Level.WARN and finding.message.endswith("in X")
         assert self.judged(self.at(-0.001)).level is Level.WARN
+
+
+def test_axes_that_move_and_are_not_heard_are_told_unless_their_positions_are_rare():
+    def silent_after(rate, seconds, limit=0.5):
+        axes = Axes(2.0)
+        axes.take((0.0, 0.0, 0.0), 0, 0.0)
+        axes.moves(0.0)
+        said = ""
+        for step in range(round(seconds / 0.01) + 1):
+            said = said or axes.silent(limit, rate, step * 10_000_000, step * 0.01)
+        return said
+
+    assert silent_after(50.0, 0.49) == ""
+    assert silent_after(50.0, 0.52) == "the axes move, but no actual position has come for 0.5 s"
+    assert silent_after(1.0, 2.9) == ""
+    assert "for 3 s" in silent_after(1.0, 3.1)
+
+
+def test_simulated_time_that_stands_still_is_no_silence_of_the_axes():
+    axes = Axes(2.0)
+    axes.take((0.0, 0.0, 0.0), 0, 0.0)
+    axes.moves(0.0)
+    assert not any(axes.silent(0.5, 50.0, 0, step * 0.01) for step in range(1000))

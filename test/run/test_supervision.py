@@ -60,3 +60,17 @@ def test_results_that_are_owed_are_waited_for_longer_than_a_node_is_silent():
     assert watch.missing(("diagnosis",)) != []
     assert watch.workers(SILENCE_LIMIT + 0.1) == ["diagnosis"]
     assert watch.workers(WORKER_LIMIT + 0.1) == []
+
+
+def test_a_process_that_slept_listens_before_it_judges():
+    watch = Watch()
+    watch.heard("/recorder", a_peer(0.0))
+    for step in range(4):
+        assert watch.check(0.25 * step) == []
+    # It did not get the computer for ten seconds; the heartbeats of that time are still unread.
+    assert watch.check(10.75) == []
+    watch.heard("/recorder", a_peer(10.8))
+    assert watch.check(11.0) == []
+    # One that is really gone is found all the same, a little later.
+    found = [watch.check(11.0 + 0.25 * step) for step in range(1, 10)]
+    assert [len(said) for said in found] == [0] * 7 + [1, 0]
