@@ -126,14 +126,22 @@ def stood(bag: Path) -> Stood:
     # On a busy computer a line may have been measured again.
     stops = [one for one in run.stops if one.command.attempt == last[one.command.line_index]]
     assert all(stop.settled for stop in stops)
-    where = [
-        np.mean(motors[(times >= stop.window_start) & (times <= stop.window_end)], axis=0)
-        for stop in stops
-    ]
+    where = [place_at(stop, times, motors) for stop in stops]
     linear = ["xyz".index(stop.line.name) if stop.line.kind == LINEAR else -1 for stop in stops]
     target = np.array([stop.command.target for stop in stops])
     told = np.array([stop.position for stop in stops])
     return Stood(run, target, np.array(where), np.array(linear), told)
+
+
+def place_at(stop, times: np.ndarray, motors: np.ndarray) -> np.ndarray:
+    """Return where the motors stood while the laser read."""
+    within = (times >= stop.window_start) & (times <= stop.window_end)
+    if within.any():
+        return np.mean(motors[within], axis=0)
+    # A computer that was busy for a moment told no position then; the machine stood before too.
+    last = np.searchsorted(times, stop.window_end) - 1
+    assert times[last] >= stop.in_position_time
+    return motors[last]
 
 
 def files_of(folder: Path, whole: bool = True) -> tuple[Path, Path]:

@@ -21,8 +21,9 @@ def linuxcnc_is_there() -> None:
         pytest.skip(f"no LinuxCNC here: {reason}")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def make_instance(linuxcnc_is_there: None) -> Iterator[Callable[..., LinuxCncInstance]]:  # noqa: ARG001
+    # Of one module: a LinuxCNC that runs on takes a tenth of a processor from all tests after it.
     made = []
     # Short, since sockets lie there.
     with tempfile.TemporaryDirectory(prefix="lc") as folder:

@@ -50,6 +50,7 @@ MODE_LIMIT = 0.4
 SILENCE_LIMIT = 1.5
 """Real seconds after which an unanswered request counts as a dead server; it takes 0.1 s for one
 that changes something."""
+STILL_MOVE = "the axes still move: stop the machine first, then reset it"
 STANDING = 0.1
 """Seconds for which no axis may have left the window, for the machine to stand."""
 ERROR_LAG = 0.15
@@ -201,16 +202,18 @@ class LinuxCncRsh:
     def reset(self, time_ns: int) -> None:
         """Let LinuxCNC take moves, which an operator has allowed (see ``CncDevice.reset``)."""
         trouble = self._trouble()
-        if any(reply.startswith("SET") for reply, _ in self._awaited):
+        stands = time.monotonic() - self._stands_since >= STANDING
+        if not trouble and self._move is not None:
+            trouble = STILL_MOVE
+        elif any(reply.startswith("SET") for reply, _ in self._awaited):
             # Asked again and again it would do nothing but that: each takes it 0.1 s.
             trouble = trouble or "linuxcncrsh is still busy with what it was asked before"
         elif not trouble and not isfinite(self._position[0]):
             # The server refuses that while the machine is off, so it may not be set yet.
             self._set_up()
             trouble = "linuxcncrsh does not tell positions in millimetres yet"
-        stands = time.monotonic() - self._stands_since >= STANDING
-        if not trouble and (self._move is not None or not stands):
-            trouble = "the axes still move: stop the machine first, then reset it"
+        elif not trouble and not stands:
+            trouble = STILL_MOVE
         if trouble:
             raise MoveRefused(trouble)
         self._set_up()
