@@ -159,18 +159,24 @@ def test_the_settings_of_a_device_are_taken_when_it_is_opened_again(
         rclpy.try_shutdown()
 
 
-def test_every_setting_that_is_taken_at_the_opening_reaches_the_driver():
-    from stepdiag_ros.nodes import interferometer, weather
-
-    for role, settings in (
-        ("interferometer", interferometer.SETTINGS),
-        ("weather", weather.SETTINGS),
-        ("cnc_bridge", {"position_rate": "position_rate_hz"}),
-    ):
-        taken = {
-            one.name for one in declared_node(role).parameters if one.change is Change.WHILE_CLOSED
-        }
-        assert taken and taken <= set(settings)
+@pytest.mark.parametrize("role", ["interferometer", "weather", "cnc_bridge"])
+def test_every_setting_that_is_taken_at_the_opening_is_asked_for_then(role, monkeypatch):
+    rclpy.init(args=[])
+    declared = declared_node(role)
+    module = import_module(f"stepdiag_ros.nodes.{declared.module}")
+    node = getattr(module, f"{declared.module.capitalize()}Node")()
+    asked, parameter = set(), node.parameter
+    monkeypatch.setattr(node, "parameter", lambda name: asked.add(name) or parameter(name))
+    try:
+        device = node.open_device()
+        node.on_open(device)
+        device.close()
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    taken = {one.name for one in declared.parameters if one.change is Change.WHILE_CLOSED}
+    assert taken and taken <= asked
 
 
 class Letters:

@@ -106,9 +106,10 @@ def test_a_replay_of_altered_readings_is_found_different(finished, tmp_path):
         for record in source.records():
             data = record.data
             if record.topic.endswith("interferometer/reading"):
-                # The compensated displacement's last bits: a few femtometres.
+                # The compensated displacement, by less than a picometre: of its eight bytes, which
+                # stand before 56 others, the third from the end of the mantissa.
                 message = bytearray(data)
-                message[-49] ^= 1
+                message[-62] ^= 1
                 data = bytes(message)
             target.write(record.topic, record.type_name, data, record.log_time)
     done = stepdiag("replay", altered, "--rate", "0", "--check")
