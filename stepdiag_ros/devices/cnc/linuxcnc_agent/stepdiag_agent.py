@@ -55,7 +55,7 @@ PROTOCOL = 1
 PERIOD = 0.002
 """Seconds between two looks at the machine while a client is there."""
 IDLE_PERIOD = 0.02
-ERROR_LAG = 0.3
+ERROR_LAG = 0.5
 """Seconds for which messages and states are awaited that explain a fault: they race, and an e-stop
 is known up to two cycles of the I/O task (0.1 s each) after the machine is off."""
 SETTLE_LIMIT = 5.0

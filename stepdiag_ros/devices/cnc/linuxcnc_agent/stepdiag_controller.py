@@ -22,6 +22,8 @@ TASK_LIMIT = 30.0
 """Seconds within which LinuxCNC's task must be up."""
 EXPLAINED = (linuxcnc.NML_ERROR, linuxcnc.OPERATOR_ERROR)
 
+ESTOP_CHAIN = "iocontrol.0.emc-enable-in"
+
 
 class Controller:
     """LinuxCNC as the agent sees it: its status in SI units, and what is wrong with it."""
@@ -115,11 +117,19 @@ class Controller:
     def trouble(self) -> str:
         """Say why the machine cannot move, whoever asks; empty if it can."""
         state = self.stat.task_state
-        if state == linuxcnc.STATE_ESTOP:
+        if state == linuxcnc.STATE_ESTOP or not self._enabled():
             return "e-stop"
         if state != linuxcnc.STATE_ON:
             return "the machine is switched off"
         return self._slow
+
+    def _enabled(self) -> bool:
+        """Say whether the e-stop chain is closed: HAL knows it before the task's state tells."""
+        try:
+            return bool(hal.get_value(ESTOP_CHAIN))
+        except (RuntimeError, hal.error):
+            # A machine without iocontrol: the state alone tells.
+            return True
 
     def hindrance(self) -> str:
         """Say why the state of the interpreter does not allow moves; empty if it does."""
