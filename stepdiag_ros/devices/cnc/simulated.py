@@ -1,7 +1,6 @@
 """A simulated controller: trapezoidal moves, drives with lag, exact in-position times."""
 
 from collections.abc import Callable, Mapping
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from stepdiag_ros.devices.cnc import (
     StateChange,
     Traits,
 )
+from stepdiag_ros.devices.cnc.move_check import ROUNDING, check_target
 from stepdiag_ros.devices.grid import SampleGrid
 from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.checking import Section
@@ -150,26 +150,18 @@ class SimulatedCnc:
         """Refuse a move that the controller would not make."""
         if self._state is not CncState.READY:
             raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
-        if not all(isfinite(value) for value in target):
-            raise MoveRefused(f"the target {target} is no position")
-        limit = self._machine.feed_limit_m_per_s
-        if not 0.0 < feed <= limit:
-            raise MoveRefused(f"the feed {feed:g} m/s is not above 0 and up to {limit:g} m/s")
-        for name, value, low, high in zip(AXES, target, *self.soft_limits, strict=True):
-            if not low <= value <= high:
-                raise MoveRefused(
-                    f"{name} = {value:g} m lies beyond the soft limits {low:g} m to {high:g} m"
-                )
+        x, y, z = (motion.trajectory.end for motion in self._motions)
         # A target made from encoder values differs from the command by up to the window: no move,
-        # but the axis still goes exactly to its target.
-        moved = "".join(
-            name
-            for name, value, motion in zip(AXES, target, self._motions, strict=True)
-            if abs(value - motion.trajectory.end) > self._machine.position_window_m
+        # but the axis still goes exactly to its target. What is simulated was never rounded.
+        check_target(
+            (x, y, z),
+            target,
+            feed,
+            axes,
+            limits=self.soft_limits,
+            feed_limit=self._machine.feed_limit_m_per_s,
+            near=[self._machine.position_window_m - ROUNDING] * 3,
         )
-        if not set(moved) <= set(axes):
-            asked = f"one of {' and '.join(axes)}" if axes else "none"
-            raise MoveRefused(f"the move is of {' and '.join(moved)}, but was asked for as {asked}")
 
     def _advance(self, time_ns: int) -> None:
         """Bring the controller to a time, noting what happens until then in order of time."""
