@@ -82,6 +82,7 @@ setup(
             "mypy>=1.11,<3",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
+            "pytest-xdist>=3.5,<4",
             "ruff>=0.6,<1",
             "types-PyYAML",
             "types-pyserial",

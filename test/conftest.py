@@ -1,9 +1,37 @@
-"""Every JSON document that any test lets a command make must fit its schema."""
+"""Which tests are live, and: every JSON document that a command makes in a test fits its schema."""
+
+from pathlib import Path
 
 import jsonschema
 import pytest
 
 from stepdiag_ros import schemas
+
+LIVE = (
+    "campaign",
+    "conformance",
+    "devices/cnc_peers",
+    "embedded",
+    "interoperability",
+    "linuxcnc",
+    "nodes",
+    "test_example_node.py",
+    "test_outside_effect.py",
+)
+"""Where tests run nodes, controllers or peers in real time.
+
+Those want a computer that does nothing else: the system under test stops a machine whose nodes
+are silent for two seconds. All others may run beside each other, in as many processes as there
+are processors.
+"""
+
+
+def pytest_collection_modifyitems(items):
+    """Mark live tests by where they are."""
+    places = [Path(__file__).parent / place for place in LIVE]
+    for item in items:
+        if any(item.path.is_relative_to(place) for place in places):
+            item.add_marker("live")
 
 
 @pytest.fixture(scope="session")

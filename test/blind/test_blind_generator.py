@@ -222,7 +222,7 @@ def test_the_yardstick_sees_neither_curves_nor_tilts_nor_squareness():
     assert max(Yardstick(run).visible(angle) for angle in angles) > 0.05
 
 
-@pytest.mark.parametrize("kind", set(UNSEEN) - {"nonlinearity"})
+@pytest.mark.parametrize("kind", sorted(set(UNSEEN) - {"nonlinearity"}))
 def test_what_nobody_can_see_is_there_and_hides_in_the_free_parameters(kind):
     case = draw_case("none", 9)
     machine = Machine(9, case.plan)

@@ -236,7 +236,7 @@ def test_a_curve_that_is_not_determined_is_refused_by_name(name):
         ("fanuc", "PITCH.TXT", lambda t: t.replace("P", "R"), "PITCH.TXT line 2"),
         ("fanuc", "parameters_3620.txt", lambda t: t.replace("3621 Y", "3629 Y"), "3621"),
     ],
-    ids=str,
+    ids=lambda value: value if isinstance(value, str) else "changed",
 )
 def test_a_damaged_table_is_refused_by_file_and_line(name, file, change, words):
     _, identified = measured()
