@@ -89,13 +89,13 @@ def peer() -> Iterator[Callable[..., Peer]]:
         item.process.terminate()
     for item in peers:
         try:
-            item.process.communicate(timeout=5)
+            item.process.communicate(timeout=20)
         except subprocess.TimeoutExpired:
             item.process.kill()
             item.process.communicate()
 
 
-def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 30.0) -> bool:
     """Spin a node until a condition holds; return whether it does in time."""
     import rclpy
 
@@ -107,7 +107,7 @@ def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 10.0) 
     return True
 
 
-def wait_until(condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+def wait_until(condition: Callable[[], bool], timeout: float = 30.0) -> bool:
     """Wait without spinning until a condition holds; return whether it does in time."""
     end = time.monotonic() + timeout
     while not condition():

@@ -69,7 +69,7 @@ class CellUnderTest:
         peers = self.operator.watch.peers
         self.wait(
             lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
-            40.0,
+            120.0,
             "all nodes are up",
         )
         return self
@@ -104,9 +104,9 @@ class CellUnderTest:
     def resume(self) -> None:
         """Resume as an operator would: again, until the node that was started is up."""
         self._insist(lambda: self.operator.call("sequencer/resume"))
-        self.wait_for_state(State.RUNNING, 10.0)
+        self.wait_for_state(State.RUNNING, 30.0)
 
-    def _insist(self, ask: Callable[[], str], limit: float = 20.0) -> str:
+    def _insist(self, ask: Callable[[], str], limit: float = 40.0) -> str:
         deadline = time.monotonic() + limit
         while True:
             try:

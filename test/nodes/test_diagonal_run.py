@@ -46,7 +46,7 @@ def refused(cell, line_index, axes, target):
         answers[:] = [status for status in cell.statuses if status.command_id == number]
         return bool(answers)
 
-    cell.wait(answered, 5.0, "the bridge answers")
+    cell.wait(answered, 20.0, "the bridge answers")
     cell.operator.spin_until(lambda: False, 0.3)
     assert tuple(cell.machine.position) == pytest.approx(before, abs=1e-6)
     assert [Answer(status.status) for status in answers] == [Answer.REJECTED]
@@ -66,14 +66,14 @@ def test_diagonals_on_the_node_graph(make_cell, plan_file):
         cell.start()
         cell.wait(lambda: len(cell.stops) >= 1, 20.0, "a stop")
         cell.operator.call("sequencer/pause")
-        cell.wait_for_state(State.PAUSED, 10.0)
+        cell.wait_for_state(State.PAUSED, 30.0)
         x, y, z = cell.machine.position
         reason = refused(cell, 0, "XY", (x + 0.01, y + 0.01, z))
         assert "X and Y at once; on line 'x forward, repeat 0' only one axis" in reason
         assert "begins at" in refused(cell, 1, "XYZ", (0.022, 0.017, 0.012))
         cell.operator.call("sequencer/resume")
-        cell.wait_for_state(State.FINISHED, 60.0)
-        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED, 120.0)
+        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
         (bag,) = cell.folder.glob("*.mcap")
 
     run = load_run(bag)

@@ -52,13 +52,13 @@ def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
             peers = operator.watch.peers
             assert operator.spin_until(
                 lambda: any(p.role == "evaluator" and p.run_id == RUN_ID for p in peers.values()),
-                30.0,
+                90.0,
             )
             operator.spin_until(lambda: bool(heard), 0.5)
             assert not heard
             for line in measurement.lines[3:]:
                 tell.publish(conversion.from_measured_line(line, RUN_ID))
-            assert operator.spin_until(lambda: len(heard) == 2, 15.0)
+            assert operator.spin_until(lambda: len(heard) == 2, 30.0)
     finally:
         operator.destroy_node()
         rclpy.try_shutdown()

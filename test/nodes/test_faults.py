@@ -68,8 +68,8 @@ def test_a_killed_node_stops_the_run_which_can_be_resumed(make_cell, name, tmp_p
 
         cell.restart(name)
         cell.resume()
-        cell.wait_for_state(State.FINISHED, 60.0)
-        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED, 120.0)
+        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
         finished_lines = {message.line_index for message in cell.lines}
         assert finished_lines == set(range(cell.operator.state.line_count))
 
@@ -98,7 +98,7 @@ def test_a_killed_clock_stops_the_run(make_cell):
         cell.wait_for_state(State.FAULT, SAID_LIMIT)
         assert "clock" in cell.operator.state.text
         cell.operator.call("sequencer/abort")
-        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
     (bag,) = bags(cell)
     with BagReader(bag) as reader:
         assert sum(1 for _ in reader.records()) > 100
@@ -121,11 +121,11 @@ def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_
         assert time.monotonic() - killed < SAID_LIMIT
         stands_still(cell, cell.machine)
         cell.restart("sequencer")
-        cell.wait(lambda: "sequencer" in _healthy_roles(cell), 20.0, "the sequencer is back")
+        cell.wait(lambda: "sequencer" in _healthy_roles(cell), 60.0, "the sequencer is back")
         cell.operator.state = None
         run_id = cell.start()
-        cell.wait_for_state(State.FINISHED, 60.0)
-        cell.wait(cell.bag_is_closed, 10.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED, 120.0)
+        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
     assert len(bags(cell)) == 2
     for bag in bags(cell):
         with BagReader(bag) as reader:
@@ -153,7 +153,7 @@ def test_a_recorder_killed_at_20_random_moments_loses_the_block_in_progress_at_m
         count = len(cell.stops)
         cell.wait(lambda: len(cell.stops) > count, 30.0, "stops go on")
         cell.operator.call("sequencer/abort")
-        cell.wait(cell.bag_is_closed, 10.0, "the last bag is closed")
+        cell.wait(cell.bag_is_closed, 30.0, "the last bag is closed")
 
     parts = sorted(bags(cell), key=lambda bag: bag.stat().st_mtime)
     assert len(parts) == 21

@@ -53,7 +53,7 @@ def test_a_late_recorder_and_a_volatile_monitor_get_everything(make_cell, tmp_pa
         peers = cell.operator.watch.peers
         cell.wait(
             lambda: "/late_recorder" in peers and peers["/late_recorder"].run_id == run_id,
-            40.0,
+            90.0,
             "the late recorder has taken up the run",
         )
         seen = {topic: set() for topic in HELD}

@@ -17,7 +17,7 @@ from stepdiag_ros.conversion import new_message, set_header
 from stepdiag_ros.nodes import links
 from stepdiag_ros.nodes.links import LinkedNode, Outlet, message_class, quality
 
-LIMIT = 10.0
+LIMIT = 30.0
 VOLATILE = QoSProfile(depth=100)
 
 

@@ -11,7 +11,7 @@ def start(name, *arguments):
         [sys.executable, "-m", f"stepdiag_ros.nodes.{name}", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=90,
     )
 
 

@@ -43,7 +43,7 @@ class Rig:
         self.bridge.create_service(Trigger, "cnc_bridge/stop", answer)
         self.spin(self.node._stop_client.service_is_ready)
 
-    def spin(self, done, limit=5.0):
+    def spin(self, done, limit=30.0):
         end = time.monotonic() + limit
         while not done():
             assert time.monotonic() < end, "it does not happen"

@@ -19,7 +19,11 @@ def measured(folder, **bridge):
     for node in nodes:
         if node.name == "bridge":
             node.parameters.update(bridge)
-    return Session(nodes, folder, lambda _: None).measure()
+    with pytest.MonkeyPatch.context() as patch:
+        # The domain of a test is not yet set when a fixture of the module runs.
+        patch.setenv("ROS_DOMAIN_ID", "98")
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        return Session(nodes, folder, lambda _: None).measure()
 
 
 @pytest.fixture(scope="module")

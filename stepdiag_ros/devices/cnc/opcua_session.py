@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from asyncua import Client, Node
 
 REQUEST_LIMIT = 2.0
-"""s in which the server answers a request."""
+"""s in which the server answers a request, at least."""
+AFTER_SILENCE = 1.0
+"""s by which a request may take longer than the silence at which the driver gives up the PLC."""
 CLOSING = 1.0
 """s for closing the session in the background."""
 
@@ -73,6 +75,8 @@ class Session:
     def __init__(self, settings: OpcUaSettings) -> None:
         self.open = False
         self._settings = settings
+        # Whoever set a longer silence has a slow network: no request may fail before.
+        self._limit = max(REQUEST_LIMIT, settings.silence + AFTER_SILENCE)
         self._news: deque[Value | Finished] = deque()
         self._failure = ""
         self._halted = False
@@ -160,7 +164,10 @@ class Session:
         # What fails is told by the driver, in one sentence.
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         settings = self._settings
-        client = self._client = Client(settings.url, timeout=REQUEST_LIMIT)
+        # The library looks itself whether the server is there, and would give it up after 1 s.
+        client = self._client = Client(
+            settings.url, timeout=self._limit, watchdog_intervall=self._limit
+        )
         client.application_uri = settings.security.application_uri
         client.connection_lost_callback = self._on_lost
         await _secure(client, settings.security)
@@ -221,9 +228,9 @@ class Session:
             if ordered:
                 assert self._order is not None
                 async with self._order:
-                    result = await asyncio.wait_for(work, REQUEST_LIMIT)
+                    result = await asyncio.wait_for(work, self._limit)
             else:
-                result = await asyncio.wait_for(work, REQUEST_LIMIT)
+                result = await asyncio.wait_for(work, self._limit)
             self._news.append(Finished(request, "", result))
         except Exception as error:
             self._news.append(Finished(request, _words(error)))
@@ -339,4 +346,7 @@ def _nanoseconds(stamp: datetime | None) -> int | None:
 
 def _words(error: BaseException) -> str:
     text = str(error).strip().rstrip(".")
+    # Two classes up to Python 3.10.
+    if not text and isinstance(error, asyncio.TimeoutError | TimeoutError):
+        return "no answer in time"
     return text or type(error).__name__

@@ -48,6 +48,7 @@ class GrblPeer(threading.Thread):
         reports: False: status queries are not answered.
         answers: False: lines are executed, but their answers are lost.
         garble: a function that changes what is sent (bytes → bytes).
+        halfway: number of a move, from 1 → what happens, once, when half of its way is done.
     """
 
     def __init__(self, **settings):
@@ -59,6 +60,7 @@ class GrblPeer(threading.Thread):
         self.mute = False
         self.reports = self.answers = True
         self.garble = lambda data: data
+        self.halfway = {}
         self.pins = ""
         self.door_open = False
         self.position = [0.0, 0.0, 0.0]
@@ -338,6 +340,8 @@ class GrblPeer(threading.Thread):
             fastest = sqrt(2.0 * block.acceleration * left)
             block.now = min(block.now + change, block.speed, max(fastest, change))
         block.done += block.now * seconds
+        if block.done >= block.length / 2:
+            self.halfway.pop(len(self.made), lambda: None)()
         if block.done >= block.length - 1e-6:
             self._blocks.pop(0)
             self.position = list(block.end)

@@ -33,6 +33,8 @@ class OpcUaPeer:
         frozen: the program does nothing; the server answers.
         answering: False: an order is carried out, but not acknowledged.
         misses: mm added to each target.
+        override: part of the feed that somebody at the machine has set, above 0.
+        halfway: number of an order, from 1 → what happens, once, when half of its way is done.
         watchdog_limit: s without a count after which it brakes.
         braked_by_watchdog: times of that, by ``time.monotonic``.
     """
@@ -43,6 +45,8 @@ class OpcUaPeer:
         self.frozen = False
         self.answering = True
         self.misses = 0.0
+        self.override = 1.0
+        self.halfway = {}
         self.watchdog_limit = watchdog_limit
         self.fault, self.fault_text, self.ready = 0, "", True
         self.stopped = False
@@ -57,10 +61,10 @@ class OpcUaPeer:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        assert self._started.wait(60.0)
+        assert self._started.wait(240.0)
 
     def close(self):
-        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(10.0)
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(30.0)
         self._thread.join(5.0)
 
     def _run(self):
@@ -99,8 +103,8 @@ class OpcUaPeer:
         )  # fmt: skip
         self._index = index
         await self.server.start()
-        port = self.server.bserver._server.sockets[0].getsockname()[1]
-        self.url = f"opc.tcp://127.0.0.1:{port}/"
+        self.port = self.server.bserver._server.sockets[0].getsockname()[1]
+        self.url = f"opc.tcp://127.0.0.1:{self.port}/"
 
     def _on_method(self, _, identity, x, y, z, feed, axes):  # noqa: ARG002
         values = [argument.Value for argument in (x, y, z, feed, identity)]
@@ -163,8 +167,10 @@ class OpcUaPeer:
             self._speed = max(self._speed - 2000.0 * seconds, 0.0)
         else:
             left = sqrt(2.0 * 2000.0 * max(length - self._along, 0.0))
-            self._speed = min(self._speed + 2000.0 * seconds, fastest, left + 1e-3)
+            self._speed = min(self._speed + 2000.0 * seconds, fastest * self.override, left + 1e-3)
         self._along = min(self._along + self._speed * seconds, length)
+        if self._along >= length / 2:
+            self.halfway.pop(len(self.orders), lambda: None)()
         share = self._along / length if length else 1.0
         self.position = [a + way * share for a, way in zip(start, ways, strict=True)]
         if self._along >= length - 1e-6:

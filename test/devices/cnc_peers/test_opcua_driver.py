@@ -4,6 +4,8 @@ import asyncio
 import time
 
 import pytest
+from cable import Cable
+from cnc_conformance import Operator, Rig
 from opcua_rig import MACHINE, OpcUaPeer, node, operator_of, settings
 
 from stepdiag_ros.devices import Surroundings, prepare
@@ -204,6 +206,44 @@ def test_a_bad_value_is_an_error(plc, opened):
 def test_a_node_that_is_not_there_is_named(opened):
     operator = opened(positions={"X": node("Nix"), "Y": node("Y"), "Z": node("Z")})
     fails(operator, r"there is no node 'nsu=.*;s=Nix' for 'position X'|'ns=2;s=Nix'", 20.0)
+
+
+@pytest.fixture
+def cable(plc):
+    made = Cable(plc.port)
+    yield made
+    made.close()
+
+
+def opened_behind(cable, **changed):
+    prepared = prepare(
+        "cnc",
+        "opcua",
+        settings(f"opc.tcp://127.0.0.1:{cable.port}/", **changed),
+        Surroundings(MACHINE),
+    )
+    return Operator(Rig(MACHINE, lambda: prepared(time.time_ns()), time.time_ns, time.sleep, 0.05))
+
+
+def test_a_silence_is_borne_as_long_as_the_settings_say(cable):
+    operator = opened_behind(cable, silence_s=8.0).ready()
+    told = len(operator.samples)
+    cable.silent = True
+    # The library would give a server up after 1 s, and a request was given up after 2 s.
+    operator.watch(3.3)
+    assert len(operator.samples) < told + 10
+    cable.silent = False
+    operator.moved((0.002, 0.0, 0.0), "X")
+    assert operator.device.state is CncState.READY
+    operator.device.close()
+
+
+def test_a_longer_silence_is_an_error_in_plain_words(cable):
+    operator = opened_behind(cable, silence_s=1.0).ready()
+    cable.silent = True
+    fails(operator, "^the PLC has told nothing for 1 s$")
+    operator.device.close()
+    cable.silent = False
 
 
 def test_a_server_that_dies_and_comes_back():

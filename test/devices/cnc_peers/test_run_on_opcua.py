@@ -1,0 +1,101 @@
+"""A whole measurement through the OPC UA driver, with a network that is silent in a move."""
+
+import threading
+
+import pytest
+from cable import Cable
+from opcua_rig import OpcUaPeer, settings
+from peer_run import PeerRun, answers_of, check_commands, check_displacements, check_result
+
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.run.sequence import Answer, State
+
+pytestmark = pytest.mark.timeout(600)
+SILENT_IN = 25
+"""Number of the order, in the second step diagonal."""
+SLOW = 0.002
+"""Part of the feed with which the axes would still move when the silence is noticed."""
+
+
+class SilentNetwork:
+    """The PLC behind a cable that is silent from the middle of an order on, until it is mended.
+
+    Attributes:
+        where_held: position, mm, of the PLC when the run was held, and how many orders it had.
+    """
+
+    def __init__(self, peer):
+        self.peer, self.where_held = peer, []
+        self.cable = Cable(peer.port)
+        peer.halfway[SILENT_IN] = self._slow_down
+
+    def _slow_down(self):
+        self.peer.override = SLOW
+        # The order is known to be taken by then.
+        threading.Timer(0.3, self._cut).start()
+
+    def _cut(self):
+        self.cable.silent = True
+
+    def mend(self):
+        self.where_held.append((tuple(self.peer.position), len(self.peer.orders)))
+        self.cable.silent, self.peer.override = False, 1.0
+
+
+@pytest.fixture(scope="module")
+def peer():
+    made = OpcUaPeer()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def network(peer):
+    made = SilentNetwork(peer)
+    yield made
+    made.cable.close()
+
+
+@pytest.fixture(scope="module")
+def finished(network, tmp_path_factory):
+    given = settings(f"opc.tcp://127.0.0.1:{network.cable.port}/", confirm_s=0.05)
+    return PeerRun(tmp_path_factory.mktemp("run"), "opcua", given, network.mend)
+
+
+@pytest.fixture(scope="module")
+def recorded(finished):
+    return load_run(finished.bag)
+
+
+def test_the_watchdog_stopped_the_machine_and_somebody_resumed_the_run(
+    finished, network, peer, recorded
+):
+    ((state, text),) = finished.held
+    assert state is State.FAULT and "has told nothing for 2 s" in text
+    # The PLC braked on its way, before anybody could tell it to.
+    assert len(peer.braked_by_watchdog) >= 1 and not peer.halfway
+    ((where, orders),) = network.where_held
+    assert orders == SILENT_IN
+    start, end = (peer.orders[number][1] for number in (SILENT_IN - 2, SILENT_IN - 1))
+    (way,) = (axis for axis in range(3) if start[axis] != end[axis])
+    share = (where[way] - start[way]) / (end[way] - start[way])
+    assert 0.5 <= share < 0.99
+    (broken,) = answers_of(finished.bag, Answer.FAULT)
+    assert "has told nothing" in broken[1]
+    attempts = {str(line.line): line.attempt for line in recorded.lines}
+    assert len(recorded.lines) == len(attempts) == len(recorded.plan.lines)
+    assert sorted(attempts.values()) == [1, 1, 1, 1, 1, 2]
+
+
+def test_no_order_is_lost_or_carried_out_twice(finished, peer):
+    check_commands(finished.bag, [target for _, target in peer.orders])
+    identities = [identity for identity, _ in peer.orders]
+    assert identities == list(range(identities[0], identities[0] + len(identities)))
+
+
+def test_the_lines_agree_with_the_twin_to_within_their_uncertainty(recorded):
+    check_displacements(recorded)
+
+
+def test_the_bag_gives_the_same_result_and_it_is_right(recorded):
+    check_result(recorded)
