@@ -5,7 +5,8 @@ and a display's steps, with one fault (``test/by_hand/hand_cases.py``). Counted 
 stop was taken for another (there must be none), lines that the fault did not touch and that gave
 nothing all the same, and lines that it did touch but that are whole and of which nothing was said.
 A second table compares settled stops found by stillness with those of the same readings when every
-command is known.
+command is known. The exit code is 1 if a single stop was taken for another, or too many lines are
+lost for nothing.
 
     python benchmarks/by_hand.py --cases 28
 """
@@ -27,6 +28,9 @@ from hand_cases import FAULTS, HARMLESS, judge, make_case  # noqa: E402
 from hand_values import compared  # noqa: E402
 
 from stepdiag_ros.configuration import load_cell, load_plan  # noqa: E402
+
+MOST_LOST = 0.005
+"""Part of the lines that may give nothing although nothing went wrong."""
 
 
 def campaign(cases, first):
@@ -84,7 +88,8 @@ def main():
         "processor_seconds": round(time.process_time() - began, 1),
     }
     print(json.dumps(document, indent=2))
-    return 1 if total["shifted"] or sum(figures[fault]["lost"] for fault in HARMLESS) > 2 else 0
+    lines, lost = (sum(figures[fault][key] for fault in HARMLESS) for key in ("lines", "lost"))
+    return 1 if total["shifted"] or lost > MOST_LOST * lines else 0
 
 
 if __name__ == "__main__":

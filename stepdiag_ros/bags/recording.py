@@ -15,6 +15,7 @@ from stepdiag_ros.bags.imports.imported import ImportOptions
 from stepdiag_ros.bags.imports.registry import read_file
 from stepdiag_ros.bags.imports.source import PREFIX
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.measurement import Reading
 
 BETWEEN = 1_000_000_000
@@ -73,12 +74,33 @@ def read_recording(path: Path, mapping: str, plan_text: str) -> Recording:
             f"{path} holds no stream of readings; a table of stops needs no plan to be found in: "
             "stepdiag import"
         )
-    if all(isnan(reading.compensated_displacement) for reading in found.readings):
+    if _nothing_compensated(found.readings):
+        found = replace(
+            found,
+            readings=_compensated(found.readings),
+            facts={**found.facts, "compensated": "for the air that it tells, without a dead path"},
+        )
+    if _nothing_compensated(found.readings):
         raise BagError(
-            f"{path}: no reading is compensated for the air, or the air is not known; compensate "
-            "in the laser's own program, or say in the mapping file that it was done"
+            f"{path}: no reading is compensated for the air, and the air is not known; say in the "
+            "mapping file that the instrument did it ('compensated: true'), or which air it was "
+            "('environment': air_temperature_degC, air_pressure_Pa, relative_humidity)"
         )
     return found
+
+
+def _nothing_compensated(readings: Sequence[Reading]) -> bool:
+    return all(isnan(reading.compensated_displacement) for reading in readings)
+
+
+def _compensated(readings: Sequence[Reading]) -> tuple[Reading, ...]:
+    """Compensate readings for the air that they tell; NaN where they do not.
+
+    How long the way from the laser to the mirror is, nobody has said: the dead path is taken as
+    zero. It matters only where the air changes while a line is measured.
+    """
+    compensator = Compensator("own")
+    return tuple(compensator.reading(reading, reading.environment) for reading in readings)
 
 
 def one_after_another(recordings: Sequence[Recording]) -> tuple[Recording, ...]:

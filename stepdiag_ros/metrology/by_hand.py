@@ -106,9 +106,9 @@ def find_stops(plan: Plan, lines: Sequence[int], readings: Sequence[Reading]) ->
     tolerance = Tolerance.of_plan(plan)
     matches = without_strays(places, rests, tolerance)
     finder = LineFinder(plan, places, rests, matches, tolerance, readings)
-    mirrored = finder.mirrored()
-    found = tuple(finder.line(index, mirrored) for index in lines)
-    hint = mirrored
+    doubt = finder.mirrored() or finder.of_another_plan(lines)
+    found = tuple(finder.line(index, doubt) for index in lines)
+    hint = doubt
     if not hint and all(line.refusal for line in found):
         hint = finder.hint()
     return Found(found, tuple(rests), tuple(matches), tuple(places), hint)

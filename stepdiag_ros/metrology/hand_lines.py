@@ -1,9 +1,10 @@
 """What was found of each line of a plan in a recording: its stops and their windows, or why not.
 
-A line is taken if its last stop and at least ``LEAST_PART`` of its stops were found, no zero was
-lost within it, no other matching comes near (``rest_matching.SURE``), its sequence does not go on
-beyond its ends, and no pass is left over that could be this line as well. Stops that are missing in
-it stay without a value. Everything else that was seen is said.
+A line is taken if its first and last stop and at least ``LEAST_PART`` of its stops were found, no
+zero was lost within it, no other matching comes near (``rest_matching.SURE``), each stop is where
+the plan has it (``expected_stop``), and no rest is left unexplained that could be a stop of another
+program (``hand_surplus``). Stops that are missing in it stay without a value. Everything else that
+was seen is said.
 """
 
 from bisect import bisect_left
@@ -14,7 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector, beam_direction
+from stepdiag_ros.metrology.expected_stop import ExpectedStops
+from stepdiag_ros.metrology.hand_surplus import LEAST_PART, Surplus
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import Plan, Sampling
 from stepdiag_ros.metrology.rest_matching import (
@@ -23,14 +25,11 @@ from stepdiag_ros.metrology.rest_matching import (
     Place,
     Tolerance,
     match,
-    places_of,
     same_level,
 )
 from stepdiag_ros.metrology.stillness import Criteria, Rest
-from stepdiag_ros.metrology.window import FEWEST_READINGS, examine
+from stepdiag_ros.metrology.window import examine
 
-LEAST_PART = 0.8
-"""Part of a line's stops that must be found for it to count."""
 LONG = 1.7
 """Multiple of the usual time of a line's rests from which on one is said to be long."""
 
@@ -139,14 +138,13 @@ class LineFinder:
         self._by_place = {one.place: one for one in matches}
         self._matched = {one.rest for one in matches}
         self._zeros = _zeros(places, rests, matches, tolerance)
-        self._spare = self._spare_passes()
+        self._surplus = Surplus(plan, places, rests, matches, tolerance, readings[0].time)
 
     def line(self, index: int, doubt: str) -> LineFound:
         """Return what was found of a line of the plan (``doubt``: in the whole recording)."""
-        own = [n for n, place in enumerate(self._places) if index in dict(place.stops)]
-        found = [self._by_place[n] for n in own if n in self._by_place]
+        own, found = self._own(index)
         remarks = self._remarks(index, own, found)
-        refusal = self._refusal(index, own, found) or doubt or self._surplus(index, found)
+        refusal = self._refusal(index, own, found) or doubt or self._surplus.of_line(index, found)
         stops: tuple[Taken, ...] = ()
         if not refusal:
             stops, short = self._taken(index, found)
@@ -173,93 +171,53 @@ class LineFinder:
                 )
         if len(found) < LEAST_PART * len(own):
             return f"only {len(found)} of its {len(own)} stops are in the recording"
-        if found[-1].place != own[-1]:
-            return "its last stop is not in the recording: the sequence is cut"
-        return ""
-
-    def _surplus(self, index: int, found: Sequence[Match]) -> str:
-        """Say what is there besides a line and could be the line as well; empty if nothing is."""
-        for one, way, words in (
-            (found[0], -1, "before its first"),
-            (found[-1], 1, "after its last"),
-        ):
-            number = one.rest + way
-            if not 0 <= number < len(self._rests) or number in self._matched:
-                continue
-            first, second = sorted((number, one.rest))
-            before, after = self._rests[first], self._rests[second]
-            if before.zero != after.zero:
-                continue
-            step = after.arrived - before.left
-            nominal = self._steps_of(index)
-            beyond = np.any(np.abs(step - nominal) <= self._tolerance.of(nominal))
-            if beyond and self._moved_alike(first, second, number, found):
+        for end, one, words in ((own[0], found[0], "first"), (own[-1], found[-1], "last")):
+            if one.place != end:
                 return (
-                    f"the sequence goes on {words} stop: a rest {step * 1e3:+.4f} mm away at "
-                    f"{self._at(self._rests[number])}; it was made with another plan, or stops are "
-                    "missing at its other end"
-                )
-        name = self._plan.lines[index]
-        for number, kinds in self._spare:
-            if (name.name, name.order, name.offset) in kinds:
-                return (
-                    f"there is one pass more than planned that could be this line, at "
-                    f"{self._at(self._rests[number])}: record each setup in a file of its own, "
-                    "or cut that pass out"
+                    f"its {words} stop is not in the recording: the sequence is cut, or it was "
+                    "made with another plan"
                 )
         return ""
 
-    def _moved_alike(self, first: int, second: int, number: int, found: Sequence[Match]) -> bool:
-        """Say whether a step took about as long as those of a line, and its end lasted as long."""
-        own = [self._rests[one.rest] for one in found]
-        took = [(b.start - a.end) * 1e-9 for a, b in pairwise(own)]
-        if not took:
-            return True
-        lasted = float(np.median([rest.duration for rest in own]))
-        between = (self._rests[second].start - self._rests[first].end) * 1e-9
-        usual = float(np.median(took))
-        return 0.5 * usual <= between <= 3.0 * usual and (
-            self._rests[number].duration >= 0.6 * lasted
-        )
+    def _own(self, index: int) -> tuple[list[int], list[Match]]:
+        """Return the places of a line, and what was matched to them."""
+        own = [n for n, place in enumerate(self._places) if index in dict(place.stops)]
+        return own, [self._by_place[n] for n in own if n in self._by_place]
 
-    def _steps_of(self, index: int) -> Vector:
-        """Return the displacements of the moves of a line along its direction, m."""
-        line = self._plan.lines[index]
-        beam = beam_direction(line.name, np.asarray(self._plan.volume.step))
-        steps: Vector = np.unique(np.diff(line.stops(self._plan.volume), axis=0) @ beam)
-        return steps
+    def of_another_plan(self, lines: Sequence[int]) -> str:
+        """Say which stop of a line found whole is not where the plan has it; empty if all are.
 
-    def _spare_passes(self) -> list[tuple[int, frozenset[tuple[object, ...]]]]:
-        """Return where rests that are no stops hold a whole pass of some lines, and of which."""
-        lines = sorted({line for place in self._places for line, _ in place.stops})
-        kinds: dict[tuple[float, ...], set[tuple[object, ...]]] = {}
+        Blocks and steps are those of all lines of a plan, so it tells against the whole recording,
+        also where another line does not show it.
+        """
         for index in lines:
-            line = self._plan.lines[index]
-            steps = np.diff([p.displacement for p in places_of(self._plan, [index])])
-            both = (tuple(np.round(steps, 6).tolist()), tuple(np.round(-steps[::-1], 6).tolist()))
-            kinds.setdefault(max(both), set()).add((line.name, line.order, line.offset))
-        found = []
-        for run in self._unmatched_runs():
-            rests = self._rests[run.start : run.stop]
-            for steps_of_kind, names in kinds.items():
-                for sense in (steps_of_kind, tuple(-step for step in steps_of_kind[::-1])):
-                    levels = np.concatenate(([0.0], np.cumsum(sense)))
-                    places = [Place(0, float(level), ((0, 0),)) for level in levels]
-                    there = match(places, rests, self._tolerance)
-                    if len(there) >= LEAST_PART * len(places):
-                        found.append((run.start + there[0].rest, frozenset(names)))
-        return found
+            own, found = self._own(index)
+            if not self._refusal(index, own, found):
+                elsewhere = self._elsewhere(index, found)
+                if elsewhere:
+                    return elsewhere
+        return ""
 
-    def _unmatched_runs(self) -> list[range]:
-        bounds = [-1, *sorted(self._matched), len(self._rests)]
-        runs = (range(a + 1, b) for a, b in pairwise(bounds))
-        return [run for run in runs if len(run) >= FEWEST_READINGS]
+    def _elsewhere(self, index: int, found: Sequence[Match]) -> str:
+        """Say which stop of a line is not where the plan has it; empty if all are."""
+        expected = ExpectedStops(self._plan, index, self._tolerance)
+        numbers = [dict(self._places[one.place].stops)[index] for one in found]
+        first = self._rests[self._rest_for(found[0], numbers[0])]
+        for one, stop in zip(found[1:], numbers[1:], strict=True):
+            went = self._rests[one.rest].arrived - first.left
+            objection = expected.objection(numbers[0], stop, went)
+            if objection:
+                return objection
+        return ""
 
     def mirrored(self) -> str:
         """Say if the readings fit better with the other sign; empty if they do not."""
+        enough = max(len(self._matches), LEAST_PART * len(self._places))
+        if min(len(self._rests), len(self._places)) <= enough:
+            return ""
         turned = [replace(rest, arrived=-rest.arrived, left=-rest.left) for rest in self._rests]
         fitting = len(match(self._places, turned, self._tolerance))
-        if fitting <= max(len(self._matches), LEAST_PART * len(self._places)):
+        if fitting <= enough:
             return ""
         return (
             "with the sign of the readings reversed they fit better: a reading must grow as the "
@@ -343,11 +301,14 @@ class LineFinder:
         """Return the rest of a match in which a stop is read.
 
         Where a line begins, the machine may stand several times; the last time counts, for the
-        operator is ready then. Where one line ends and the next begins, the first time is for the
-        end of the one.
+        operator is ready then. Where a line ends, the first time counts: after it the next line
+        begins, or the operator is at work, and the next setup may have its zero at the same level.
         """
-        if stop != 0 and len(self._places[one.place].stops) == 1:
-            return one.rest
+        stops = self._places[one.place].stops
+        if stop > 0 and len(stops) == 1:
+            index, _ = stops[0]
+            if stop < len(self._plan.lines[index].stops(self._plan.volume)) - 1:
+                return one.rest
         number, way = one.rest, 1 if stop == 0 else -1
         while (
             0 <= number + way < len(self._rests)

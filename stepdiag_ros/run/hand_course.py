@@ -11,6 +11,7 @@ operator has begun the present line again.
 from collections.abc import Callable
 from math import nan
 
+from stepdiag_ros.metrology.expected_stop import ExpectedStops
 from stepdiag_ros.metrology.hand_lines import window_in
 from stepdiag_ros.metrology.measurement import Arrival, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan, moved_axes
@@ -198,10 +199,7 @@ class HandCourse:
         for (line, stop), rest in self._told.items():
             place = places.get(rest)
             if place is None or (line, stop) not in self._places[place.place].stops:
-                self.fault(
-                    f"the rests after {self._words(line, stop)} are no stops, or it was none: "
-                    "a wrong direction, or another program"
-                )
+                self.fault(self._no_stops_after(line, stop))
                 return
         for number, one in enumerate(found):
             if one.margin < SURE:
@@ -227,6 +225,10 @@ class HandCourse:
             if start is None:
                 self.text = f"{self._words(line, stop)} stands for only {rest.duration:.3g} s"
                 continue
+            objection = self._elsewhere(line, stop, rest, rests)
+            if objection:
+                self.fault(objection)
+                return
             left = rests[one.rest - 1].end if one.rest else rest.start
             self._told[(line, stop)] = one.rest
             self._command(line, stop, start, max(min(left, start), self._last_window))
@@ -234,6 +236,24 @@ class HandCourse:
             missed = one.place - before.place - 1 if before is not None else 0
             lacking = f"; missed before it: {missed}" if missed > 0 else ""
             self._arrived(line, stop, lacking)
+
+    def _elsewhere(self, line: int, stop: int, rest: Rest, rests: list[Rest]) -> str:
+        """Say if a stop is not where the plan has it; empty if it is."""
+        earlier = [(number, one) for (index, number), one in self._told.items() if index == line]
+        if not earlier:
+            return ""
+        first, there = min(earlier)
+        expected = ExpectedStops(self._plan, line, self._tolerance)
+        went = rest.arrived - rests[there].left
+        if abs(expected.departure(first, stop, went)) > self._tolerance.most:
+            return self._no_stops_after(line, first)
+        return expected.objection(first, stop, went)
+
+    def _no_stops_after(self, line: int, stop: int) -> str:
+        return (
+            f"the rests after {self._words(line, stop)} are no stops, or it was none: "
+            "a wrong direction, or another program"
+        )
 
     def _command(self, line: int, stop: int, start: int, left: int) -> None:
         self._commands += 1

@@ -1,13 +1,12 @@
 """A run measured by hand is as one that was commanded, or it is said why not; never shifted."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from hand_cases import FAULTS, HARMLESS, judge, make_case
 from hand_values import compared
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from stepdiag_ros.configuration import load_cell, load_plan, plan_from_text
 from stepdiag_ros.metrology.assembly import assemble
@@ -24,21 +23,24 @@ from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.program_run import Instrument, run_program
 
 
-@settings(max_examples=24, deadline=None, derandomize=True)
-@given(fault=st.sampled_from(FAULTS), seed=st.integers(0, 10**6))
+@pytest.mark.parametrize(
+    ("fault", "seed"),
+    [
+        *((fault, 1) for fault in FAULTS),
+        *((fault, 2) for fault in HARMLESS),
+        # Lines of these were once taken at other places than they were measured.
+        *(("wrong plan", seed) for seed in (21, 22)),
+    ],
+)
 def test_no_stop_is_ever_taken_for_another(fault, seed):
-    outcome = judge(make_case(fault, seed))
-    assert outcome.shifted == ()
-
-
-@settings(max_examples=6, deadline=None, derandomize=True)
-@given(fault=st.sampled_from(HARMLESS), seed=st.integers(0, 10**6))
-def test_what_does_no_harm_loses_no_line(fault, seed):
     case = make_case(fault, seed)
     outcome = judge(case)
-    assert outcome.refused == (), outcome.words
     assert outcome.shifted == ()
-    assert len(outcome.taken) == len(case.plan.lines)
+    if fault in HARMLESS:
+        assert outcome.refused == (), outcome.words
+        assert len(outcome.taken) == len(case.plan.lines)
+    if fault == "wrong plan":
+        assert outcome.taken == ()
 
 
 def quick(dwell=1.0, **changed):
@@ -48,7 +50,14 @@ def quick(dwell=1.0, **changed):
 
 def recorded(plan, moves=None, cell="demo", **instrument):
     moves = moves_of(plan) if moves is None else moves
-    return run_program(plan, moves, load_cell(cell)[0], 2.0, Instrument(seed=5, **instrument))
+    given = {"rate": 40.0, "work": 5.0, **instrument}
+    return run_program(plan, moves, load_cell(cell)[0], 2.0, Instrument(seed=5, **given))
+
+
+@cache
+def whole():
+    """The recording of the plan as it is."""
+    return recorded(quick())
 
 
 def stops_of(plan):
@@ -127,19 +136,20 @@ def test_a_stop_that_lasts_is_said():
 
 def test_a_sequence_that_is_cut_at_its_beginning_gives_nothing():
     plan = quick()
-    seen = recorded(plan)
+    seen = whole()
     second = seen.arrivals[stops_of(plan)[1]]
     readings = [reading for reading in seen.readings if reading.time > second]
     line, taken = words_of(plan, readings, 0)
     assert "which ones is not certain" in line.refusal
-    assert "may be stop 1 or stop 0" in line.refusal or "may be stop 2 or" in line.refusal
+    one_as_good = ("may be stop 0 or stop 1;", "may be stop 1 or stop 0;")
+    assert any(words in line.refusal for words in one_as_good)
     # y and z have the same steps, but theirs are whole.
     assert taken == [1, 2, 3, 4, 5]
 
 
 def test_a_sequence_that_is_cut_at_its_end_gives_nothing():
     plan = quick()
-    seen = recorded(plan)
+    seen = whole()
     last = seen.arrivals[stops_of(plan)[-1]]
     line, taken = words_of(plan, [one for one in seen.readings if one.time < last - 5e8], 5)
     assert line.refusal
@@ -171,7 +181,7 @@ def test_the_wrong_sign_is_named():
     plan = quick()
     readings = [
         one._replace(compensated_displacement=-one.compensated_displacement)
-        for one in recorded(plan).readings
+        for one in whole().readings
     ]
     found, events, _ = found_in(plan, readings)
     assert events == []
@@ -182,7 +192,7 @@ def test_the_wrong_unit_is_seen():
     plan = quick()
     readings = [
         one._replace(compensated_displacement=one.compensated_displacement * 1e3)
-        for one in recorded(plan).readings
+        for one in whole().readings
     ]
     found, events, _ = found_in(plan, readings)
     assert events == []
@@ -201,7 +211,7 @@ def test_a_setup_measured_twice_is_not_chosen_from():
 
 def test_a_single_line_is_found_where_nobody_looks_for_the_others():
     plan = quick()
-    seen = recorded(plan)
+    seen = whole()
     numbers = stops_of(plan)
     begin, end = seen.arrivals[numbers[12]], seen.arrivals[numbers[21]] + 3e9
     part = [one for one in seen.readings if begin <= one.time <= end]
@@ -236,7 +246,7 @@ def test_a_display_too_slow_for_the_window_is_refused():
     seen = recorded(plan, rate=2.0)
     assert "give the plan a window_s of at least 1.8 s" in objection_to(plan, seen.readings)
     assert objection_to(quick(), seen.readings[:2]) == "it holds only 2 readings"
-    assert objection_to(plan, recorded(plan).readings) == ""
+    assert objection_to(plan, whole().readings) == ""
 
 
 def test_a_dwell_too_short_for_the_window_is_said():

@@ -10,8 +10,9 @@ from stepdiag_ros import cli
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.metrology.air import index_of
 from stepdiag_ros.metrology.assembly import assemble
-from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
 from stepdiag_ros.planning.moves import moves_of
 from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.program_run import Instrument, run_program
@@ -26,9 +27,8 @@ compensated: true
 
 
 def write(path, readings):
-    rows = [
-        f"{one.time * 1e-6:.3f}\t{one.compensated_displacement * 1e3:.7f}\n" for one in readings
-    ]
+    """Write times (ns) and displacements (m) as a laser's own program does."""
+    rows = [f"{time * 1e-6:.3f}\t{value * 1e3:.7f}\n" for time, value in readings]
     path.write_text("Time (ms)\tDistance (mm)\n" + "".join(rows))
 
 
@@ -44,15 +44,22 @@ def folder(tmp_path_factory):
     seen = run_program(
         plan, moves, load_cell("demo")[0], 2.0, Instrument(rate=50.0, seed=2, work=5.0)
     )
-    write(folder / "all.txt", seen.readings)
+    readings = [(one.time, one.compensated_displacement) for one in seen.readings]
+    write(folder / "all.txt", readings)
     begins = [time for time, move in zip(seen.arrivals, moves, strict=True) if "Align" in
               move.program_stop]  # fmt: skip
     for number, (begin, end) in enumerate(zip(begins, [*begins[1:], 2**62], strict=True)):
-        part = [one for one in seen.readings if begin <= one.time < end]
         # Each file has a clock of its own.
-        write(folder / f"{number}.txt", [one._replace(time=one.time - begin) for one in part])
-    write(folder / "cut.txt", [one for one in seen.readings if one.time < begins[-1] + 20e9])
+        part = [(time - begin, value) for time, value in readings if begin <= time < end]
+        write(folder / f"{number}.txt", part)
+    write(folder / "cut.txt", [one for one in readings if one[0] < begins[-1] + 20e9])
     return folder
+
+
+def load_recorded(path):
+    """Return times (ns) and displacements (m) of such a file."""
+    rows = [row.split("\t") for row in path.read_text().splitlines()[1:]]
+    return [(round(float(time) * 1e6), float(value) * 1e-3) for time, value in rows]
 
 
 def run(*arguments):
@@ -153,10 +160,23 @@ def test_refusals_are_one_sentence_and_leave_nothing(folder, capsys, arguments, 
     assert not bag.exists() and not list(folder.glob(".*partial"))
 
 
-def test_a_table_of_stops_is_no_recording(folder, capsys):
-    path = folder / "raw.txt"
-    write(path, load_run(folder / "all.mcap").readings())
-    (folder / "raw.yaml").write_text(MAPPING.replace("compensated: true", "compensated: false"))
-    assert run("by-hand", path, "--mapping", folder / "raw.yaml", "--plan",
-               folder / "plan.yaml") == 1  # fmt: skip
-    assert "no reading is compensated for the air" in capsys.readouterr().err
+def test_readings_that_were_not_compensated_need_the_air(folder, capsys):
+    path, air = folder / "raw.txt", Environment(24.0, 98000.0, 0.4)
+    index = index_of(air)
+    readings = load_recorded(folder / "3.txt")
+    write(path, [(time, value * index) for time, value in readings])
+    raw = MAPPING.replace("compensated: true", "compensated: false")
+    arguments = ("--mapping", folder / "raw.yaml", "--plan", folder / "plan.yaml", "--lines", "4")
+    (folder / "raw.yaml").write_text(raw)
+    assert run("by-hand", path, *arguments) == 1
+    assert "the air is not known; say in the mapping file" in capsys.readouterr().err
+    (folder / "raw.yaml").write_text(
+        raw + "environment: {air_temperature_degC: 24.0, air_pressure_Pa: 98000.0,"
+        " relative_humidity: 0.4}\n"
+    )
+    assert run("by-hand", path, *arguments, "--output", folder / "raw.mcap") == 0
+    known = folder / "known.mcap"
+    assert by_hand(folder, folder / "3.txt", "--lines", "4", "--output", known) == 0
+    (line,), (other,) = load_run(folder / "raw.mcap").lines, load_run(known).lines
+    # Both files are written to 0.1 nm.
+    assert line.displacement == pytest.approx(other.displacement, abs=2e-10)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_drive import driven, plan_of, stays_of
 from hand_values import stops_by_hand
 
 from stepdiag_ros.configuration import load_cell, load_plan
@@ -135,6 +136,19 @@ def test_a_wrong_direction_stops_the_run_until_the_line_is_begun_again():
     live.course.resume()
     assert live.course.state is State.RUNNING
     assert live.course.progress().setup == "ppp XYZ #2"
+
+
+def test_a_stop_that_is_not_where_the_plan_has_it_stops_the_run():
+    plan = plan_of("x")
+    told = []
+    course = HandCourse(plan, lambda command, _: told.append(command.stop))
+    course.start()
+    course.resume()
+    for reading in driven([(1.02 * place, dwell) for place, dwell in stays_of(plan)]):
+        course.take(reading)
+    assert course.state is State.FAULT
+    assert course.text.startswith("stop 1 of x forward, repeat 0 stands +0.2000 mm from where")
+    assert told == [0]
 
 
 def test_a_lost_zero_stops_the_run():

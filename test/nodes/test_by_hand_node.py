@@ -1,5 +1,6 @@
 """The node ``by_hand``: a run without bridge or sequencer is followed and recorded."""
 
+import json
 import time
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from ros_processes import domain, ros  # noqa: F401
 
-from stepdiag_ros import topics
+from stepdiag_ros import cli, topics
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.conversion import from_reading
@@ -112,6 +113,26 @@ def ros_spin(laser, texts):
 
     rclpy.spin_once(laser, timeout_sec=0.005)
     texts.add(laser.state.text)
+
+
+def test_a_replay_of_a_run_found_in_a_file_gives_the_same_bytes(tmp_path, capsys):
+    plan = load_plan("quick")[0]
+    sampling = replace(plan.sampling, dwell=2.0, window=1.0, settle=0.3)
+    plan = replace(plan, sampling=sampling, lines=plan.lines[:1])
+    (tmp_path / "plan.yaml").write_text(plan_text(plan))
+    instrument = Instrument(rate=10.0, seed=6, work=5.0)
+    seen = run_program(plan, moves_of(plan), load_cell("demo")[0], 2.0, instrument)
+    rows = [f"{one.time * 1e-6}\t{one.compensated_displacement * 1e3}\n" for one in seen.readings]
+    laser = tmp_path / "laser.txt"
+    laser.write_text("Time (ms)\tDistance (mm)\n" + "".join(rows))
+    given = ["--mapping", "readings_in_time", "--plan", str(tmp_path / "plan.yaml")]
+    bag = tmp_path / "laser_by_hand.mcap"
+    assert cli.main(["by-hand", str(laser), *given, "--output", str(bag)]) == 0
+    capsys.readouterr()
+    assert cli.main(["replay", str(bag), "--rate", "0", "--check", "--json"]) == 0
+    same = json.loads(capsys.readouterr().out)["same"]
+    assert set(same) == {f"/measurement/{name}" for name in ("stop", "block", "line")}
+    assert all(same.values())
 
 
 def test_nothing_is_measured_by_hand_where_a_bridge_is(laser, tmp_path):
