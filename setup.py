@@ -25,6 +25,8 @@ SHARED = [
     "config.security.common",
 ]
 
+DOCS = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8.1,<10"]
+
 setup(
     name="stepdiag_ros",
     version="0.1.0",
@@ -51,6 +53,8 @@ setup(
             "*.ini",
             "*.hal",
         ],
+        "stepdiag_ros.handover": ["templates/*", "templates/*/*"],
+        "stepdiag_ros.monitor": ["page/*"],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [
             "interfaces/*/*/*.msg",
@@ -61,7 +65,9 @@ setup(
         ],
     },
     install_requires=[
+        "aiohttp>=3.9,<4",
         "cyclonedds>=11.0.1,<11.1",
+        "jinja2>=3.1,<4",
         "matplotlib>=3.7,<4",
         "mcap>=1.5,<2",
         "numpy>=1.26,<3",
@@ -71,15 +77,21 @@ setup(
         "rosbags>=0.11,<0.12",
         "scipy>=1.11,<2",
         "threadpoolctl>=3.1,<4",
+        "weasyprint>=68,<71",
     ],
     extras_require={
         "test": [
+            *DOCS,
             "asyncua>=1.1.5,<3",
             "hypothesis>=6,<7",
+            "ipykernel>=6,<8",
             "jsonschema>=4,<5",
             "mcap-ros2-support>=0.5.5,<1",
             "mpmath>=1.3,<2",
             "mypy>=1.11,<3",
+            "nbclient>=0.10,<1",
+            "nbformat>=5,<6",
+            "playwright>=1.40,<2",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.5,<4",
@@ -87,6 +99,7 @@ setup(
             "types-PyYAML",
             "types-pyserial",
         ],
+        "docs": DOCS,
         "opcua": ["asyncua>=1.1.5,<3"],
         "parquet": ["pyarrow>=15"],
     },

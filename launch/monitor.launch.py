@@ -1,6 +1,7 @@
 """What looks on, here or elsewhere: ros2 launch stepdiag_ros monitor.launch.py rviz:=true.
 
-It moves nothing and changes nothing: frames and markers of the run and of its errors, and RViz.
+Frames and markers of the run and of its errors, and RViz, which move and change nothing; with
+page:=true the live page too, from which whoever has its token may start and end a run.
 """
 
 from launch import LaunchDescription
@@ -13,6 +14,7 @@ from stepdiag_ros.session.launching import (
     TRUTHS,
     Argument,
     description,
+    number,
     started,
 )
 from stepdiag_ros.session.processes import NodeProcess
@@ -24,6 +26,10 @@ ARGUMENTS = {
         "before the names of all frames, such as cell_1/, where several cells share /tf", ""
     ),
     "use_sim_time": Argument("true beside a simulated cell or a replay", "false", TRUTHS),
+    "page": Argument("serve the live page", "false", TRUTHS),
+    "page_address": Argument("that the page is served on", "127.0.0.1"),
+    "page_port": Argument("that the page is served on; 0: any that is free", "8470"),
+    "token_file": Argument("whose first line is the token of the page", ""),
     "rviz": Argument("start RViz", "false", TRUTHS),
     "rviz_config": Argument(
         "what RViz shows", str(resources.directory("config") / "rviz" / "stepdiag.rviz")
@@ -32,14 +38,22 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the scene, and RViz if it is wanted."""
+    """Return the scene, and page and RViz if they are wanted."""
 
     def start(values):
         simulated = values["use_sim_time"] == "true"
         namespace = values["namespace"]
         prefix = values["frame_prefix"]
         scene = NodeProcess("scene", {"use_sim_time": simulated, "frame_prefix": prefix})
-        actions = started([scene], namespace)
+        nodes = [scene]
+        if values["page"] == "true":
+            page = {
+                "address": values["page_address"],
+                "port": int(number(values, "page_port")),
+                "token_file": values["token_file"],
+            }
+            nodes.append(NodeProcess("monitor", {"use_sim_time": simulated, **page}))
+        actions = started(nodes, namespace)
         if values["rviz"] == "true":
             # The names in RViz's configuration are those without a namespace.
             names = [(topics.absolute(one), topics.absolute(one, namespace)) for one in TOPICS]

@@ -1,12 +1,38 @@
 """Laser step-diagonal measurement of machine tools on ROS 2 nodes.
 
-Importing the package makes ``import rclpy`` and the message packages work on machines without ROS
-2,
-by the client in ``stepdiag_ros.embedded``; a sourced ROS 2 always wins.
+Importing the package makes ``import rclpy`` and the message packages work on machines without
+ROS 2, by the client in ``stepdiag_ros.embedded``; a sourced ROS 2 always wins.
+
+For notebooks and scripts it offers ``open_run``, ``solve``, ``error_map``, ``worst_point``,
+``diagnose``, ``compare`` (see ``stepdiag_ros.notebook``) and ``plots``; they are imported when they
+are first asked for.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.embedded import activate
 
+if TYPE_CHECKING:
+    from stepdiag_ros.notebook import (
+        compare,
+        diagnose,
+        error_map,
+        open_run,
+        solve,
+        worst_point,
+    )
+
 __version__ = "0.1.0"
+__all__ = ["compare", "diagnose", "error_map", "open_run", "plots", "solve", "worst_point"]
 
 activate()
+
+
+def __getattr__(name: str) -> Any:
+    """Return what is offered to notebooks, which is imported only now."""
+    if name == "plots":
+        return import_module("stepdiag_ros.plots")
+    if name in __all__:
+        return getattr(import_module("stepdiag_ros.notebook"), name)
+    raise AttributeError(f"stepdiag_ros has no '{name}'")

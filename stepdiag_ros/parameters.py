@@ -246,6 +246,32 @@ NODES: tuple[DeclaredNode, ...] = (
         ),
     ),
     DeclaredNode(
+        "monitor",
+        "monitor",
+        "serves one live page about the run to browsers",
+        (
+            Declaration(
+                "address",
+                "127.0.0.1",
+                "that the page is served on; one that other computers can reach wants token_file"
+                " too",
+            ),
+            Declaration(
+                "port",
+                8470,
+                "that the page is served on; 0: any that is free, which the log tells",
+                low=0,
+                high=65535,
+            ),
+            Declaration(
+                "token_file",
+                "",
+                "file, readable by its owner alone, whose first line is the token that control"
+                " needs, and viewing from other computers; empty: one is made and printed",
+            ),
+        ),
+    ),
+    DeclaredNode(
         "recorder",
         "recorder",
         "records each run into one MCAP file that survives a crash",

@@ -14,6 +14,7 @@ LIVE = (
     "embedded",
     "interoperability",
     "linuxcnc",
+    "monitor_live",
     "nodes",
     "test_example_node.py",
     "test_outside_effect.py",

@@ -426,6 +426,16 @@ def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_correction_that_is_no_map_is_refused_before_anything_starts(capsys, tmp_path):
+    no_map = tmp_path / "no_map.json"
+    no_map.write_text('{"schema": "urn:stepdiag:plan:1"}')
+    out = tmp_path / "out"
+    for wrong in (no_map, tmp_path / "missing.json"):
+        sentence = refused(capsys, "run", "--correction", wrong, "--output", out)
+        assert str(wrong) in sentence
+        assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [

@@ -42,7 +42,7 @@ def test_tables_and_pictures(bag, table, tmp_path, capsys, monkeypatch):
         experiment_figures,
         "draw_experiment",
         lambda found: {
-            "direct_comparison": experiment_figures.comparison_picture(found.comparison_to_draw())
+            "direct_comparison": experiment_figures.direct_comparison(found.comparison_to_draw())
         },
     )
     code = cli.main(["compare", str(bag), "--measured", str(table), "--output", str(folder)])

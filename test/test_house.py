@@ -1,5 +1,6 @@
 """The rules of the house that a machine can check."""
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -41,7 +42,7 @@ def test_every_node_is_started_the_same_three_ways():
 
     built = (ROOT / "CMakeLists.txt").read_text()
     simulated = simulated_cell("quick", "demo", "demo", Path(), 1.0, 0.0, 1)
-    launched = {process.name for process in simulated} | {"scene", "by_hand"}
+    launched = {process.name for process in simulated} | {"scene", "by_hand", "monitor"}
     for name in NODES:
         module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"
         assert module.read_text().startswith("#!/usr/bin/env python3\n"), name
@@ -56,6 +57,22 @@ def test_every_file_beside_the_code_travels_in_the_wheel():
             package = ".".join(path.parent.relative_to(ROOT).parts)
             assert f'"{package}",' in setup, path
             assert f'"*{path.suffix}"' in setup, path
+
+
+def test_every_file_among_the_code_travels_in_the_wheel(monkeypatch):
+    setuptools = pytest.importorskip("setuptools", reason="a Python that brings no setuptools")
+    monkeypatch.chdir(ROOT)
+    made = []
+    monkeypatch.setattr(setuptools, "setup", lambda **settings: made.append(settings))
+    runpy.run_path("setup.py")
+    command = setuptools.Distribution(made[0]).get_command_obj("build_py")
+    command.ensure_finalized()
+    travels = {
+        Path(source, name).resolve() for _, source, _, names in command.data_files for name in names
+    }
+    for path in (ROOT / "stepdiag_ros").rglob("*.*"):
+        if path.is_file() and path.suffix not in (".py", ".pyc"):
+            assert path in travels, path
 
 
 def test_devices_and_metrology_know_no_ros():
@@ -75,6 +92,8 @@ def test_imports_point_inwards():
         "compensation",
         "report",
         "scene",
+        "handover",
+        "monitor",
         "nodes",
         "session",
         "commands",
@@ -84,3 +103,10 @@ def test_imports_point_inwards():
             text = path.read_text()
             for above in floors[height + 1 :]:
                 assert f"from stepdiag_ros.{above}" not in text, f"{path} knows of {above}"
+    # Pictures and tables stand on one floor, and know each other's modules.
+    for floor in floors[: floors.index("report")]:
+        for path in (ROOT / "stepdiag_ros" / floor).rglob("*.py"):
+            assert "stepdiag_ros.plots" not in path.read_text(), path
+    for path in (ROOT / "stepdiag_ros" / "plots").rglob("*.py"):
+        for above in floors[floors.index("report") + 1 :]:
+            assert f"from stepdiag_ros.{above}" not in path.read_text(), path

@@ -15,8 +15,14 @@ from stepdiag_ros import schemas
 from stepdiag_ros.cli import main
 
 PACKAGE = Path(stepdiag_ros.__file__).parent
-WRITERS_OF_OTHER_JSON = {"schemas/__init__.py", "embedded/typehash.py"}
-"""The second makes what ROS 2 hashes. Drivers speak JSON where their devices do, and print none."""
+WRITERS_OF_OTHER_JSON = {
+    "schemas/__init__.py",
+    "embedded/typehash.py",
+    "monitor/server.py",
+    "monitor/state.py",
+}
+"""The second makes what ROS 2 hashes, the last two what the live page is sent. Drivers
+speak JSON where their devices do, and print none."""
 
 
 def _objects(part, path="$"):

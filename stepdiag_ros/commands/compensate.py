@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
 _MILLI = 1e-3
-_ANY_DATE = 1e8
-"""s since 1970: no run that was recorded is older."""
 _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
 settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
@@ -153,8 +151,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         ValueError: the result, a setting or a limit of the control forbids it; one sentence.
     """
     from stepdiag_ros.compensation.control import Layout, checked_settings
-    from stepdiag_ros.compensation.remaining import remainder
-    from stepdiag_ros.report.compensation import CompensationReport
+    from stepdiag_ros.report.compensation_build import compensation_of
 
     settings = checked_settings(chosen, _given(arguments.settings))
     if arguments.spacing < 0.0:
@@ -169,20 +166,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         on_top_of=before,
         header=_header(identified),
     )
-    files = chosen.write(identified, layout)
-    applied = chosen.read(files)
-    if before.tables:
-        from stepdiag_ros.compensation.applied import Beyond
-
-        applied = Beyond(applied, before)
-    return CompensationReport(
-        control=chosen,
-        identified=identified,
-        layout=layout,
-        files=files,
-        remainder=remainder(identified, applied, chosen.corrects),
-        on_top_of=str(arguments.on_top_of or ""),
-    )
+    return compensation_of(chosen, identified, layout, str(arguments.on_top_of or ""))
 
 
 def load_identified(path: Path, method: str = "", run_id: str | None = None) -> "Identified":
@@ -196,38 +180,19 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     Raises:
         ValueError: it cannot be read or solved, or does not have the method; one sentence.
     """
-    from stepdiag_ros.compensation.identified import Origin, from_results_file, identify
+    from stepdiag_ros.compensation.identified import from_results_file
+    from stepdiag_ros.report.compensation_build import identified_of
     from stepdiag_ros.report.diagnosis_build import sha256_of
 
     if not is_bag(path):
         return from_results_file(path, method, sha256_of(path))
-    from datetime import datetime, timezone
-
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import report_of as solved
+    from stepdiag_ros.commands.solve import report_of_run
 
-    report = solved(path, run_id=run_id)
-    results = {one.method: one for one in report.ordered_results()}
-    if not results:
-        raise ValueError(f"{path}: its lines are not enough for any method; see 'stepdiag solve'")
-    if method and method not in results:
-        reason = report.refused.get(method, f"there is no such method; use {', '.join(results)}")
-        raise ValueError(f"{path}: method '{method}': {reason}")
-    result = results[method] if method else list(results.values())[-1]
-    start = load_run(path, run_id).start_time * 1e-9
-    # A table of stops tells no date; its times count from zero.
-    begun = datetime.fromtimestamp(start, timezone.utc) if start > _ANY_DATE else None
-    origin = Origin(
-        file=path.name,
-        sha256=sha256_of(path) if path.is_file() else "",
-        run_id=report.run_id,
-        run_time="" if begun is None else begun.isoformat(timespec="seconds"),
-        plan=report.plan,
-        machine=report.machine,
-        method=result.method,
-        software_version=report.run_software_version,
-    )
-    return identify(result, report.chain, report.measurement, origin, report.remarks)
+    with progress_bar(f"reading {path.name}") as progress:
+        recorded = load_run(path, run_id)
+        report = report_of_run(recorded, progress)
+    return identified_of(report, recorded.start_time, method)
 
 
 def _header(identified: "Identified") -> tuple[str, ...]:

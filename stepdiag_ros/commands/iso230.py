@@ -107,40 +107,23 @@ def report_of(
         ValueError: a file cannot be read, or there is no test in it; one sentence.
     """
     from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-    from stepdiag_ros.report.positioning import PositioningReport
+    from stepdiag_ros.report.positioning import PositioningReport, positioning_of
 
     description = _description(uncertainty)
-    measured_as, equal = "", {}
+    figures = None if published is None else _published(published)
     if is_bag(source):
         from stepdiag_ros.bags.run import load_run
-        from stepdiag_ros.metrology.standards.axis_test import all_runs
-        from stepdiag_ros.report.positioning import same_test
 
         with progress_bar(f"reading {source.name}"):
             recorded = load_run(source, run_id)
-        runs = all_runs(recorded.measurement)
-        if not runs:
-            raise ValueError(
-                f"{source}: no line of it is complete, so there is nothing to evaluate"
-            )
-        measured_as = recorded.run_id
-        last = {(test.setup, test.kind, test.name): test for test in recorded.tests}
-        equal = {
-            one.setup: same_test(evaluate(one), last[key])
-            for one in runs
-            if (key := (one.setup, one.kind, one.name)) in last
-        }
-    else:
-        from stepdiag_ros.bags.axis_table import read_axis_table
+        return positioning_of(recorded, description, figures)
+    from stepdiag_ros.bags.axis_table import read_axis_table
 
-        runs = (read_axis_table(source, axis),)
     return PositioningReport(
-        tests=tuple(evaluate(one, description) for one in runs),
+        tests=(evaluate(read_axis_table(source, axis), description),),
         source=str(source),
-        run_id=measured_as,
         unknown=description.unknown(),
-        published=None if published is None else _published(published),
-        equals_recorded=equal,
+        published=figures,
     )
 
 

@@ -12,6 +12,7 @@ NODES = (
     "diagnosis",
     "evaluator",
     "interferometer",
+    "monitor",
     "recorder",
     "scene",
     "sequencer",

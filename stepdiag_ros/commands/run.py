@@ -1,6 +1,7 @@
 """``stepdiag run``: a whole measurement on nodes of its own, in the simulated cell."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,6 +66,13 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
         default=0.0,
         help="readings in a simulated second (default: the cell's)",
     )
+    parser.add_argument(
+        "--correction",
+        type=Path,
+        metavar="MAP",
+        help="correct every target by this error map, volumetric_map.json of 'stepdiag compensate"
+        " --for generic' (default: targets are sent as they are)",
+    )
     parser.add_argument("--seed", type=_seed, default=0, help="of the noise of the readings")
     add_result_options(parser, f"{DEFAULT_FOLDER}/RUN_results; the bag goes beside it")
 
@@ -87,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, solve, show."""
     from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
+    from stepdiag_ros.compensation.generic import correction_from_file
     from stepdiag_ros.metrology.live_effects import LiveEffects
     from stepdiag_ros.report.publish import make_folder
     from stepdiag_ros.run.feasibility import beyond_machine
@@ -106,9 +115,22 @@ def run(arguments: argparse.Namespace) -> int:
     if beyond:
         raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
     LiveEffects(test_plan, truth)
+    correction = ""
+    if arguments.correction is not None:
+        correction = str(arguments.correction.resolve())
+        # What is no map is refused here; how large a correction may be, the bridge judges.
+        correction_from_file(arguments.correction, math.inf)
     folder = make_folder((arguments.output or DEFAULT_FOLDER).resolve())
     nodes = simulated_cell(
-        plan, machine, cell, folder, arguments.factor, arguments.rate, arguments.seed, compared
+        plan,
+        machine,
+        cell,
+        folder,
+        arguments.factor,
+        arguments.rate,
+        arguments.seed,
+        compared,
+        correction,
     )
     with progress_bar("measuring") as progress:
 

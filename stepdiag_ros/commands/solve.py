@@ -116,11 +116,40 @@ def report_of(
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
     """
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.report.build import build_report
 
     with progress_bar(f"reading {bag.name}") as progress:
         recorded = load_run(bag, run_id)
-        measured, remark = measurement_of(recorded, recorded_lines, progress, air)
+        return report_of_run(
+            recorded, progress, recorded_lines, truth, correct, with_visibility, air
+        )
+
+
+def report_of_run(
+    recorded: "RecordedRun",
+    progress: Progress,
+    recorded_lines: bool = False,
+    truth: Path | None = None,
+    correct: "Callable[[Measurement], tuple[Measurement, tuple[str, ...]]] | None" = None,
+    with_visibility: bool = False,
+    air: "AirChoice | None" = None,
+) -> "Report":
+    """Solve a run that was loaded, by every method; see ``report_of``.
+
+    Args:
+        recorded: the run.
+        progress: told how far the reading has come.
+        recorded_lines: see ``report_of``; so are the others.
+        truth: likewise.
+        correct: likewise.
+        with_visibility: likewise.
+        air: likewise.
+
+    Raises:
+        ValueError: the run cannot be solved, or the truth does not fit; one sentence.
+    """
+    from stepdiag_ros.report.build import build_report
+
+    measured, remark = measurement_of(recorded, recorded_lines, progress, air)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     name = recorded.machine.get("name", "")
     return build_report(
@@ -132,7 +161,7 @@ def report_of(
         run_software_version=recorded.software_version,
         simulated=True if recorded.cell_text else None,
         truth=_truth(recorded, measurement, truth),
-        bag=bag,
+        bag=recorded.path,
         with_visibility=with_visibility,
         recorded=() if corrections or air else recorded.results,
         remarks=(

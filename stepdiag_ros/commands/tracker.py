@@ -206,10 +206,10 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.tracker.readings import points_of, stations_of
     from stepdiag_ros.metrology.tracker.seven_lines import make_test
     from stepdiag_ros.planning.tracker_program import tracker_program
+    from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables import make_console
     from stepdiag_ros.report.tracker import print_test
-    from stepdiag_ros.report.tracker_figures import space_picture
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
@@ -255,7 +255,7 @@ def run_plan(arguments: Namespace) -> int:
         files = write_results(
             arguments.output,
             contents,
-            lambda: {"places": space_picture(box, stations, locating, drawn)},
+            lambda: {"places": tracker_space(box, stations, locating, drawn)},
             formats,
         )
     if arguments.json:
@@ -361,8 +361,8 @@ def run_points(arguments: Namespace) -> int:
 def run_figures(arguments: Namespace) -> int:
     """Compute the document's figures; see the module."""
     from stepdiag_ros.metrology.tracker.document_figures import figure_five, figure_four
+    from stepdiag_ros.plots.tracker import tracker_document
     from stepdiag_ros.report.tracker import figure_sentences, figures_json, location_table
-    from stepdiag_ros.report.tracker_figures import document_pictures
 
     four, five = figure_four(), figure_five()
 
@@ -375,7 +375,7 @@ def run_figures(arguments: Namespace) -> int:
         "tracker_figures",
         figures_json(four, five),
         tell,
-        lambda: document_pictures(four, five),
+        lambda: tracker_document(four, five),
         arguments,
         Path("tracker_figures"),
     )

@@ -173,7 +173,7 @@ class VolumetricMap:
         Args:
             positions: machine coordinates, m, shape (n, 3).
         """
-        weights, unknown = self._weights(positions)
+        weights, unknown = self.sensitivities(positions)
         size = weights.shape[-1]
         if self.covariance.shape != (size, size):
             return np.full((len(weights), 3), nan)
@@ -193,7 +193,7 @@ class VolumetricMap:
         Args:
             positions: machine coordinates, m, shape (n, 3).
         """
-        weights, unknown = self._weights(positions)
+        weights, unknown = self.sensitivities(positions)
         each = np.concatenate(
             [
                 self.standard_uncertainty.get(name, np.full(curve.shape, nan))
@@ -240,11 +240,14 @@ class VolumetricMap:
             unknown |= gap & acts
         return unknown
 
-    def _weights(self, positions: Vector) -> tuple[Vector, NDArray[np.bool_]]:
+    def sensitivities(self, positions: Vector) -> tuple[Vector, NDArray[np.bool_]]:
         """Return the derivative of the error by all curve values, and where it is not known.
 
         To first order e(q) = Σ_i t_i(q_i) + ε_i(q_i) × L_i(q), less the same at the first corner,
         from which q counts and where the levers L_i are zero.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
 
         Returns:
             shape (n, 3, all values in the order of the curves); shape (n,).

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
-from stepdiag_ros.compensation.control import MILLI, Control, Files, Layout
+from stepdiag_ros.compensation.control import Control, Files, Layout
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.compensation.remaining import Change, Remainder
-from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS
-from stepdiag_ros.report.figures import legend_below, new_picture, tidy
+from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
@@ -28,7 +26,6 @@ COMPUTED = (
     "Before and after are computed from the files as written, with their rounding and spacing, for"
     " the errors that were found, both directions of approach; only a new measurement is a proof."
 )
-_BEFORE, _AFTER = "#D55E00", "#0072B2"
 _DECIMALS = 3
 
 
@@ -149,50 +146,10 @@ def _times(one: Change) -> str:
 
 
 def draw_compensation(report: CompensationReport) -> "dict[str, Picture]":
-    """Draw the nine translations before and after, both directions of approach.
+    """Return all pictures of the tables by the name of their file without ending."""
+    from stepdiag_ros.plots.compensations import compensation
 
-    Columns are the axis that moves, rows the direction of the error.
-    """
-    picture = new_picture(12.0, 9.0)
-    panels = picture.subplots(3, 3, squeeze=False)
-    for one in report.remainder.axes:
-        for error in range(3):
-            axes = panels[error][one.axis]
-            places = one.positions * MILLI
-            for values, colour, label in (
-                (one.before, _BEFORE, "before"),
-                (one.after, _AFTER, "after (computed)"),
-            ):
-                own = error == one.axis
-                lines = values[..., error] if own else np.mean(values, axis=0)[None, :, error]
-                for number, line in enumerate(lines):
-                    direction = (" forward", " backward")[number] if own else ""
-                    axes.plot(
-                        places,
-                        line * MICRO,
-                        color=colour,
-                        linestyle="-" if number == 0 else "--",
-                        linewidth=1.2,
-                        label=f"{label}{direction}",
-                    )
-            name = TRANSLATIONS[3 * one.axis + error]
-            corrected = "" if name in report.control.corrects else " (no table)"
-            axes.set_title(f"{name}{corrected}", fontsize=9)
-            axes.set_xlabel(f"{AXES[one.axis]} / mm", fontsize=8)
-            axes.set_ylabel("µm", fontsize=8)
-            tidy(axes)
-    rms, largest = (
-        report.remainder.change("volume, rms"),
-        report.remainder.change("volume, largest"),
-    )
-    picture.suptitle(
-        f"What remains with tables for {report.control.title}\nvolume: rms"
-        f" {_value(rms.before, 'm')} → {_value(rms.after, 'm')}, largest"
-        f" {_value(largest.before, 'm')} → {_value(largest.after, 'm')}",
-        fontsize=11,
-    )
-    legend_below(picture, panels.ravel(), (COMPUTED,))
-    return {"what_remains": picture}
+    return {"what_remains": compensation(report.remainder, report.control)}
 
 
 def compensation_json(report: CompensationReport) -> str:

@@ -12,7 +12,6 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
     SquarenessResult,
     squareness_error_of_shift,
 )
-from stepdiag_ros.report.figures import legend_below, new_picture, tidy
 from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plain, plus_minus
 from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, sign
 from stepdiag_ros.report.tables import PlainConsole, new_table
@@ -131,34 +130,11 @@ def sensitivity_table() -> Any:
     return table
 
 
-def sensitivity_picture() -> "Picture":
-    """Draw the graph of RL: squareness uncertainty over aspect ratio for ±1 and ±5 ppm."""
-    picture = new_picture(8.0, 5.2)
-    axes = picture.subplots()
-    ratio = np.linspace(1.0, 10.0, 181)
-    for shift, colour, line in zip(SHIFTS_OF_RL, ("#0072B2", "#D55E00"), ("-", "--"), strict=True):
-        error = squareness_error_of_shift(shift, ratio) * ARC_SECONDS
-        for sense in (1.0, -1.0):
-            axes.plot(
-                ratio,
-                sense * error,
-                color=colour,
-                linestyle=line,
-                linewidth=1.4,
-                label=f"±{shift * 1e6:g} ppm between the two diagonals",
-            )
-    axes.axhline(0.0, color="0.55", linewidth=0.7, zorder=1)
-    axes.set_xlabel("aspect ratio of the axes (longer : shorter)", fontsize=9)
-    axes.set_ylabel("error of squareness / arcsec", fontsize=9)
-    tidy(axes)
-    picture.suptitle("Squareness from face diagonals: effect of a shift in laser reading")
-    legend_below(picture, [axes])
-    return picture
-
-
 def draw_squareness() -> "dict[str, Picture]":
     """Return all pictures by the name of their file without ending."""
-    return {"squareness_sensitivity": sensitivity_picture()}
+    from stepdiag_ros.plots.angles import squareness_sensitivity
+
+    return {"squareness_sensitivity": squareness_sensitivity()}
 
 
 def _number(value: float) -> float | None:

@@ -18,10 +18,10 @@ def picture_bytes(plan: Plan, machine: Machine, path: Path) -> bytes:
     ending = path.suffix.lstrip(".")
     if ending not in PICTURE_FORMATS:
         raise ValueError(f"{path}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")
-    from stepdiag_ros.report.plan_picture import plan_picture
+    from stepdiag_ros import plots
 
     stream = io.BytesIO()
-    plan_picture(plan, machine).savefig(stream, format=ending)
+    plots.plan(plan, machine).savefig(stream, format=ending)
     return stream.getvalue()
 
 

@@ -8,21 +8,25 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
-from stepdiag_ros.metrology.standards.axis_test import is_diagonal
-from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
+from stepdiag_ros.metrology.standards.axis_test import all_runs, is_diagonal
+from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest, evaluate
 from stepdiag_ros.metrology.standards.iso230_6 import (
     DiagonalGroup,
     diagonal_groups,
     volumetric_warning,
 )
+from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.report.tables import PlainConsole, new_table
+
+if TYPE_CHECKING:
+    from stepdiag_ros.bags.run import RecordedRun
 
 MEANINGS = {
     "A": "bidirectional accuracy of positioning",
@@ -116,6 +120,42 @@ class PositioningReport:
         if any(is_diagonal(test.kind) for test in self.tests):
             return (volumetric_warning(self.tests),)
         return ()
+
+
+def positioning_of(
+    recorded: "RecordedRun",
+    description: UncertaintyDescription | None = None,
+    published: Published | None = None,
+) -> PositioningReport:
+    """Evaluate all tests in a recorded run.
+
+    Args:
+        recorded: the run.
+        description: what is known of the measuring conditions.
+        published: figures to compare with.
+
+    Raises:
+        ValueError: no line of it is complete, or runs of one setup have different targets.
+    """
+    known = description or UncertaintyDescription()
+    runs = all_runs(recorded.measurement)
+    if not runs:
+        raise ValueError(
+            f"{recorded.path}: no line of it is complete, so there is nothing to evaluate"
+        )
+    last = {(test.setup, test.kind, test.name): test for test in recorded.tests}
+    return PositioningReport(
+        tests=tuple(evaluate(one, known) for one in runs),
+        source=str(recorded.path),
+        run_id=recorded.run_id,
+        unknown=known.unknown(),
+        published=published,
+        equals_recorded={
+            one.setup: same_test(evaluate(one), last[key])
+            for one in runs
+            if (key := (one.setup, one.kind, one.name)) in last
+        },
+    )
 
 
 def same_test(first: PositioningTest, second: PositioningTest) -> bool:

@@ -130,7 +130,7 @@ def write_results(
     tell = progress or _tell_nobody
     pictures: dict[str, Picture] = {}
     if picture_formats:
-        from stepdiag_ros.report.figures import save
+        from stepdiag_ros.plots.saving import save
 
         tell(0.0, "pictures")
         pictures = {

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
@@ -18,7 +17,6 @@ from stepdiag_ros.metrology.standards.volumetric import (
     volumetric_accuracy,
 )
 from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.figures import legend_below, new_picture, tidy
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
@@ -135,25 +133,9 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
 
 def examples_picture() -> "Picture":
     """Draw E_d beside the volumetric accuracy of RL's three machines."""
-    picture = new_picture(7.0, 4.6)
-    axes = picture.subplots()
-    places = np.arange(len(MACHINES_OF_RL))
-    diagonal = [one.diagonal_result * MICRO for one in MACHINES_OF_RL]
-    volume = [volumetric_accuracy(one.errors).value * MICRO for one in MACHINES_OF_RL]
-    for shift, values, colour, hatch, label in (
-        (-0.2, diagonal, "#0072B2", "", "diagonal test result E_d"),
-        (+0.2, volume, "#D55E00", "//", "volumetric accuracy"),
-    ):
-        bars = axes.bar(
-            places + shift, values, width=0.38, color=colour, hatch=hatch, alpha=0.85, label=label
-        )
-        axes.bar_label(bars, [plain(value, 0) for value in values], fontsize=9, padding=2)
-    axes.set_xticks(places, [one.name for one in MACHINES_OF_RL])
-    axes.set_ylabel("µm", fontsize=9)
-    tidy(axes)
-    picture.suptitle("Diagonal tests alone do not tell volumetric accuracy (RL, 3D example)")
-    legend_below(picture, [axes])
-    return picture
+    from stepdiag_ros.plots.volumes import diagonals_alone
+
+    return diagonals_alone()
 
 
 def _number(value: float) -> float | None:

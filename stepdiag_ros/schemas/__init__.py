@@ -7,7 +7,7 @@ field changes its meaning or goes; new fields do not change it.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources as package_files
 from typing import Any
 
@@ -23,7 +23,8 @@ VERSIONS = {
     "volumetric": 1,
     "volumetric_map": 1,
     "compensation": 1,
-    "improvement": 1,
+    "report": 1,
+    "changes": 1,
     "nc_correction": 1,
     "plan": 1,
     "measurement": 1,
@@ -48,24 +49,40 @@ def identifier(name: str) -> str:
 
 
 def schema_text(name: str) -> str:
-    """Return a schema as JSON text.
+    """Return a schema as JSON text; see ``schema``.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    return json.dumps(schema(name), indent=2, ensure_ascii=False) + "\n"
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return a schema, with those of the documents that are parts of it among its ``$defs``.
 
     Raises:
         ValueError: there is none of that name.
     """
     if name not in VERSIONS:
         raise ValueError(f"there is no schema '{name}'; there are {', '.join(VERSIONS)}")
-    return package_files.files(__name__).joinpath(f"{name}.schema.json").read_text("utf-8")
-
-
-def schema(name: str) -> dict[str, Any]:
-    """Return a schema.
-
-    Raises:
-        ValueError: there is none of that name.
-    """
-    loaded: dict[str, Any] = json.loads(schema_text(name))
+    file = package_files.files(__name__).joinpath(f"{name}.schema.json")
+    loaded: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    if parts := sorted(set(_parts(loaded))):
+        loaded["$defs"] = {**loaded.get("$defs", {}), **{part: schema(part) for part in parts}}
     return loaded
+
+
+def _parts(of: Any) -> Iterator[str]:
+    """Yield the names of the other schemas that a schema refers to."""
+    if isinstance(of, dict):
+        for key, value in of.items():
+            if key == "$ref" and value.startswith("urn:"):
+                yield value.split(":")[2]
+            else:
+                yield from _parts(value)
+    elif isinstance(of, list):
+        for value in of:
+            yield from _parts(value)
 
 
 def document(name: str, content: Mapping[str, Any]) -> dict[str, Any]:

@@ -62,6 +62,7 @@ def simulated_cell(
     rate: float,
     seed: int,
     model: str = "free",
+    correction: str = "",
 ) -> list[NodeProcess]:
     """Return the nodes of a measurement in the simulated cell.
 
@@ -74,6 +75,7 @@ def simulated_cell(
         rate: readings of the interferometer in a simulated second; 0 for the cell's own.
         seed: of the noise of the readings.
         model: YAML file or name of the model that the run is compared with.
+        correction: error map by which the bridge corrects targets; empty for none.
     """
     simulated: dict[str, object] = {"use_sim_time": True}
     # The air that the beam feels and the air that the sensors feel are the same.
@@ -90,6 +92,7 @@ def simulated_cell(
                 "device": "simulated",
                 "machine": machine,
                 "cell": cell,
+                "correction": correction,
                 # A computer that is busy with all nodes at once is no danger to this machine.
                 "silence_limit": 2.0,
             },

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be heard."""
-ONLOOKERS = ("scene",)
+ONLOOKERS = ("monitor", "scene")
 """Roles of nodes that show a run and have no part in it."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""

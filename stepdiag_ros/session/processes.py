@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+import stepdiag_ros
 from stepdiag_ros.declaration import written
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.refusals import PREFIX
@@ -67,6 +68,20 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def environment() -> dict[str, str]:
+    """Return the environment of node processes: this one's, with two things of their own.
+
+    The enclave of the command line is not that of its nodes. And nodes are those of the package
+    that starts them, also in a folder that holds another copy, such as a clone of the repository
+    (from Python 3.11 on).
+    """
+    made = {**os.environ, OVERRIDE: "", "PYTHONSAFEPATH": "1"}
+    package = Path(stepdiag_ros.__file__).resolve().parents[1]
+    if package == Path.cwd():
+        made["PYTHONPATH"] = os.pathsep.join(filter(None, (made.get("PYTHONPATH"), str(package))))
+    return made
+
+
 class Processes:
     """Node processes, ended together however the block ends.
 
@@ -104,8 +119,7 @@ class Processes:
                 stderr=subprocess.STDOUT,
                 # Ctrl-C is for the command line, which then ends the nodes in order.
                 start_new_session=True,
-                # The enclave of the command line is not that of its nodes.
-                env={**os.environ, OVERRIDE: ""},
+                env=environment(),
                 preexec_fn=_end_with_parent,
             )
 

@@ -23,7 +23,7 @@ from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
 FOLDER = Path(__file__).parents[2] / "config" / "security"
 POLICY = FOLDER / "stepdiag.policy.xml"
 INCLUDE = "{http://www.w3.org/2001/XInclude}include"
-PEOPLE = ("operator", "monitor", "maintenance", "launch")
+PEOPLE = ("operator", "viewer", "maintenance", "launch")
 """Enclaves of those who are no nodes of the suite."""
 
 Rule = tuple[str, str]
@@ -126,7 +126,7 @@ def endpoints(process: NodeProcess) -> set[Rule]:
 
 def processes(folder: Path) -> dict[str, NodeProcess]:
     cell = simulated_cell("quick", "demo", "demo", folder, 1.0, 0.0, 1)
-    others = (NodeProcess("scene"), NodeProcess("by_hand"))
+    others = [NodeProcess("scene"), NodeProcess("by_hand"), NodeProcess("monitor", {"port": 0})]
     return {process.name: process for process in [*cell, *others]}
 
 

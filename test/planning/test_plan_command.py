@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from gcode_reader import Machine as Controller
 
@@ -12,9 +11,7 @@ from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.metrology.geometry import CHAINS
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import PURPOSES
-from stepdiag_ros.planning.moves import passes_of
 from stepdiag_ros.planning.nc_program import DWELL_FORMS
-from stepdiag_ros.report.plan_picture import plan_picture
 from stepdiag_ros.run.feasibility import beyond_machine
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -151,17 +148,3 @@ def test_only_the_travel_is_enough(folder, capsys):
     for axis, length in enumerate((0.8, 0.5, 0.4)):
         nodes = plan.volume.nodes(axis)
         assert nodes[0] >= 0.005 - 1e-12 and nodes[-1] <= length - 0.005 + 1e-12
-
-
-@pytest.mark.parametrize("name", ["demo", "iso230_6_face"])
-def test_the_picture_shows_every_line_at_its_stops(name):
-    plan, machine = load_plan(name)[0], load_machine("demo")[0]
-    panels = plan_picture(plan, machine).axes
-    assert len(panels) == len({line.kind for line in plan.lines})
-    drawn = [
-        np.stack(artist.get_data_3d(), axis=-1) for axes in panels for artist in axes.get_lines()
-    ]
-    for one in passes_of(plan):
-        if one.line.direction == "forward":
-            stops = one.line.stops(plan.volume) * 1e3
-            assert any(d.shape == stops.shape and np.allclose(d, stops) for d in drawn), one.line

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from stepdiag_ros import plots
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_error_of_shift
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.report.diagonal_squareness import sensitivity_picture
-from stepdiag_ros.report.figures import save
 from stepdiag_ros.report.numbers import ARC_SECONDS
 from stepdiag_ros.report.positioning import (
     PositioningReport,
@@ -63,7 +62,7 @@ def test_the_page_of_the_diagonals_holds_all_that_the_standard_asks_for(report, 
     assert "Sys dev (E_d)" in said
     assert "Reversal (B_d)" in said
     assert "Missing here: linear positioning of Y, Z" in said.replace("\n", " ")
-    save(page, tmp_path / "page.pdf")
+    plots.save(page, tmp_path / "page.pdf")
     assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -82,7 +81,7 @@ def test_the_graphs_show_the_mean_deviations(report):
 
 
 def test_the_sensitivity_graph_is_that_of_the_formula():
-    (axes,) = sensitivity_picture().axes
+    (axes,) = plots.squareness_sensitivity().axes
     ends = sorted(
         float(line.get_ydata()[-1]) for line in axes.get_lines() if len(line.get_xdata()) > 2
     )

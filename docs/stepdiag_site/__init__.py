@@ -1,0 +1,83 @@
+"""What the site takes out of the sources: a Sphinx extension that fills pages as they are read.
+
+A line ``<!-- made: KIND ARGUMENT -->`` in a page of ``docs/reference`` is replaced by what
+``MAKERS[KIND](ARGUMENT)`` returns, which is Markdown. Nothing is written into the tree, and nothing
+of the package is imported to describe its modules.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+
+from stepdiag_site.command_line import commands_page
+from stepdiag_site.documents import documents_page
+from stepdiag_site.files import files_page
+from stepdiag_site.interfaces import interfaces_page
+from stepdiag_site.modules import modules_page
+from stepdiag_site.sources import DOCS
+
+MAKERS: dict[str, Callable[[str], str]] = {
+    "commands": commands_page,
+    "documents": documents_page,
+    "files": files_page,
+    "interfaces": interfaces_page,
+    "modules": modules_page,
+}
+"""Kind of a page → what makes its text from the words after the kind."""
+
+MARK = re.compile(r"^<!-- made: (?P<kind>\w+) ?(?P<argument>.*?) -->$", re.MULTILINE)
+_LINK = re.compile(r"\[(?P<text>[^\]\n]+)\]\((?P<target>[^)#:\s]+)\)")
+
+
+def filled(text: str) -> str:
+    """Return the text of a page with everything in it that is made.
+
+    Raises:
+        KeyError: a mark names a kind that there is not.
+    """
+    return MARK.sub(lambda found: MAKERS[found["kind"]](found["argument"]), text)
+
+
+def without_outside_links(text: str, page: Path) -> str:
+    """Return the text of a page with links to folders, and to pages not of the site, as plain text.
+
+    The pages are read in the tree too, where a folder can be opened; a site has no page for it.
+
+    Args:
+        text: Markdown.
+        page: file of the page, from whose place links count.
+    """
+
+    def plain(found: "re.Match[str]") -> str:
+        target = (page.parent / found["target"]).resolve()
+        outside = target.suffix == ".md" and not target.is_relative_to(DOCS)
+        return found["text"] if outside or target.is_dir() else found[0]
+
+    return _LINK.sub(plain, text)
+
+
+def _read(app: Any, page: str, source: list[str]) -> None:
+    path = Path(app.env.doc2path(page))
+    source[0] = without_outside_links(filled(source[0]), path)
+
+
+def _exact(_: Any, doctree: nodes.document) -> None:
+    """Have each reference to a type looked up by its full name.
+
+    Types are written in full in ``modules``. Sphinx would look through all names for one that ends
+    in the same word, which takes a fifth of the time of a build, and finds namesakes.
+    """
+    for reference in doctree.findall(pending_xref):
+        if reference.get("refdomain") == "py":
+            reference.attributes.pop("refspecific", None)
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Connect the extension to Sphinx."""
+    app.connect("source-read", _read)
+    app.connect("doctree-read", _exact)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

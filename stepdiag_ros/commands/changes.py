@@ -1,0 +1,293 @@
+"""``stepdiag changes``: two measurements of one machine, before and after, last year and now."""
+
+import io
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.corrections import add_correction_options, corrected
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.standard_tests import is_bag
+
+if TYPE_CHECKING:
+    from stepdiag_ros.compensation.identified import Identified
+    from stepdiag_ros.metrology.agreement import Measured
+    from stepdiag_ros.metrology.measurement import Measurement
+    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+    from stepdiag_ros.report.changes import ChangesReport
+
+_NAME = "changes"
+_WHEN = ("before", "after")
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        _NAME,
+        help="what changed between two measurements of a machine, with E_n values",
+        description="Compare two measurements of the same box, before and after compensation, or"
+        " last year and now: positioning, straightness, squareness, the error vectors in the volume"
+        " and every curve node by node, each with the uncertainty of its change and E_n; and say"
+        " whether the change is more than the measurements can tell.",
+        epilog="examples:\n"
+        "  stepdiag changes before.mcap after.mcap               tables here\n"
+        "  stepdiag changes before.mcap after.mcap --html --pdf  a page, in after_changes/\n"
+        "  stepdiag changes 2025.mcap 2026.mcap --instrument demo --same-instrument\n"
+        "                            --expansion-per-K 11.5e-6   with all sources of uncertainty",
+        formatter_class=HelpFormatter,
+    )
+    for name in _WHEN:
+        parser.add_argument(name, type=Path, help="the measurement (.mcap), or its results.json")
+    for name in _WHEN:
+        parser.add_argument(
+            f"--run-{name}",
+            metavar="ID",
+            help=f"which run of {name.upper()}, where it holds several",
+        )
+    parser.add_argument(
+        "--method",
+        default="",
+        help="of the solver (default: the one to rely on of those that both are enough for)",
+    )
+    parser.add_argument(
+        "--instrument",
+        action="append",
+        default=[],
+        metavar="NAME|FILE",
+        help="what is known of laser, sensors, material and setup, as for 'stepdiag budget'; given"
+        " twice: of BEFORE and of AFTER (default: uncertainties are what the readings alone tell)",
+    )
+    parser.add_argument(
+        "--same-instrument",
+        action="store_true",
+        help="one laser with its sensors measured both: their calibration cancels in the change",
+    )
+    add_correction_options(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON in SI units")
+    parser.add_argument("--html", action="store_true", help="write the page changes.html")
+    parser.add_argument("--pdf", action="store_true", help="write the page as changes.pdf")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder for the page, changes.json and changes.txt (default, with --html or --pdf:"
+        " NAME_changes beside AFTER)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Compare; see the module."""
+    from stepdiag_ros.report.changes import print_changes
+    from stepdiag_ros.report.changes_document import changes_json
+    from stepdiag_ros.report.tables import make_console
+
+    report = report_of(arguments)
+    if arguments.html or arguments.pdf or arguments.output is not None:
+        _write(report, arguments)
+    if arguments.json:
+        print(changes_json(report))
+    else:
+        print_changes(report, make_console(sys.stdout))
+    return 0
+
+
+def report_of(arguments: Namespace) -> "ChangesReport":
+    """Solve both measurements and compare them.
+
+    Args:
+        arguments: parsed.
+
+    Raises:
+        ValueError: a file cannot be read or solved, or the two cannot be compared; one sentence.
+    """
+    from stepdiag_ros.configuration import load_instrument
+    from stepdiag_ros.metrology.agreement import compare
+    from stepdiag_ros.report.changes import ChangesReport
+
+    given = arguments.instrument
+    if len(given) > 2:
+        raise ValueError("--instrument is given more than twice: expected of BEFORE and of AFTER")
+    if arguments.same_instrument and len(set(given)) != 1:
+        raise ValueError(
+            "--same-instrument needs one --instrument, which tells what both measurements share"
+        )
+    before, after = (
+        _solved(getattr(arguments, when), getattr(arguments, f"run_{when}"), arguments)
+        for when in _WHEN
+    )
+    _refuse_the_same(before, after)
+    method = _common_method(before, after)
+    loaded = [load_instrument(name)[0] for name in given]
+    first, second = (loaded[0], loaded[-1]) if loaded else (None, None)
+    changes = compare(
+        _measured(before, method, first, arguments),
+        _measured(after, method, second, arguments),
+        arguments.same_instrument,
+    )
+    names = ("", "") if first is None or second is None else (first.name, second.name)
+    return ChangesReport(before.identified(method), after.identified(method), changes, names)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """One of both measurements, solved.
+
+    Attributes:
+        path: of the file.
+        identity: of the run, or of the file's content where it names no run.
+        methods: that it was solved by, the one to rely on last.
+        identified: returns what a method says, with its origin.
+        result: returns the result of a method.
+        measurement: the lines; None where they are not at hand.
+        chain: order of the machine's axes; empty if not known.
+    """
+
+    path: Path
+    identity: str
+    methods: tuple[str, ...]
+    identified: "Callable[[str], Identified]"
+    result: "Callable[[str], VolumetricErrors]"
+    measurement: "Measurement | None"
+    chain: str
+
+
+def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
+    from stepdiag_ros.report.diagnosis_build import sha256_of
+
+    if is_bag(path):
+        return _solved_bag(path, run_id, arguments)
+    if arguments.instrument or arguments.expansion is not None:
+        raise ValueError(
+            f"{path} holds no readings, so that --instrument and --expansion-per-K cannot serve"
+            " it: give the bag"
+        )
+    from stepdiag_ros.compensation.identified import from_results_file
+    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+
+    found = from_results_file(path, arguments.method, sha256_of(path))
+    told = found.error_map
+    result = VolumetricErrors(
+        method=found.origin.method,
+        nodes=told.nodes,
+        curves=dict(told.curves),
+        standard_uncertainty=dict(told.standard_uncertainty),
+        figures=(),
+        lines=0,
+        chi_squared=nan,
+        degrees_of_freedom=0,
+        frame=told.frame,
+    )
+    return _Solved(
+        path,
+        found.origin.run_id or found.origin.sha256,
+        (result.method,),
+        lambda _: found,
+        lambda _: result,
+        None,
+        told.chain,
+    )
+
+
+def _solved_bag(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.report.compensation_build import identified_of
+
+    with progress_bar(f"reading {path.name}") as progress:
+        recorded = load_run(path, run_id)
+        report = report_of_run(
+            recorded, progress, correct=lambda measurement: corrected(measurement, arguments)
+        )
+    results = {one.method: one for one in report.ordered_results()}
+    # Refuses a bag without a result, and a method that its lines are not enough for.
+    preferred = identified_of(report, recorded.start_time, arguments.method)
+
+    def identified(method: str) -> "Identified":
+        if method == preferred.origin.method:
+            return preferred
+        return identified_of(report, recorded.start_time, method, preferred.origin.sha256)
+
+    return _Solved(
+        path,
+        report.run_id or preferred.origin.sha256,
+        (arguments.method,) if arguments.method else tuple(results),
+        identified,
+        results.__getitem__,
+        report.measurement,
+        report.chain,
+    )
+
+
+def _refuse_the_same(before: _Solved, after: _Solved) -> None:
+    if before.identity and before.identity == after.identity:
+        raise ValueError(
+            f"{before.path} and {after.path} hold the same run ({before.identity}): give two"
+            " measurements"
+        )
+
+
+def _common_method(before: _Solved, after: _Solved) -> str:
+    for method in reversed(before.methods):
+        if method in after.methods:
+            return method
+    raise ValueError(
+        f"no method has a result of both: {before.path} was solved by {', '.join(before.methods)},"
+        f" {after.path} by {', '.join(after.methods)}"
+    )
+
+
+def _measured(
+    one: _Solved, method: str, instrument: "Instrument | None", arguments: Namespace
+) -> "Measured":
+    """Return a measurement for the comparison, with its budget where an instrument is given."""
+    from stepdiag_ros.metrology.agreement import Measured
+    from stepdiag_ros.metrology.uncertainty.budget import make_budget
+
+    budget = None
+    if instrument is not None and one.measurement is not None:
+        budget = make_budget(
+            one.measurement,
+            instrument,
+            method,
+            expansion=nan if arguments.expansion is None else arguments.expansion,
+            material_temperature=arguments.material_temperature,
+        )
+    return Measured(one.result(method), one.chain, one.measurement, budget)
+
+
+def _write(report: "ChangesReport", arguments: Namespace) -> None:
+    """Write the page and what it is made of, each file whole or not at all."""
+    from stepdiag_ros.report.changes import print_changes
+    from stepdiag_ros.report.changes_document import changes_json
+    from stepdiag_ros.report.publish import make_folder, whole_file
+    from stepdiag_ros.report.tables import make_console
+
+    text = io.StringIO()
+    print_changes(report, make_console(text))
+    lines = "".join(f"{line.rstrip()}\n" for line in text.getvalue().splitlines())
+    contents = {
+        f"{_NAME}.json": (changes_json(report) + "\n").encode(),
+        f"{_NAME}.txt": lines.encode(),
+    }
+    with progress_bar("writing the page"):
+        if arguments.html or arguments.pdf:
+            from stepdiag_ros.handover.changes_page import Page
+            from stepdiag_ros.handover.pdf import pdf_of
+
+            page = Page(report)
+            if arguments.html:
+                contents[f"{_NAME}.html"] = page.html().encode()
+            if arguments.pdf:
+                contents[f"{_NAME}.pdf"] = pdf_of(page.html(for_print=True))
+        folder = arguments.output or arguments.after.parent / f"{arguments.after.stem}_{_NAME}"
+        make_folder(folder)
+        for name, content in contents.items():
+            with whole_file(folder / name) as partial:
+                partial.write_bytes(content)
+    say(f"results in {folder}: {', '.join(contents)}")

@@ -1,0 +1,105 @@
+"""``stepdiag monitor``: one live page in the browser, of a run or of a bag."""
+
+import argparse
+import signal
+import sys
+import threading
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, say
+
+_HIGHEST_PORT = 65535
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "monitor",
+        help="show a run, or a bag as if it were one, as a live page in the browser",
+        description="Serve one page that shows where the run is, the beam, stops and blocks as they"
+        " come, the error curves with their uncertainty, squareness, the gap to the model, the air"
+        " and what is wrong. Without a bag it shows what runs on this ROS domain, and whoever has"
+        " the token may start, pause, resume and abort from the page. With a bag it plays that, and"
+        " controls nothing. It is served to this computer alone unless --address and --token-file"
+        " say otherwise (docs/monitor.md). Ctrl-C ends it.",
+        epilog="examples:\n"
+        "  stepdiag monitor                        the run that goes on\n"
+        "  stepdiag monitor RUN.mcap --rate 50     a recorded run, 50 times as fast\n"
+        "  stepdiag monitor --address 0.0.0.0 --token-file ~/.stepdiag_token",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
+    parser.add_argument(
+        "--rate",
+        type=lambda text: number(text, 0.0, 1e6),
+        default=None,
+        help="of a bag: recorded seconds in a real second; 0: as fast as possible (default: 20)",
+    )
+    add_run_option(parser)
+    parser.add_argument("--address", default="127.0.0.1", help="to serve on (default: %(default)s)")
+    parser.add_argument("--port", type=_port, default=8470, help="(default: %(default)s; 0: any)")
+    parser.add_argument(
+        "--token-file", default="", metavar="FILE", help="whose first line is the token"
+    )
+    parser.set_defaults(run=run)
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > _HIGHEST_PORT:
+        raise argparse.ArgumentTypeError(f"'{text}' is no port: 0 to {_HIGHEST_PORT}")
+    return int(text)
+
+
+def run(arguments: Namespace) -> int:
+    """Serve until Ctrl-C."""
+    if arguments.bag is not None:
+        return _replay(arguments)
+    for name in ("rate", "run_id"):
+        if getattr(arguments, name) is not None:
+            option = "--rate" if name == "rate" else "--run"
+            raise ValueError(f"{option} is for a bag, and none is given")
+    from stepdiag_ros.declaration import written
+    from stepdiag_ros.session.processes import ENCLAVE
+
+    given = {
+        "address": arguments.address,
+        "port": arguments.port,
+        "token_file": arguments.token_file,
+    }
+    sys.argv = ["monitor", "--ros-args", "--enclave", f"{ENCLAVE}/monitor"]
+    for name, value in given.items():
+        sys.argv += ["-p", f"{name}:={written(value)}"]
+    from stepdiag_ros.nodes.monitor import main
+
+    return main()
+
+
+def _replay(arguments: Namespace) -> int:
+    from stepdiag_ros.monitor.access import make_access
+    from stepdiag_ros.monitor.replay import Replay
+    from stepdiag_ros.monitor.server import MonitorServer, Offer
+    from stepdiag_ros.monitor.state import State
+
+    state = State()
+    access = make_access(arguments.address, arguments.token_file)
+    replay = Replay(arguments.bag, state, arguments.run_id)
+    offer = Offer(state, access, "replay", arguments.bag.name, ask=None, log=say)
+    server = MonitorServer(offer, arguments.port)
+    stop = threading.Event()
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        server.start()
+        say(f"the page is at {server.url}; Ctrl-C ends it")
+        count = replay.play(20.0 if arguments.rate is None else arguments.rate, stop)
+        say(f"all of the recording is shown ({count} messages); Ctrl-C ends the page")
+        while not stop.wait(3600.0):
+            pass
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        stop.set()
+        server.close()
+        replay.close()
+        signal.signal(signal.SIGTERM, before)
+    return 0

@@ -1,0 +1,178 @@
+"""``stepdiag report``: a measurement as one page for a customer: HTML, PDF and JSON."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from contextlib import ExitStack
+from functools import partial
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    Progress,
+    add_run_option,
+    number,
+    progress_bar,
+    say,
+)
+from stepdiag_ros.refusals import sentence
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from stepdiag_ros.handover.given import Given
+    from stepdiag_ros.handover.material import Material
+
+_CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
+"""As in ``compensation``, which is slow to import."""
+_PIECES = 20
+"""So many pieces of work, or a few more, are told to a progress bar."""
+_MICRO = 1e-6
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "report",
+        help="the whole measurement as one page to hand over: HTML, PDF and JSON",
+        description="Write the report of a measurement: in plain words whether the machine is good,"
+        " its worst error and where, how sure that is and what to do; then machine, instrument,"
+        " plan and weather, readings, error curves by all methods, Table 1, squareness, ISO 230-2"
+        " and ISO 230-6, the volume, uncertainty, what the lines can tell, whether the model"
+        " explains the run, what compensation would leave, and what is not known. Without --html,"
+        " --pdf or --json all three are written. Parts that the bag has no data for say so.",
+        epilog="examples:\n"
+        "  stepdiag report run.mcap\n"
+        '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
+        "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_run_option(parser)
+    for name, what in (
+        ("html", "write report.html, one file with everything in it"),
+        ("pdf", "write report.pdf"),
+        ("json", "write report.json, every number of the report in SI units"),
+    ):
+        parser.add_argument(f"--{name}", action="store_true", help=what)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder for the files (default: NAME_report beside the bag)",
+    )
+    for name, what in (
+        ("customer", "for whom it was measured"),
+        ("operator", "who measured"),
+        ("place", "where it was measured"),
+        ("serial", "number of the machine"),
+        ("remark", "a further remark"),
+    ):
+        parser.add_argument(f"--{name}", default="", metavar="TEXT", help=what)
+    parser.add_argument(
+        "--tolerance",
+        type=partial(number, low=1e-6, high=1e6),
+        metavar="UM",
+        help="longest error vector in the volume that is allowed, µm; the first page then says"
+        " whether the machine keeps it (ISO 14253-1)",
+    )
+    parser.add_argument(
+        "--instrument",
+        metavar="NAME|FILE",
+        help="what is known of laser, sensors, material and setup: see 'stepdiag budget'",
+    )
+    parser.add_argument(
+        "--uncertainty",
+        type=Path,
+        metavar="FILE",
+        help="what is known of the conditions of the ISO 230 tests: see 'stepdiag iso230'",
+    )
+    parser.add_argument(
+        "--control",
+        choices=_CONTROLS,
+        default="generic",
+        help="that compensation is shown for (default: generic, the whole error map)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Make the report; see the module."""
+    from stepdiag_ros.handover.build import FORMATS, prepare, write
+    from stepdiag_ros.handover.lead import lead_of
+    from stepdiag_ros.handover.pictures import studio
+
+    formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
+    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
+    given = _given(arguments)
+    with ExitStack() as stack:
+        atelier = None
+        if arguments.bag.exists() and formats != ["json"]:
+            # Drawing is got ready while the bag is read.
+            atelier = stack.enter_context(studio())
+        material = _material(arguments, given)
+        with progress_bar("report") as progress:
+            tell = _counted(progress)
+            handover = None if atelier is None else prepare(material, atelier, tell)
+            files = write(material, handover, folder, formats, tell)
+    lead = lead_of(material)
+    for text in (lead.headline, *lead.sentences):
+        print(text)
+    say(f"report in {folder}: {', '.join(path.name for path in files)}")
+    return 0
+
+
+def _material(arguments: Namespace, given: "Given") -> "Material":
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.handover.material import Material, unsolved
+
+    with progress_bar(f"reading {arguments.bag.name}") as progress:
+        recorded = load_run(arguments.bag, arguments.run_id)
+        try:
+            report = report_of_run(recorded, progress, with_visibility=True)
+        except ValueError as error:
+            if not recorded.lines:
+                raise
+            # Tests of axes at uneven targets are no lines of a box, and still tests.
+            report = unsolved(recorded, sentence(error))
+    return Material(recorded, report, given)
+
+
+def _counted(progress: Progress) -> "Callable[[str], None]":
+    """Return what tells a progress bar of one piece of work after another."""
+    count = 0
+
+    def tell(text: str) -> None:
+        nonlocal count
+        count += 1
+        progress(min(count / _PIECES, 1.0), text)
+
+    return tell
+
+
+def _given(arguments: Namespace) -> "Given":
+    from stepdiag_ros.configuration import load_instrument, read_yaml
+    from stepdiag_ros.handover.given import Given
+    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+
+    instrument, conditions = Instrument(), UncertaintyDescription()
+    if arguments.instrument is not None:
+        instrument = load_instrument(arguments.instrument)[0]
+    if arguments.uncertainty is not None:
+        conditions = UncertaintyDescription.from_mapping(
+            read_yaml(arguments.uncertainty), str(arguments.uncertainty)
+        )
+    return Given(
+        customer=arguments.customer,
+        operator=arguments.operator,
+        place=arguments.place,
+        serial=arguments.serial,
+        remark=arguments.remark,
+        tolerance=nan if arguments.tolerance is None else arguments.tolerance * _MICRO,
+        instrument=instrument,
+        instrument_source=instrument.name if arguments.instrument is not None else "",
+        conditions=conditions,
+        control=arguments.control,
+    )

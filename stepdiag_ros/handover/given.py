@@ -1,0 +1,36 @@
+"""What a bag cannot know, as its user gives it."""
+
+from dataclasses import dataclass, field
+from math import nan
+
+from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a bag cannot know; empty or NaN where it was not given.
+
+    Attributes:
+        customer: for whom it was measured.
+        operator: who measured.
+        place: where.
+        serial: number of the machine.
+        remark: further words.
+        tolerance: longest error vector in the volume that is allowed, m; NaN: none is known.
+        instrument: what is known of laser, sensors, material and setup.
+        instrument_source: name of that description; empty: none was given.
+        conditions: what is known of the conditions of the ISO 230 tests.
+        control: that compensation is shown for.
+    """
+
+    customer: str = ""
+    operator: str = ""
+    place: str = ""
+    serial: str = ""
+    remark: str = ""
+    tolerance: float = nan
+    instrument: Instrument = field(default_factory=Instrument)
+    instrument_source: str = ""
+    conditions: UncertaintyDescription = field(default_factory=UncertaintyDescription)
+    control: str = "generic"

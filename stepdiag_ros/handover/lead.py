@@ -1,0 +1,230 @@
+"""The first page in plain words: is the machine good, its worst error, how sure, what to do."""
+
+import math
+from dataclasses import dataclass
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import Fact, Lead
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
+from stepdiag_ros.metrology.table_one import Row
+from stepdiag_ros.report.diagnosis_words import sizes_words, two_digits
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
+
+KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
+_MOST_CAUSES = 3
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether the longest error vector in the volume is allowed (ISO 14253-1).
+
+    Attributes:
+        verdict: ``keeps``: value + U is within the tolerance; ``exceeds``: value - U is beyond it;
+            ``open``: neither, or value or U is unknown; ``not asked``: no tolerance was given.
+        value: longest error vector, m; NaN if unknown.
+        expanded_uncertainty: of it (95 %), m; NaN if unknown.
+        lower_bound: the uncertainty is a lower bound: a source that acts is not known.
+        tolerance: m; NaN if none was given.
+    """
+
+    verdict: str
+    value: float
+    expanded_uncertainty: float
+    lower_bound: bool
+    tolerance: float
+
+
+def judge(accuracy: VolumetricAccuracy | None, lower_bound: bool, tolerance: float) -> Judgement:
+    """Judge the longest error vector in the volume.
+
+    Args:
+        accuracy: None if nothing was solved.
+        lower_bound: its uncertainty is a lower bound.
+        tolerance: m; NaN: none is known.
+    """
+    value = math.nan if accuracy is None else accuracy.value
+    expanded = COVERAGE_FACTOR * (math.nan if accuracy is None else accuracy.standard_uncertainty)
+    if not math.isfinite(tolerance):
+        verdict = NOT_ASKED
+    elif value + expanded <= tolerance:
+        verdict = KEEPS
+    elif value - expanded > tolerance:
+        verdict = EXCEEDS
+    else:
+        verdict = OPEN
+    return Judgement(verdict, value, expanded, lower_bound, tolerance)
+
+
+def lead_of(material: Material) -> Lead:
+    """Return what stands on the first page."""
+    accuracy = material.accuracy
+    judged = judge(accuracy, material.lower_bound, material.given.tolerance)
+    tone, headline = _headline(material, judged)
+    sentences = []
+    if accuracy is not None and math.isfinite(accuracy.value):
+        sentences.append(_worst(accuracy))
+    sentences += _judged(judged)
+    causes = largest_rows(material.rows)
+    if causes:
+        sentences.append(f"The largest single errors: {'; '.join(map(_row_words, causes))}.")
+    sentences.append(_how_sure(material))
+    sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
+    return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
+
+
+def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
+    limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
+    if material.report.preferred() is None:
+        return "open", "This run does not tell the machine's errors"
+    if not math.isfinite(judged.value):
+        return "open", "This run tells only a part of the machine's errors"
+    verdict = "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
+    if verdict == UNEXPLAINED:
+        return "bad", "Something acts in this machine that the error curves do not contain"
+    words = {
+        KEEPS: (
+            "open" if judged.lower_bound else "good",
+            f"The machine keeps its limit of {limit} in the measured volume",
+        ),
+        EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
+        OPEN: ("open", f"Whether the machine keeps its limit of {limit} cannot be told"),
+    }
+    if judged.verdict not in words:
+        size = plus_minus(judged.value, judged.expanded_uncertainty / COVERAGE_FACTOR, MICRO)
+        return "neutral", f"Largest error in the measured volume: {size} µm"
+    tone, text = words[judged.verdict]
+    if judged.lower_bound and judged.verdict != OPEN:
+        text += ", as far as the uncertainty is known"
+    return tone, text
+
+
+def _worst(accuracy: VolumetricAccuracy) -> str:
+    place = ", ".join(
+        f"{letter} {plain(value * 1e3, 1)}"
+        for letter, value in zip("XYZ", accuracy.position, strict=True)
+    )
+    vector = ", ".join(
+        f"{plain(value * MICRO, 2)} in {letter}"
+        for letter, value in zip("XYZ", accuracy.vector, strict=True)
+    )
+    size = plus_minus(accuracy.value, accuracy.standard_uncertainty, MICRO)
+    return (
+        f"At its worst place in the measured box, {place} mm, the tool stands {size} µm from where"
+        f" it should ({vector} µm, counted from the box's first corner)."
+    )
+
+
+def _judged(judged: Judgement) -> list[str]:
+    if judged.verdict == NOT_ASKED:
+        return ["Whether that is good enough was not asked: no limit was given (--tolerance)."]
+    limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
+    reason = {
+        KEEPS: f"Even with its uncertainty the largest error is within {limit} (ISO 14253-1).",
+        EXCEEDS: f"Even less its uncertainty the largest error is beyond {limit} (ISO 14253-1).",
+        OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
+        " (ISO 14253-1).",
+    }
+    return [reason[judged.verdict]]
+
+
+def largest_rows(rows: tuple[Row, ...]) -> list[Row]:
+    """Return the largest errors over the travel, largest first."""
+
+    def size(row: Row) -> float:
+        return max(abs(entry.value) for entry in row.estimated.values())
+
+    known = [row for row in rows if math.isfinite(size(row))]
+    return sorted(known, key=size, reverse=True)[:_MOST_CAUSES]
+
+
+def _row_words(row: Row) -> str:
+    entry = next(iter(row.estimated.values()))
+    size = plus_minus(entry.value, entry.standard_uncertainty, MICRO)
+    return f"{row.label[:1].lower()}{row.label[1:]} {size} µm over {row.travel * 1e3:.0f} mm"
+
+
+def _how_sure(material: Material) -> str:
+    known = material.given.instrument_source
+    if material.accuracy is None or not math.isfinite(material.accuracy.value):
+        return "How sure: the ± in the sections are those of the readings."
+    if not known:
+        basis = "The ± of the largest error is what the readings tell of themselves, so the least"
+        basis += " that is possible: how well laser, air and setup are known was not told."
+    elif material.lower_bound:
+        basis = f"The ± of the largest error has what {known} tells of laser, air and setup; not"
+        basis += " all of it is known, so it is a lower bound."
+    else:
+        basis = f"The ± of the largest error has what {known} tells of laser, air and setup in it."
+    basis += " The other ± are those of the readings."
+    if material.diagnosis is None:
+        return f"How sure: {basis} Whether other effects act could not be tested."
+    diagnosis = material.diagnosis.diagnosis
+    tested = {
+        CONSISTENT: "The run shows nothing beyond the error curves.",
+        NOT_TESTABLE: "Nothing in the run could contradict the figures, so they are untested.",
+        NAMED: "The run shows more than the error curves, and it is known what.",
+        AMBIGUOUS: "The run shows more than the error curves, and several causes are possible.",
+        UNEXPLAINED: "The run shows more than the error curves, and the cause is not known.",
+    }
+    return f"How sure: {basis} {tested.get(diagnosis.verdict, diagnosis.sentence)}"
+
+
+def what_to_do(material: Material, judged: Judgement) -> list[str]:
+    """Return what is to be done, most urgent first, in sentences that go on from a colon."""
+    bag = material.recorded.path.name
+    said = []
+    if material.diagnosis is not None:
+        diagnosis = material.diagnosis.diagnosis
+        if diagnosis.verdict == UNEXPLAINED:
+            said.append("find the cause of the gap before the machine is corrected by this run.")
+        if diagnosis.verdict == AMBIGUOUS:
+            said.append(
+                f"measure what tells the causes apart: stepdiag diagnose {bag} --propose more.yaml."
+            )
+        for finding in diagnosis.findings if diagnosis.verdict == NAMED else ():
+            said.append(f"see to {finding.label} ({sizes_words(finding)}).")
+    if not math.isfinite(judged.value):
+        said.append("measure the lines that are missing; the last section names what is unknown.")
+    elif material.compensation is not None and not said:
+        change = material.compensation.remainder.change("volume, largest")
+        if change.after < change.before:
+            before, after = (plain(one * MICRO, 2) for one in (change.before, change.after))
+            limit = material.compensation.remainder.rms_uncertainty
+            known = f"{two_digits(limit * MICRO)} µm" if math.isfinite(limit) else UNKNOWN
+            said.append(
+                f"compensation could bring the largest error in the volume, with reversal, from"
+                f" {before} µm to {after} µm by computation; how well the errors themselves are"
+                f" known ({known} rms, standard uncertainty) comes on top. Measure again after it."
+            )
+    if judged.verdict == OPEN and math.isfinite(judged.value):
+        said.append("reduce the uncertainty: more repeats, or a better known instrument.")
+    if not said:
+        said.append("nothing by these figures.")
+    return said
+
+
+def _facts(material: Material, judged: Judgement) -> list[Fact]:
+    accuracy, report = material.accuracy, material.report
+    rms = math.nan if accuracy is None else accuracy.rms
+    verdict = UNKNOWN if material.diagnosis is None else material.diagnosis.diagnosis.verdict
+    size = plus_minus(judged.value, judged.expanded_uncertainty / COVERAGE_FACTOR, MICRO)
+    facts = [
+        Fact("Largest error in the volume", UNKNOWN if size == UNKNOWN else f"{size} µm"),
+        Fact(
+            "Root mean square in the volume",
+            f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
+        ),
+        Fact("Model and run", verdict),
+        Fact("Machine", report.machine or UNKNOWN),
+        Fact("Customer", material.given.customer or UNKNOWN),
+    ]
+    if report.simulated:
+        facts.append(Fact("Measured on", "a simulated machine"))
+    return facts

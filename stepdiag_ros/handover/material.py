@@ -1,0 +1,276 @@
+"""What the report tells: all that is found out about a run, by the functions that commands call.
+
+Whatever a run has no data for is None, and a sentence says why.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from math import nan
+from typing import TypeVar
+
+import numpy as np
+
+from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.compensation import control as control_of
+from stepdiag_ros.compensation.control import Layout, checked_settings
+from stepdiag_ros.configuration import machine_from_text
+from stepdiag_ros.handover.given import Given
+from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.model import MachineModel
+from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.metrology.table_one import Row, table_one
+from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
+from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
+from stepdiag_ros.report.budget import BudgetReport
+from stepdiag_ros.report.compensation import CompensationReport
+from stepdiag_ros.report.compensation_build import compensation_of, identified_of
+from stepdiag_ros.report.content import METHODS, Report
+from stepdiag_ros.report.diagnosis import DiagnosisReport
+from stepdiag_ros.report.diagnosis_build import build_diagnosis, sha256_of
+from stepdiag_ros.report.experiment import Experiment, experiment_of
+from stepdiag_ros.report.positioning import PositioningReport, positioning_of
+
+_Made = TypeVar("_Made")
+_PARTS = (
+    "machine",
+    "weather",
+    "experiment",
+    "positioning",
+    "budget",
+    "diagnosis",
+    "compensation",
+)
+"""Properties of a material that a run may have nothing for."""
+
+
+def unsolved(recorded: RecordedRun, why: str) -> Report:
+    """Return the report of a run whose lines no method can be asked about.
+
+    Args:
+        recorded: the run.
+        why: in a sentence.
+    """
+    name = recorded.machine.get("name", "")
+    return Report(
+        results=(),
+        refused=dict.fromkeys(METHODS, _sentence(ValueError(why), recorded)),
+        run_id=recorded.run_id,
+        plan=recorded.plan.name,
+        machine=name if isinstance(name, str) else "",
+        chain=recorded.chain,
+        run_software_version=recorded.software_version,
+        bag=recorded.path,
+        simulated=True if recorded.cell_text else None,
+        measurement=recorded.measurement,
+    )
+
+
+class Material:
+    """Everything that a report is made of; each part is found out when it is first asked for.
+
+    Args:
+        recorded: the run.
+        report: of ``commands.solve.report_of_run``, with the visibility table.
+        given: what the bag cannot know.
+
+    Attributes:
+        recorded: as given.
+        report: as given.
+        measurement: its lines, as they were solved.
+        given: as given.
+
+    Raises:
+        ValueError: the report was made without the lines of the run.
+    """
+
+    def __init__(self, recorded: RecordedRun, report: Report, given: Given) -> None:
+        if report.measurement is None:
+            raise ValueError(f"{recorded.path}: the report needs the lines of the run")
+        self.recorded, self.report, self.given = recorded, report, given
+        self.measurement: Measurement = report.measurement
+        self._missing: dict[str, str] = {}
+
+    def why_not(self, part: str) -> str:
+        """Return why a part is None or empty, in a sentence; empty if it is not.
+
+        Args:
+            part: name of a property.
+        """
+        getattr(self, part)
+        return self._missing.get(part, "")
+
+    @property
+    def missing(self) -> dict[str, str]:
+        """Return which parts are None or empty: name → why, in a sentence."""
+        reasons = {part: self.why_not(part) for part in _PARTS}
+        return {part: why for part, why in reasons.items() if why}
+
+    @cached_property
+    def header(self) -> RunHeader | None:
+        """Return what the bag says in front of its messages; None of another recorder's bag."""
+        with open_bag(self.recorded.path) as bag:
+            try:
+                return bag.header
+            except BagError:
+                return None
+
+    @cached_property
+    def machine(self) -> Machine | None:
+        """Return the machine that measured; None where the bag does not describe it."""
+        if not self.recorded.machine_text:
+            self._missing["machine"] = "The bag does not describe the machine."
+            return None
+        try:
+            return machine_from_text(self.recorded.machine_text, f"{self.recorded.path}: machine")
+        except ValueError:
+            # An imported table tells a name and perhaps a chain, which is no fault.
+            self._missing["machine"] = "The bag tells of the machine no more than its name."
+            return None
+
+    @cached_property
+    def sha256(self) -> str:
+        """Return the SHA-256 of the bag; empty where it is a folder."""
+        return sha256_of(self.recorded.path) if self.recorded.path.is_file() else ""
+
+    @cached_property
+    def weather(self) -> tuple[SensorValue, ...]:
+        """Return what the sensors told, in order of time."""
+        values = tuple(self.recorded.weather())
+        if not values:
+            self._missing["weather"] = "No weather sensor was recorded."
+        return values
+
+    @cached_property
+    def experiment(self) -> Experiment | None:
+        """Return Table 1 of Ibaraki & Hata 2010; None where the lines are not enough for it."""
+        found = experiment_of(self.report)
+        if found is None:
+            why = self.report.refused.get("setup_robust", "it was not solved")
+            self._missing["experiment"] = (
+                f"The table needs the setup-robust method: {why.rstrip('.')}."
+            )
+        return found
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """Return the rows of that table by the method to rely on alone; empty where unknown."""
+        preferred = self.report.preferred()
+        if preferred is None:
+            return ()
+        try:
+            return table_one({preferred.method: preferred})
+        except KeyError:
+            return ()
+
+    @cached_property
+    def repeats(self) -> Repeats:
+        """Return scatter and drift of repeated passes; NaN without repeats."""
+        try:
+            return repeats_of(self.measurement, observe(self.measurement))
+        except ValueError:
+            # Lines that are not those of a box; why they are not is told with the error curves.
+            return Repeats(nan, 0.0, nan, nan, 0, np.empty(0))
+
+    @cached_property
+    def positioning(self) -> PositioningReport | None:
+        """Return the tests by ISO 230-2 and ISO 230-6; None where no line is complete."""
+        return self._made_or_missing(
+            "positioning", lambda: positioning_of(self.recorded, self.given.conditions)
+        )
+
+    @cached_property
+    def accuracies(self) -> Mapping[str, VolumetricAccuracy]:
+        """Return the longest error vector in the volume by every method."""
+        chain = self.report.chain
+        return {one.method: of_result(one, chain) for one in self.report.ordered_results()}
+
+    @cached_property
+    def accuracy(self) -> VolumetricAccuracy | None:
+        """Return the longest error vector by the method to rely on; None where none was solved.
+
+        Its uncertainty is that of all sources that the budget knows; see ``lower_bound``.
+        """
+        preferred = self.report.preferred()
+        if preferred is None or self.budget is None:
+            return None if preferred is None else self.accuracies[preferred.method]
+        return of_result(_with_sources(preferred, self.budget.budget), self.report.chain)
+
+    @property
+    def lower_bound(self) -> bool:
+        """Say whether that uncertainty is a lower bound: a source that acts is not known."""
+        return self.budget is None or bool(np.any(self.budget.budget.at_least))
+
+    @cached_property
+    def budget(self) -> BudgetReport | None:
+        """Return the uncertainty budget of the method to rely on; None where there is none."""
+
+        def made() -> BudgetReport:
+            preferred = self.report.preferred()
+            if preferred is None:
+                raise ValueError("no method could be used on these lines: there is no budget")
+            budget = make_budget(self.measurement, self.given.instrument, preferred.method)
+            return BudgetReport(budget, None, self.report.run_id, self.report.bag)
+
+        return self._made_or_missing("budget", made)
+
+    @cached_property
+    def diagnosis(self) -> DiagnosisReport | None:
+        """Return what ``stepdiag diagnose`` says; None where the run cannot be compared."""
+        return self._made_or_missing(
+            "diagnosis",
+            lambda: build_diagnosis(
+                self.measurement,
+                MachineModel(),
+                catalogue(),
+                bag=self.recorded.path if self.recorded.path.is_file() else None,
+                run_id=self.report.run_id,
+                again=False,
+            ),
+        )
+
+    @cached_property
+    def compensation(self) -> CompensationReport | None:
+        """Return tables and what they leave; None where there is no error map."""
+
+        def made() -> CompensationReport:
+            control = control_of(self.given.control)
+            identified = identified_of(self.report, self.recorded.start_time, sha256=self.sha256)
+            return compensation_of(
+                control, identified, Layout(settings=checked_settings(control, {}))
+            )
+
+        return self._made_or_missing("compensation", made)
+
+    def _made_or_missing(self, name: str, make: Callable[[], _Made]) -> _Made | None:
+        try:
+            return make()
+        except ValueError as error:
+            self._missing[name] = _sentence(error, self.recorded)
+            return None
+
+
+def _sentence(error: Exception, recorded: RecordedRun) -> str:
+    """Return why a part is not there, without the name of the file that the whole report is of."""
+    text = " ".join(str(error).split()).removeprefix(f"{recorded.path}: ")
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def _with_sources(result: VolumetricErrors, budget: Budget) -> VolumetricErrors:
+    """Return a result with the covariance that all known sources of a budget give its curves."""
+    places = [(name, node) for name, curve in result.curves.items() for node in range(len(curve))]
+    quantities = budget.sensitivity.quantities
+    rows = [row for row, quantity in enumerate(quantities) if quantity.curve]
+    at = [places.index((quantities[row].curve, quantities[row].node)) for row in rows]
+    # What the frame fixes is no quantity of the budget, and has no uncertainty.
+    covariance = np.zeros((len(places), len(places)))
+    covariance[np.ix_(at, at)] = budget.covariance[np.ix_(rows, rows)]
+    return replace(result, covariance=covariance)

@@ -1,0 +1,142 @@
+"""Pictures for pages: which plot is drawn from what, and the drawing beside other work.
+
+matplotlib takes longer to be imported and to draw than all of the evaluation. So what is to be
+drawn is only named here, by the functions of ``stepdiag_ros.plots``, and drawn in a process of its
+own while this one goes on.
+"""
+
+import base64
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from typing import Any
+
+DOTS_PER_INCH = 150
+"""Of pictures in pages: sharp in print at the width that they are made for."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A picture that is to be drawn.
+
+    Attributes:
+        function: name of a function of ``stepdiag_ros.plots``.
+        arguments: of the function.
+        caption: what it shows, in words.
+        keywords: of the function.
+    """
+
+    function: str
+    arguments: tuple[Any, ...]
+    caption: str
+    keywords: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture in a page.
+
+    Attributes:
+        source: data URI; empty where the plot has nothing to show.
+        caption: what it shows, or why nothing, in words.
+        width: inches at which it is printed at its own size.
+    """
+
+    source: str
+    caption: str
+    width: float
+
+
+def draw(drawing: Drawing) -> Drawn | None:
+    """Draw a picture in this process; None where the plot has nothing to show and no reason."""
+    from stepdiag_ros import plots
+
+    try:
+        figure = getattr(plots, drawing.function)(*drawing.arguments, **drawing.keywords)
+    except ValueError as error:
+        return Drawn("", str(error), 0.0)
+    if figure is None:
+        return None
+    data = base64.b64encode(plots.png_bytes(figure, dpi=DOTS_PER_INCH)).decode("ascii")
+    return Drawn(
+        f"data:image/png;base64,{data}", drawing.caption, round(float(figure.get_figwidth()), 3)
+    )
+
+
+def _get_ready() -> None:
+    """Import what drawing needs, while the other process reads."""
+    from stepdiag_ros import plots
+
+    plots.png_bytes  # noqa: B018
+
+
+class Studio:
+    """Draws pictures in the order in which they are asked for, in a process of its own or here.
+
+    Args:
+        pool: the process; None: pictures are drawn here, when they are fetched.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor | None = None) -> None:
+        self._pool = pool
+        self._asked: dict[str, Drawing] = {}
+        self._begun: dict[str, Future[Drawn | None]] = {}
+
+    def ask(self, name: str, drawing: Drawing) -> None:
+        """Ask for a picture.
+
+        Args:
+            name: to fetch it by.
+            drawing: what is to be drawn.
+        """
+        self._asked[name] = drawing
+        if self._pool is not None:
+            self._begun[name] = self._pool.submit(draw, drawing)
+
+    def fetch_all(self) -> dict[str, Drawn | None]:
+        """Return all pictures that were asked for, by name; None where there is nothing to show.
+
+        What the other process has not begun when this one has nothing else to do is drawn here,
+        from the last picture on.
+
+        Raises:
+            OSError: the process that draws has ended.
+        """
+        drawn = {
+            name: draw(drawing)
+            for name, drawing in reversed(self._asked.items())
+            if name not in self._begun or self._begun[name].cancel()
+        }
+        try:
+            return {
+                name: drawn[name] if name in drawn else self._begun[name].result()
+                for name in self._asked
+            }
+        except BrokenProcessPool:
+            raise OSError(
+                "the process that draws the pictures has ended before it was done: is there enough"
+                " memory?"
+            ) from None
+
+
+@contextmanager
+def studio(beside: bool = True) -> Iterator[Studio]:
+    """Return a place to have pictures drawn while the block runs.
+
+    Args:
+        beside: in a process of its own; False: in this one, when they are fetched.
+    """
+    if not beside:
+        yield Studio()
+        return
+    # A new interpreter: what was forked from a process with threads may hang.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        pool.submit(_get_ready)
+        try:
+            yield Studio(pool)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,87 @@
+"""The nine error curves with their uncertainty, by the methods beside each other."""
+
+from typing import Any
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import table_views
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.report.content import Report, frame_sentences, method_title, short_title
+from stepdiag_ros.report.documents import report_document
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR
+from stepdiag_ros.report.tables import curve_tables, figure_table, fit_table, setup_table
+
+_BESIDE = ("conventional", "setup_robust")
+"""Methods that are drawn beside the one to rely on."""
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.report
+    preferred = report.preferred()
+    if preferred is None:
+        methods: dict[str, list[str]] = {}
+        for method, why in report.refused.items():
+            methods.setdefault(why.rstrip("."), []).append(method_title(method))
+        reasons = [f"{', '.join(names)}: {why}." for why, names in methods.items()]
+        return " ".join(["The measured lines are not enough for any method.", *reasons])
+    results = report.ordered_results()
+    robust = [one for one in results if one.method != "conventional" and one is not preferred]
+    shown = [*(one for one in robust if one.method in _BESIDE), preferred]
+    drawings = {
+        "curves": Drawing(
+            "error_curves",
+            (shown,),
+            f"Error curves by {' and '.join(short_title(one.method) for one in shown)}; bands: 95 %"
+            f"{'; dotted: the truth of the simulated machine' if report.truth else ''}.",
+            {"title": "", "truth": report.truth},
+        )
+    }
+    both = [one for one in results if one.method in _BESIDE]
+    if len(both) == len(_BESIDE):
+        drawings["methods"] = Drawing(
+            "error_curves",
+            (both,),
+            "The conventional formulation (Wang), which takes laser and mirror as perfectly"
+            " aligned, beside the setup-robust one (Ibaraki & Hata). Where they differ, setup"
+            " errors look like errors of the machine.",
+            {"title": ""},
+        )
+    tables = [
+        figure_table(report, "positioning", "Positioning error over the travel"),
+        figure_table(report, "straightness", "Straightness (largest minus smallest deviation)"),
+        fit_table(report),
+    ]
+    return Content(
+        {
+            "tables": table_views(tables),
+            "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
+            "nodes_title": f"All nodes, {method_title(preferred.method)}",
+            "setups": table_views([setup_table(preferred)]),
+            "sentences": _sentences(report),
+        },
+        drawings,
+    )
+
+
+def _sentences(report: Report) -> list[str]:
+    results = report.ordered_results()
+    said = [
+        "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
+        f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
+        " (95 %), of what the readings tell; what laser, air and setup add is in the budget.",
+        *frame_sentences(results),
+    ]
+    for result in results:
+        said += [f"{method_title(result.method)}: {text.rstrip('.')}." for text in result.remarks]
+    said += [
+        f"{method_title(method)}: not solved, {reason.rstrip('.')}."
+        for method, reason in report.refused.items()
+    ]
+    return said
+
+
+def _document(material: Material) -> dict[str, Any]:
+    return report_document(material.report)
+
+
+SECTION = Section("curves", "Error curves", _tell, _document)

@@ -1,0 +1,86 @@
+"""The story of model and run: do they agree, where not, what closes the gap, what is left."""
+
+from typing import Any
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import table_views
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.report.diagnosis import (
+    extension_sentences,
+    findings_table,
+    gap_table,
+    group_sentences,
+    limits_table,
+    model_words,
+    noise_sentence,
+    not_testable_sentences,
+    physics_sentences,
+    runners_up_tables,
+)
+from stepdiag_ros.report.diagnosis_document import diagnosis_document
+from stepdiag_ros.report.diagnosis_words import MEANING
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.diagnosis
+    if report is None:
+        return material.why_not("diagnosis")
+    diagnosis, found = report.diagnosis, report.findings
+    title = (
+        "What is missing in the model"
+        if diagnosis.findings
+        else "Closes a part of the gap; not to be believed alone"
+    )
+    drawings = {
+        "gap": Drawing(
+            "gap_map",
+            (diagnosis,),
+            "The gap at every stop: what the run measured less what the model gives there.",
+            {"title": ""},
+        )
+    }
+    if diagnosis.map:
+        drawings["where"] = Drawing(
+            "gap_where",
+            (diagnosis,),
+            "The gap split in several ways; the dashed line is the noise of a reading.",
+            {"title": ""},
+        )
+    if found:
+        drawings["candidates"] = Drawing(
+            "gap_candidates", (diagnosis,), "What each candidate closes of the gap.", {"title": ""}
+        )
+    if report.held_out is not None:
+        drawings["held_out"] = Drawing(
+            "held_out",
+            (report.held_out,),
+            "Readings that took no part in the fit, predicted without and with the effects.",
+            {"title": ""},
+        )
+    return Content(
+        {
+            "verdict": diagnosis.verdict,
+            "sentence": diagnosis.sentence,
+            "meaning": MEANING.get(diagnosis.verdict, ""),
+            "noise": noise_sentence(diagnosis),
+            "model": f"Compared with: {model_words(report)}.",
+            "where": list(diagnosis.where),
+            "findings": table_views([findings_table(found, title)] if found else []),
+            "physics": [*physics_sentences(found), *group_sentences(found)],
+            "runners_up": table_views(runners_up_tables(found)),
+            "gap": table_views([gap_table(report)]),
+            "where_after": list(diagnosis.where_after),
+            "proof": extension_sentences(report),
+            "limits": table_views([limits_table(report)]),
+            "not_testable": not_testable_sentences(report),
+        },
+        drawings,
+    )
+
+
+def _document(material: Material) -> dict[str, Any] | None:
+    return None if material.diagnosis is None else diagnosis_document(material.diagnosis)
+
+
+SECTION = Section("discrepancy", "Does the model explain the run?", _tell, _document)

@@ -1,0 +1,245 @@
+"""What was measured, with what, when and by whom, and in what weather."""
+
+from collections import Counter
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+import yaml
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import Column, Fact, TableView
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
+
+_ANY_DATE = 1e8
+"""s since 1970: a run that is said to be older tells no date."""
+_KINDS = {
+    LINEAR: "lines along an axis",
+    STEP_DIAGONAL: "step diagonals",
+    DIAGONAL: "diagonals, all axes at once",
+}
+_STATES = {
+    4: "all lines are measured",
+    5: "ended by an operator before all lines were measured",
+    6: "stopped by a fault",
+}
+_WEATHER = {
+    "air_temperature": ("air temperature", "°C", 1.0, 2),
+    "material_temperature": ("material temperature", "°C", 1.0, 2),
+    "air_pressure": ("air pressure", "hPa", 0.01, 2),
+    "relative_humidity": ("relative humidity", "%", 100.0, 1),
+}
+"""Field of an environment → in words, unit that people read, factor, decimals."""
+
+
+def _date(nanoseconds: int) -> datetime | None:
+    seconds = nanoseconds * 1e-9
+    return datetime.fromtimestamp(seconds, timezone.utc) if seconds > _ANY_DATE else None
+
+
+def _words_of(date: datetime | None) -> str:
+    return UNKNOWN if date is None else f"{date:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _end(material: Material) -> int:
+    """Return when the last line ended, ns; 0 if there is none."""
+    return max((line.end_time for line in material.measurement.lines), default=0)
+
+
+def _parameters(material: Material, node: str) -> Mapping[str, Any]:
+    """Return the parameters of a node in the run; empty where the bag does not tell them."""
+    text = "" if material.header is None else material.header.parameters
+    parsed = yaml.safe_load(text) if text else None
+    found = parsed.get(f"/{node}") if isinstance(parsed, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def _instrument(material: Material) -> str:
+    known = _parameters(material, "interferometer")
+    if not known:
+        return UNKNOWN
+    parts = [f"driver {known.get('device', UNKNOWN)}"]
+    if identity := known.get("hardware_id"):
+        parts.append(f"number {identity}")
+    if "wavelength" in known:
+        parts.append(f"vacuum wavelength {float(known['wavelength']) * 1e9:.4f} nm")
+    if "compensation" in known:
+        words = {"instrument": "by the instrument", "own": "by stepdiag_ros", "off": "none"}
+        how = str(known["compensation"])
+        parts.append(f"compensation for the air: {words.get(how, how)}")
+    return ", ".join(parts)
+
+
+def _controller(material: Material) -> str:
+    known = _parameters(material, "cnc_bridge")
+    identity = known.get("hardware_id")
+    return f"driver {known['device']}{f', number {identity}' if identity else ''}" if known else ""
+
+
+def _run_facts(material: Material) -> list[Fact]:
+    given, report, recorded = material.given, material.report, material.recorded
+    begin, end = _date(recorded.start_time), _date(_end(material))
+    duration = ""
+    if begin is not None and end is not None:
+        duration = f"{(end - begin).total_seconds() / 60.0:.0f} min"
+    simulated = "a simulated machine" if report.simulated else ""
+    last = recorded.states[-1] if recorded.states else None
+    ended = UNKNOWN
+    if last is not None:
+        words = _STATES.get(last.state, "the recording ends before the run does")
+        ended = f"{words}: {last.text}" if last.text and last.text != words else words
+    facts = [
+        ("Customer", given.customer or UNKNOWN),
+        ("Machine", ", ".join(one for one in (report.machine, simulated) if one) or UNKNOWN),
+        ("Machine number", given.serial or UNKNOWN),
+        ("Order of the axes", f"{report.chain} (workpiece to tool)" if report.chain else UNKNOWN),
+        ("Controller", _controller(material) or UNKNOWN),
+        ("Instrument", _instrument(material)),
+        ("Uncertainty of the instrument", given.instrument.name),
+        ("Place", given.place or UNKNOWN),
+        ("Measured by", given.operator or UNKNOWN),
+        ("Begun", _words_of(begin)),
+        ("Last line ended", _words_of(end)),
+        ("Duration", duration or UNKNOWN),
+        ("End of the run", ended),
+        ("Remark", given.remark),
+    ]
+    return [Fact(name, text) for name, text in facts if text]
+
+
+def _plan_facts(material: Material) -> list[Fact]:
+    plan = material.recorded.plan
+    volume = plan.volume
+    corner = ", ".join(plain(one * 1e3, 1) for one in volume.origin)
+    size = " × ".join(plain(step * volume.blocks * 1e3, 1) for step in volume.step)
+    kinds: dict[str, Counter[str]] = {}
+    for line in plan.lines:
+        kinds.setdefault(line.kind, Counter())[line.name] += 1
+    lines = "; ".join(
+        f"{_KINDS.get(kind, kind)} {', '.join(names)} ({sum(names.values())} passes)"
+        for kind, names in kinds.items()
+    )
+    feed = f"{plan.feed * 60e3:.0f} mm/min" if plan.feed > 0.0 else UNKNOWN
+    sampling = plan.sampling
+    return [
+        Fact("Plan", plan.name or UNKNOWN),
+        Fact("Measured box", f"{size} mm ({', '.join(AXES)}), first corner at {corner} mm"),
+        Fact("Blocks", f"{volume.blocks} on every axis"),
+        Fact("Lines", lines),
+        Fact("Feed", feed),
+        Fact(
+            "A stop",
+            f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
+            f" {sampling.settle:g} s after arrival, which must scatter less than"
+            f" {sampling.standard_deviation_limit * MICRO:g} µm",
+        ),
+    ]
+
+
+def _origin_facts(material: Material) -> list[Fact]:
+    recorded, header = material.recorded, material.header
+    return [
+        Fact("Run", recorded.run_id or UNKNOWN),
+        Fact("Bag", recorded.path.name),
+        Fact("SHA-256", material.sha256 or "unknown, the recording is a folder"),
+        Fact("Recorded by", f"stepdiag_ros {recorded.software_version}"),
+        Fact("Messages", f"schema version {recorded.schema_version}"),
+        Fact("Middleware", header.middleware if header and header.middleware else UNKNOWN),
+    ]
+
+
+def _weather_figures(material: Material) -> dict[str, tuple[float, float, float, int]]:
+    """Return what of the weather was recorded: name → mean, smallest, largest, how many values."""
+    found = {}
+    for name in _WEATHER:
+        values = np.array([one.value for one in material.weather if one.name == name])
+        values = values[np.isfinite(values)]
+        if values.size:
+            found[name] = (
+                float(np.mean(values)),
+                float(np.min(values)),
+                float(np.max(values)),
+                int(values.size),
+            )
+    return found
+
+
+def _weather_table(material: Material) -> TableView:
+    rows = []
+    for name, (mean, low, high, count) in _weather_figures(material).items():
+        words, unit, factor, decimals = _WEATHER[name]
+        numbers = (plain(value * factor, decimals) for value in (mean, low, high))
+        rows.append((words, unit, *numbers, str(count)))
+    heads = ("", "unit", "mean", "lowest", "highest", "values")
+    return TableView(
+        "Weather", tuple(Column(head, place > 1) for place, head in enumerate(heads)), tuple(rows)
+    )
+
+
+def _tell(material: Material) -> Content:
+    drawings = {
+        "plan": Drawing(
+            "plan",
+            (material.recorded.plan, material.machine),
+            "The measured lines in the box.",
+            {"title": ""},
+        )
+    }
+    if material.weather:
+        drawings["weather"] = Drawing(
+            "weather", (list(material.weather),), "Weather during the run.", {"title": ""}
+        )
+    return Content(
+        {
+            "run": _run_facts(material),
+            "plan": _plan_facts(material),
+            "origin": _origin_facts(material),
+            "remarks": [f"Run: {remark}." for remark in _ended(material.report.remarks)],
+            "weather": _weather_table(material) if _weather_figures(material) else None,
+            "no_weather": material.why_not("weather"),
+        },
+        drawings,
+    )
+
+
+def _ended(texts: tuple[str, ...]) -> list[str]:
+    return [text.rstrip(".") for text in texts]
+
+
+def _document(material: Material) -> dict[str, Any]:
+    given, recorded = material.given, material.recorded
+    begin, end = _date(recorded.start_time), _date(_end(material))
+    volume = recorded.plan.volume
+    return {
+        "customer": given.customer or None,
+        "operator": given.operator or None,
+        "place": given.place or None,
+        "machine_number": given.serial or None,
+        "remark": given.remark or None,
+        "instrument": _instrument(material),
+        "controller": _controller(material) or None,
+        "begun": None if begin is None else begin.isoformat(),
+        "last_line_ended": None if end is None else end.isoformat(),
+        "bag": recorded.path.name,
+        "sha256": material.sha256 or None,
+        "run_software_version": recorded.software_version or None,
+        "schema_version": recorded.schema_version,
+        "box": {
+            "origin": list(volume.origin),
+            "step": list(volume.step),
+            "blocks": volume.blocks,
+        },
+        "feed": recorded.plan.feed if recorded.plan.feed > 0.0 else None,
+        "weather": {
+            name: {"mean": mean, "lowest": low, "highest": high, "values": count}
+            for name, (mean, low, high, count) in _weather_figures(material).items()
+        },
+    }
+
+
+SECTION = Section("measurement", "What was measured, and how", _tell, _document)

@@ -1,0 +1,156 @@
+"""The readings: which were taken, how far they repeat, and what they differ from nominal."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import Column, Fact, TableView
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.report.diagnosis_words import two_digits
+from stepdiag_ros.report.numbers import MICRO
+
+NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """How many passes of a line were planned, are there, are complete; stops; lines begun anew."""
+
+    name: str
+    planned: int
+    measured: int
+    complete: int
+    stops: int
+    rejected: int
+    again: int
+
+
+def _name(line: Line) -> str:
+    return f"{line.name} {line.order}".rstrip()
+
+
+def taken(material: Material) -> tuple[_Taken, ...]:
+    """Return what was taken of each line of the plan, in its order."""
+    planned: dict[tuple[str, str], list[int]] = {}
+    for index, line in enumerate(material.recorded.plan.lines):
+        planned.setdefault((line.kind, _name(line)), []).append(index)
+    lines = {line.line_index: line for line in material.measurement.lines}
+    found = []
+    for (_, name), indices in planned.items():
+        here = [lines[index] for index in indices if index in lines]
+        values = [float(value) for line in here for value in line.displacement]
+        rejected = sum(not math.isfinite(value) for value in values)
+        found.append(
+            _Taken(
+                name,
+                len(indices),
+                len(here),
+                sum(line.complete for line in here),
+                len(values) - rejected,
+                rejected,
+                sum(line.attempt - 1 for line in here),
+            )
+        )
+    return tuple(found)
+
+
+def _table(material: Material) -> TableView:
+    heads = ("line", "passes planned", "measured", "complete", "stops", "rejected", "begun anew")
+    rows = [
+        (
+            one.name,
+            *(str(n) for n in (one.planned, one.measured, one.complete)),
+            *(str(n) for n in (one.stops, one.rejected, one.again)),
+        )
+        for one in taken(material)
+    ]
+    return TableView(
+        "Passes and stops",
+        tuple(Column(head, place > 0) for place, head in enumerate(heads)),
+        tuple(rows),
+    )
+
+
+def _repeat_facts(material: Material) -> list[Fact]:
+    found = material.repeats
+    if not math.isfinite(found.reading):
+        return []
+    scatter = two_digits(found.reading * MICRO)
+
+    def beyond(value: float, unit: str) -> str:
+        if value == 0.0:
+            return "no more than that scatter explains"
+        return f"{two_digits(value * MICRO)} {unit} beyond that (standard deviation)"
+
+    return [
+        Fact(
+            "Scatter of a reading",
+            f"{scatter} µm (standard deviation, {found.reading_freedom:,.0f} degrees of freedom)",
+        ),
+        Fact("Offset from pass to pass", beyond(found.offset, "µm")),
+        Fact("Slope from pass to pass", beyond(found.slope, "µm/m")),
+    ]
+
+
+def _tell(material: Material) -> Content | str:
+    if not material.measurement.lines:
+        return "No line was finished."
+    measurement = material.measurement
+    drawings = {
+        "lines": Drawing(
+            "line_errors",
+            (measurement,),
+            "Readings less nominal displacement along every line.",
+            {"title": ""},
+        )
+    }
+    repeated = _repeat_facts(material)
+    if repeated:
+        drawings["repeatability"] = Drawing(
+            "repeatability",
+            (measurement,),
+            "Every pass less the mean of the passes of its setup.",
+            {"title": ""},
+        )
+    return Content(
+        {
+            "taken": _table(material),
+            "repeats": repeated,
+            "no_repeats": [] if repeated else [NO_REPEATS],
+        },
+        drawings,
+    )
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _document(material: Material) -> dict[str, Any]:
+    repeats = material.repeats
+    return {
+        "lines": [
+            {
+                "name": one.name,
+                "passes_planned": one.planned,
+                "passes_measured": one.measured,
+                "passes_complete": one.complete,
+                "stops": one.stops,
+                "stops_rejected": one.rejected,
+                "begun_anew": one.again,
+            }
+            for one in taken(material)
+        ],
+        "repeats": {
+            "standard_deviation_of_a_reading": _known(repeats.reading),
+            "degrees_of_freedom": repeats.reading_freedom,
+            "standard_deviation_of_offsets": _known(repeats.offset),
+            "standard_deviation_of_slopes": _known(repeats.slope),
+        },
+    }
+
+
+SECTION = Section("readings", "Readings and repeatability", _tell, _document)

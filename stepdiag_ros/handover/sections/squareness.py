@@ -1,0 +1,42 @@
+"""The squareness of the axes, with its sign drawn."""
+
+from typing import Any
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import table_views
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
+from stepdiag_ros.report.tables import squareness_table
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.report
+    preferred = report.preferred()
+    if preferred is None:
+        return "Squareness is unknown: the measured lines are not enough for any method."
+    drawing = Drawing(
+        "squareness",
+        ([preferred],),
+        "How the axes stand to each other, the angle exaggerated.",
+        {"title": "", "truth": report.truth},
+    )
+    return Content(
+        {
+            "tables": table_views([squareness_table(report, "rotation")]),
+            "sentences": [
+                f"Sign: {SIGN_DEFINITIONS['rotation']}. C0Y: Y to X, B0Z: Z to X, A0Z: Z to Y."
+            ],
+        },
+        {"squareness": drawing},
+    )
+
+
+def _document(material: Material) -> dict[str, Any] | None:
+    preferred = material.report.preferred()
+    if preferred is None:
+        return None
+    return {"method": preferred.method, "sign": SIGN_DEFINITIONS["rotation"]}
+
+
+SECTION = Section("squareness", "Squareness", _tell, _document)

@@ -1,0 +1,94 @@
+"""The errors in the volume: the worst point, in numbers and as an exaggerated wireframe."""
+
+import json
+import math
+from typing import Any
+
+from stepdiag_ros.handover.material import Material
+from stepdiag_ros.handover.page import Fact, table_views
+from stepdiag_ros.handover.pictures import Drawing
+from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.report.content import method_title
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, plus_minus
+from stepdiag_ros.report.volumetric import (
+    DEFINITION,
+    VolumetricReport,
+    accuracy_table,
+    volumetric_json,
+)
+
+
+def _volumetric(material: Material) -> VolumetricReport:
+    return VolumetricReport(
+        dict(material.accuracies), str(material.recorded.path), material.report.run_id
+    )
+
+
+def _tell(material: Material) -> Content | str:
+    preferred, found = material.report.preferred(), material.accuracy
+    if preferred is None or found is None:
+        return "The errors in the volume are unknown: the lines are not enough for any method."
+    said = [
+        DEFINITION,
+        f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) at that place; in the table of what"
+        " the readings tell, above it with all sources that the budget knows"
+        f"{', so at least that' if material.lower_bound else ''}.",
+    ]
+    said += [
+        f"{method_title(method)}: {remark}."
+        for method, one in material.accuracies.items()
+        for remark in one.remarks
+    ]
+    facts, drawings = [], {}
+    if math.isfinite(found.value):
+        place = ", ".join(plain(value * 1e3, 1) for value in found.position)
+        vector = ", ".join(plain(value * MICRO, 2) for value in found.vector)
+        size = plus_minus(found.value, found.standard_uncertainty, MICRO)
+        facts = [
+            Fact("Largest error", f"{size} µm"),
+            Fact("at X, Y, Z", f"{place} mm"),
+            Fact("error there in X, Y, Z", f"{vector} µm"),
+            Fact("Root mean square over the volume", f"{plain(found.rms * MICRO, 2)} µm"),
+        ]
+        drawings["volume"] = Drawing(
+            "volume",
+            (preferred, material.report.chain),
+            "The measured box and, exaggerated, what the machine makes of it; the worst point is"
+            " marked.",
+            {"title": ""},
+        )
+    tables = table_views([accuracy_table(_volumetric(material))])
+    return Content(
+        {
+            "facts": facts,
+            "method": method_title(preferred.method),
+            "tables": tables,
+            "sentences": said,
+        },
+        drawings,
+    )
+
+
+def _document(material: Material) -> dict[str, Any] | None:
+    if not material.accuracies:
+        return None
+    found = material.accuracy
+    return {
+        "rms": {
+            method: float(one.rms) if math.isfinite(one.rms) else None
+            for method, one in material.accuracies.items()
+        },
+        "worst": json.loads(volumetric_json(_volumetric(material))),
+        "method": None if found is None else _method(material),
+        "expanded_uncertainty": None
+        if found is None or not math.isfinite(found.standard_uncertainty)
+        else COVERAGE_FACTOR * found.standard_uncertainty,
+    }
+
+
+def _method(material: Material) -> str | None:
+    preferred = material.report.preferred()
+    return None if preferred is None else preferred.method
+
+
+SECTION = Section("volume", "Errors in the volume", _tell, _document)

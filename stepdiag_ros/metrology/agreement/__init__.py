@@ -1,0 +1,26 @@
+"""Do two measurements of one machine agree, and if not, what has changed and by how much.
+
+Each value of the second is set against that of the first with the uncertainty of their difference:
+the normalised error E_n (ISO 13528:2022, 9.7; ISO/IEC 17043), and for a whole curve one statistic
+that knows how its nodes hang together (chi squared with its probability by chance).
+"""
+
+from stepdiag_ros.metrology.agreement.changes import Changes, CurveChange, compare
+from stepdiag_ros.metrology.agreement.joint import SIGNIFICANT, JointTest, joint_test
+from stepdiag_ros.metrology.agreement.measured import Measured
+from stepdiag_ros.metrology.agreement.shared import SAME_INSTRUMENT, SAME_MACHINE
+from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange
+
+__all__ = [
+    "SAME_INSTRUMENT",
+    "SAME_MACHINE",
+    "SIGNIFICANT",
+    "Changes",
+    "CurveChange",
+    "FigureChange",
+    "JointTest",
+    "Measured",
+    "PlaceChange",
+    "compare",
+    "joint_test",
+]

@@ -1,0 +1,273 @@
+"""Two measurements of one machine beside each other: every difference with its uncertainty.
+
+    E_n = (after - before) / (U_before² + U_after² - 2 k² cov)^½,  U = k u, k = 2
+
+(ISO 13528:2022, 9.7, for independent measurements, with what both share taken out). |E_n| <= 1:
+the two agree within what is known of them. Of many nodes one in twenty is outside by chance, and
+nodes of one curve hang together; so each curve, and all of them, are also judged at once
+(``joint``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from stepdiag_ros.metrology.agreement.joint import JointTest, joint_test, significant_of_many
+from stepdiag_ros.metrology.agreement.measured import Measured, Pair, figure_weights, pair
+from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sources
+from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange
+from stepdiag_ros.metrology.agreement.volume import volume_changes
+from stepdiag_ros.metrology.comparison import normalised_error
+from stepdiag_ros.metrology.geometry import Vector, curve_unit, moving_axis
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import LINEAR
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.axis_test import all_runs
+from stepdiag_ros.metrology.standards.iso230_2 import evaluate
+
+
+@dataclass(frozen=True)
+class CurveChange:
+    """One error curve of both measurements, at their common nodes.
+
+    Attributes:
+        name: ISO 230-1 name.
+        unit: ``m`` or ``rad``.
+        positions: machine coordinates of the moving axis, m, shape (n,).
+        before: of the first measurement, shape (n,); NaN where not determined.
+        before_uncertainty: standard uncertainties, shape (n,); NaN where not known, 0 where the
+            frame fixes the value.
+        after: of the second.
+        after_uncertainty: of the second.
+        difference_uncertainty: standard uncertainties of ``difference``, shape (n,).
+        joint: of all nodes together.
+        changed: chance does not explain this curve's change, although there are many curves; None
+            where that cannot be told.
+    """
+
+    name: str
+    unit: str
+    positions: Vector
+    before: Vector
+    before_uncertainty: Vector
+    after: Vector
+    after_uncertainty: Vector
+    difference_uncertainty: Vector
+    joint: JointTest
+    changed: bool | None
+
+    @property
+    def difference(self) -> Vector:
+        """Return after minus before, shape (n,)."""
+        return self.after - self.before
+
+    @property
+    def normalised_error(self) -> Vector:
+        """Return E_n, shape (n,); NaN where an uncertainty is unknown or the frame fixes both."""
+        return normalised_error(self.difference, self.difference_uncertainty)
+
+    @property
+    def largest(self) -> int:
+        """Return the node of the largest difference; -1 where none is known."""
+        size = np.abs(self.difference)
+        return int(np.nanargmax(size)) if np.any(np.isfinite(size)) else -1
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What two measurements say of one machine.
+
+    Attributes:
+        before: the first on the common nodes in the common frame, with its covariance.
+        after: the second.
+        chain: order of the machine's axes from workpiece to tool; empty if not known.
+        curves: of both.
+        figures: squareness, positioning, straightness, angles, diagonals, reversal.
+        rms: of the error vectors' lengths over the nodes of the volume.
+        worst: length of the longest error vector (volumetric accuracy).
+        moved: the error vector that changed most; None where the volume is not known.
+        worst_places: machine coordinates of the longest error vector before and after, m, shape
+            (2, 3); NaN where not known.
+        rms_noise: rms over the volume of the standard uncertainty of the error vectors, before
+            and after, m: what a perfect machine would show; NaN where not known.
+        joint: of all nodes of all curves together.
+        shared: names of the sources of uncertainty that are the same in both.
+        at_least: a source that acts is not known, so that every uncertainty is a lower bound.
+        remarks: what a reader must know, in words.
+    """
+
+    before: VolumetricErrors
+    after: VolumetricErrors
+    chain: str
+    curves: tuple[CurveChange, ...]
+    figures: tuple[FigureChange, ...]
+    rms: FigureChange
+    worst: FigureChange
+    moved: PlaceChange | None
+    worst_places: Vector
+    rms_noise: tuple[float, float]
+    joint: JointTest
+    shared: tuple[str, ...] = ()
+    at_least: bool = False
+    remarks: tuple[str, ...] = field(default=())
+
+    @cached_property
+    def normalised_errors(self) -> Vector:
+        """Return E_n of all nodes of all curves at which it is known, shape (m,)."""
+        every = np.concatenate([one.normalised_error for one in self.curves])
+        known: Vector = every[np.isfinite(every)]
+        return known
+
+    @property
+    def changed(self) -> tuple[CurveChange, ...]:
+        """Return the curves that changed, the least explained by chance first."""
+        named = [one for one in self.curves if one.changed]
+        return tuple(sorted(named, key=lambda one: one.joint.probability))
+
+    def most_changed(self, unit: str = "m") -> CurveChange | None:
+        """Return the curve with the largest difference; None where none is known.
+
+        Args:
+            unit: ``m``: of the translations; ``rad``: of the rotations.
+        """
+        known = [one for one in self.curves if one.unit == unit and one.largest >= 0]
+        if not known:
+            return None
+        return max(known, key=lambda one: float(abs(one.difference[one.largest])))
+
+
+def compare(before: Measured, after: Measured, same_instrument: bool = False) -> Changes:
+    """Return how two measurements of a machine differ.
+
+    Args:
+        before: the first.
+        after: the second.
+        same_instrument: one laser with its sensors measured both; only of effect where both have a
+            budget, since nothing else tells what comes from the instrument.
+
+    Raises:
+        ValueError: they cannot be compared; see ``measured.pair``.
+    """
+    shared = shared_sources(before.budget, after.budget, same_instrument)
+    both = pair(before, after, cross_covariance(before, after, shared))
+    combined = both.before.covariance + both.after.covariance - both.cross - both.cross.T
+    curves, joint = _curves(both, combined)
+    rms, worst, moved, places, noise = volume_changes(both)
+    return Changes(
+        before=both.before,
+        after=both.after,
+        chain=both.chain,
+        curves=curves,
+        figures=(*_figures(both), *_reversals(before.measurement, after.measurement)),
+        rms=rms,
+        worst=worst,
+        moved=moved,
+        worst_places=places,
+        rms_noise=noise,
+        joint=joint,
+        shared=shared,
+        at_least=any(
+            one.budget is not None and bool(np.any(one.budget.at_least)) for one in (before, after)
+        ),
+        remarks=both.remarks,
+    )
+
+
+def _curves(both: Pair, combined: Vector) -> tuple[tuple[CurveChange, ...], JointTest]:
+    names = list(both.before.curves)
+    ends = np.cumsum([len(both.before.curves[name]) for name in names])
+    starts = [0, *ends[:-1].tolist()]
+    places = {name: slice(s, int(e)) for name, s, e in zip(names, starts, ends, strict=True)}
+    difference = {name: both.after.curves[name] - both.before.curves[name] for name in names}
+    joint = joint_test(np.concatenate(list(difference.values())), combined)
+    tests = {
+        name: joint_test(difference[name], combined[places[name], places[name]]) for name in names
+    }
+    # Where all curves together are as chance has them, none of them is called changed.
+    if joint.known and not joint.significant:
+        named: Sequence[str] = ()
+    else:
+        named = significant_of_many(tests)
+    spread = np.sqrt(np.maximum(np.diag(combined), 0.0))
+    made = [
+        CurveChange(
+            name=name,
+            unit=curve_unit(name),
+            positions=both.before.nodes[moving_axis(name)],
+            before=both.before.curves[name],
+            before_uncertainty=both.before.standard_uncertainty[name],
+            after=both.after.curves[name],
+            after_uncertainty=both.after.standard_uncertainty[name],
+            difference_uncertainty=spread[places[name]],
+            joint=tests[name],
+            changed=name in named if tests[name].known else None,
+        )
+        for name in names
+    ]
+    return tuple(made), joint
+
+
+def _figures(both: Pair) -> list[FigureChange]:
+    """Return the figures of both; of each its size and sign as the result has it."""
+    later = {figure.name: figure for figure in both.after.figures}
+    shown = [figure for figure in both.before.figures if figure.name in later]
+    covariance = np.zeros(len(shown))
+    if np.any(both.cross):
+        told = [row for row, figure in enumerate(shown) if np.isfinite(figure.value)]
+        names = [shown[row].name for row in told]
+        first, second = (
+            figure_weights(one, names, both.chain) for one in (both.before, both.after)
+        )
+        covariance[told] = np.einsum("ij,jk,ik->i", first, np.nan_to_num(both.cross), second)
+    return [
+        FigureChange.of(
+            figure.name,
+            figure.unit,
+            (figure.value, later[figure.name].value),
+            (figure.standard_uncertainty, later[figure.name].standard_uncertainty),
+            float(shared),
+        )
+        for figure, shared in zip(shown, covariance, strict=True)
+    ]
+
+
+def _reversals(before: Measurement | None, after: Measurement | None) -> list[FigureChange]:
+    """Return the mean reversal errors of the axes (ISO 230-2, 3.15) that both tell."""
+    if before is None or after is None:
+        return []
+    first, second = _mean_reversals(before), _mean_reversals(after)
+    return [
+        FigureChange.of(
+            f"mean reversal {axis}",
+            "m",
+            (first[axis][0], second[axis][0]),
+            (first[axis][1], second[axis][1]),
+        )
+        for axis in first
+        if axis in second
+    ]
+
+
+def _mean_reversals(measurement: Measurement) -> dict[str, tuple[float, float]]:
+    """Return the mean reversal error of each axis, m, and its standard uncertainty by the stops.
+
+    B̄ is the mean of the forward stops less that of the backward ones, each with its uncertainty.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for runs in all_runs(measurement):
+        if runs.kind != LINEAR or not len(runs.forward) or not len(runs.backward):
+            continue
+        variance = 0.0
+        for direction, count in (("forward", len(runs.forward)), ("backward", len(runs.backward))):
+            used = [
+                line.standard_uncertainty
+                for line in measurement.lines
+                if (line.setup, line.line.kind, line.line.direction)
+                == (runs.setup, LINEAR, direction)
+                and np.all(np.isfinite(line.displacement))
+            ]
+            variance += float(np.sum(np.square(used))) / (count * len(runs.target)) ** 2
+        found[runs.name] = (evaluate(runs).parameters["mean B"], variance**0.5)
+    return found

@@ -1,0 +1,84 @@
+"""What two measurements share: an error that is in both cancels in their difference.
+
+Readings, setups, drift and turbulence are another matter each time. The calibration of the laser
+and of the sensors is the same if the same instrument measured both times; a coefficient of thermal
+expansion that both were corrected with is the same, since the machine is. What the two share is
+only told by a budget, which knows the sources one by one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepdiag_ros.metrology.agreement.measured import Measured, curve_rows
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.uncertainty.budget import Budget
+from stepdiag_ros.metrology.uncertainty.source import COMMON, Source
+
+SAME_INSTRUMENT = (
+    "laser wavelength",
+    "air temperature",
+    "air pressure",
+    "relative humidity",
+    "equation for the index",
+    "material temperature",
+)
+"""Sources that are one and the same value if one instrument, with its sensors, measured twice."""
+SAME_MACHINE = ("expansion coefficient",)
+"""Sources that are one and the same value because the machine is the same."""
+
+
+def shared_sources(
+    before: Budget | None, after: Budget | None, same_instrument: bool
+) -> tuple[str, ...]:
+    """Return the names of the sources that two measurements share.
+
+    Args:
+        before: of the first; None if its sources are not known one by one.
+        after: of the second.
+        same_instrument: one instrument, with its sensors, measured both.
+    """
+    if before is None or after is None:
+        return ()
+    wanted = (*SAME_INSTRUMENT, *SAME_MACHINE) if same_instrument else SAME_MACHINE
+    return tuple(
+        name
+        for name in wanted
+        if all(any(_acts(source, name) for source in one.sources) for one in (before, after))
+    )
+
+
+def cross_covariance(before: Measured, after: Measured, names: Sequence[str]) -> Vector:
+    """Return the covariance of the stacked curves of one measurement with those of the other.
+
+    A shared source is one value x with one standard uncertainty u: what it does to the first, times
+    what it does to the second, times u² (GUM F.1.2.3). Where the two budgets state another u for
+    it, the product of both is taken.
+
+    Args:
+        before: with its budget, if there is one.
+        after: the same of the second.
+        names: of the shared sources.
+
+    Returns:
+        in the products of the units, shape (k of the first, k of the second).
+    """
+    sizes = [sum(map(len, one.result.curves.values())) for one in (before, after)]
+    made = np.zeros((sizes[0], sizes[1]))
+    if before.budget is None or after.budget is None:
+        return made
+    places, rows = curve_rows(before.budget, before.result)
+    other_places, other_rows = curve_rows(after.budget, after.result)
+    for name in names:
+        first, second = _factors(before.budget, name), _factors(after.budget, name)
+        made[np.ix_(places, other_places)] += first[rows] @ second[other_rows].T
+    return made
+
+
+def _acts(source: Source, name: str) -> bool:
+    return source.name == name and source.known and source.correlation == COMMON
+
+
+def _factors(budget: Budget, name: str) -> Vector:
+    source = next(one for one in budget.sources if _acts(one, name))
+    return source.factors(budget.sensitivity.matrix)

@@ -1,0 +1,25 @@
+"""What a viewer with the token may ask for, and how the answer is told."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+ACTIONS = ("start", "pause", "resume", "abort")
+"""As the sequencer's services are called."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a request.
+
+    Attributes:
+        done: it was done as asked.
+        text: in plain words.
+    """
+
+    done: bool
+    text: str
+
+
+Ask = Callable[[str], "Future[Answer]"]
+"""Asks for one of ``ACTIONS``; called from the server's thread."""

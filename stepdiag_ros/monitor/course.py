@@ -1,0 +1,217 @@
+"""Sections about the course of a run: where it is, the picture of the volume, the axes."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.monitor.items import MachineStatus, Place, RunBegin, RunStatus
+from stepdiag_ros.monitor.section import MILLI, Section, drawn, measured, time_left
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.scene.progress_markers import Course, courses
+
+STATE_WORDS = {
+    State.IDLE: "nothing is measured",
+    State.RUNNING: "measuring",
+    State.PAUSED: "paused",
+    State.WAITING_FOR_SETUP: "waits for laser and mirror to be set up",
+    State.FINISHED: "finished",
+    State.ABORTED: "aborted",
+    State.FAULT: "stopped by a fault",
+}
+ENDED = (State.FINISHED, State.ABORTED)
+_POINTS = 200
+"""Points of a drawn line, at most; a line of more stops is drawn by its ends."""
+
+
+class RunSection(Section):
+    """Which run it is, where it is, how long it takes still, and what may be asked of it."""
+
+    name: ClassVar[str] = "run"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Take up a run."""
+        self._run = run
+        self._status: RunStatus | None = None
+
+    def take(self, item: object) -> bool:
+        """Take the run's own word on where it is."""
+        if not isinstance(item, RunStatus):
+            return False
+        changed = self._status is None or item._replace(time=self._status.time) != self._status
+        self._status = item
+        return changed
+
+    def document(self) -> dict[str, Any]:
+        """Return it in words and counts."""
+        run, status = self._run, self._status
+        plan = run.plan if run else None
+        document: dict[str, Any] = {
+            "run_id": run.run_id if run else "",
+            "plan": plan.name if plan else "",
+            "simulated": bool(run and run.simulated),
+            "state": status.state.name if status else None,
+            "words": STATE_WORDS[status.state] if status else "no run is known yet",
+        }
+        if status is None:
+            return document
+        under_way = status.run_id != "" and status.state not in ENDED
+        block = block_count = 0
+        if plan and status.line_index < len(plan.lines):
+            line = plan.lines[status.line_index]
+            block, block_count = line.block_of(status.stop), plan.volume.blocks
+        total = status.stops_total
+        return document | {
+            "line": status.line if under_way else "",
+            "line_number": status.line_index + 1,
+            "line_count": status.line_count,
+            "setup": status.setup,
+            "block": block,
+            "block_count": block_count,
+            "stop": status.stop,
+            "stop_count": status.stop_count,
+            "stops_done": status.stops_done,
+            "stops_total": total,
+            "share": status.stops_done / total if total else None,
+            "remaining_s": drawn(status.remaining_time) if under_way else None,
+            "remaining": time_left(status.remaining_time) if under_way else "",
+            "text": status.text,
+        }
+
+
+class VolumeSection(Section):
+    """The box that is measured and the lines through it, as they stand in the plan."""
+
+    name: ClassVar[str] = "volume"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Take up the lines of a plan."""
+        self._run = run
+
+    def take(self, item: object) -> bool:
+        """Nothing of it changes in a run."""
+        del item
+        return False
+
+    def document(self) -> dict[str, Any]:
+        """Return corners and lines, in mm of the machine's coordinates."""
+        if self._run is None:
+            return {"box": None, "courses": []}
+        plan = self._run.plan
+        volume = plan.volume
+        corners = np.array([[volume.nodes(axis)[end] for axis in range(3)] for end in (0, -1)])
+        return {
+            "box": _millimetres(corners),
+            "courses": [
+                {
+                    "name": course.name,
+                    "passes": len(course.passes),
+                    "path": _millimetres(_path(course.line.stops(volume))),
+                }
+                for course in courses(plan)
+            ],
+        }
+
+
+class ProgressSection(Section):
+    """How far each of these lines is, and the present block."""
+
+    name: ClassVar[str] = "progress"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Take up a plan of which nothing is measured."""
+        self._plan = run.plan if run else None
+        self._courses: tuple[Course, ...] = courses(run.plan) if run else ()
+        self._measured: dict[int, bool] = {}
+        self._present: tuple[int, int] | None = None
+
+    def take(self, item: object) -> bool:
+        """Take finished lines, and where the run is."""
+        if isinstance(item, MeasuredLine):
+            self._measured[item.line_index] = item.complete
+            return True
+        if not isinstance(item, RunStatus) or self._plan is None:
+            return False
+        at_work = item.run_id and item.state not in ENDED
+        inside = item.line_index < len(self._plan.lines)
+        present = (item.line_index, item.stop) if at_work and inside else None
+        changed, self._present = present != self._present, present
+        return changed
+
+    def document(self) -> dict[str, Any]:
+        """Return for each line of the drawing how it stands."""
+        return {
+            "courses": [
+                {
+                    "done": sum(one in self._measured for one in course.passes),
+                    "look": self._look(course),
+                }
+                for course in self._courses
+            ],
+            "block": self._block(),
+        }
+
+    def _look(self, course: Course) -> str:
+        known = [self._measured[one] for one in course.passes if one in self._measured]
+        if self._present is not None and self._present[0] in course.passes:
+            return "present"
+        if not all(known):
+            return "incomplete"
+        return "measured" if len(known) == len(course.passes) else "left"
+
+    def _block(self) -> list[list[float]] | None:
+        """Return the move that is being made, from the stop before to the present one."""
+        if self._plan is None or self._present is None:
+            return None
+        line_index, stop = self._present
+        stops = self._plan.lines[line_index].stops(self._plan.volume)
+        if not 0 < stop < len(stops):
+            return None
+        return _millimetres(stops[stop - 1 : stop + 1])
+
+
+class PositionSection(Section):
+    """Where the tool is, and whether the machine says that it is stopped or faulty."""
+
+    name: ClassVar[str] = "position"
+    of_run = False
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know nothing yet."""
+        del run
+        self._place: Place | None = None
+        self._trouble = ""
+
+    def take(self, item: object) -> bool:
+        """Take positions and the machine's state."""
+        if isinstance(item, Place):
+            changed = self._place is None or item.position != self._place.position
+            self._place = item
+            return changed
+        if isinstance(item, MachineStatus):
+            trouble = (item.reason or "the machine is stopped") if item.troubled else ""
+            changed, self._trouble = trouble != self._trouble, trouble
+            return changed
+        return False
+
+    def document(self) -> dict[str, Any]:
+        """Return X, Y, Z in mm, and each with its unit."""
+        place = self._place.position if self._place else (np.nan,) * 3
+        return {
+            "at": [drawn(value, MILLI) for value in place] if self._place else None,
+            "texts": {
+                axis: measured(float(value), "mm", 3, MILLI)
+                for axis, value in zip(AXES, place, strict=True)
+            },
+            "trouble": self._trouble,
+        }
+
+
+def _path(stops: Vector) -> Vector:
+    return stops if len(stops) <= _POINTS else stops[[0, -1]]
+
+
+def _millimetres(points: Vector) -> list[list[float]]:
+    rounded: list[list[float]] = np.round(np.asarray(points) * MILLI, 4).tolist()
+    return rounded

@@ -1,0 +1,250 @@
+"""Sections about what is measured: the beam, the last stop, the blocks, the air."""
+
+import math
+from collections import deque
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stepdiag_ros.devices.interferometer import STATUS_LOW_SIGNAL, STATUS_OK
+from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, SettledStop
+from stepdiag_ros.metrology.plan import FORWARD, Line
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.monitor.expectation import expected_displacement, nominal_displacement
+from stepdiag_ros.monitor.items import RunBegin
+from stepdiag_ros.monitor.section import MICRO, MILLI, Section, drawn, measured, micrometres
+from stepdiag_ros.report.content import short_title
+from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
+from stepdiag_ros.scene.error_markers import chosen_results
+
+_KEPT_STOPS = 120
+"""Stops of which the page draws how far they are from what was expected."""
+_KEPT_BLOCKS = 400
+"""Blocks of a pass that are drawn; of a longer one the last."""
+_TENTH = 10
+"""Parts of a percent of the signal that are told apart: noise is no news."""
+
+
+class BeamSection(Section):
+    """Whether there is a beam, how strong it is, and what it reads."""
+
+    name: ClassVar[str] = "beam"
+    of_run = False
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know nothing yet."""
+        del run
+        self._reading: Reading | None = None
+
+    def take(self, item: object) -> bool:
+        """Take the newest reading."""
+        if not isinstance(item, Reading):
+            return False
+        self._reading = item
+        return True
+
+    def document(self) -> dict[str, Any]:
+        """Return strength, state and reading."""
+        reading = self._reading
+        if reading is None:
+            return {"state": None, "words": NO_READING_YET, "strength": None, "percent": "unknown"}
+        strength = reading.signal_strength
+        words = {STATUS_OK: GOOD, STATUS_LOW_SIGNAL: DIM} | NOW_LOST
+        states = {STATUS_OK: "good", STATUS_LOW_SIGNAL: "dim"}
+        return {
+            "state": states.get(reading.status, "lost"),
+            "words": words.get(reading.status, f"the beam has the unknown status {reading.status}"),
+            "strength": (
+                round(strength * 100 * _TENTH) / (100 * _TENTH) if math.isfinite(strength) else None
+            ),
+            "percent": measured(strength, "%", 0, 100.0),
+            "reading": measured(reading.compensated_displacement, "mm", 5, MILLI),
+            "sequence": reading.sequence,
+        }
+
+
+class StopSection(Section):
+    """The last stop: what was measured against a perfect machine and against the model.
+
+    Both are counted from the first settled stop of the setup, at which the reading is zeroed.
+    """
+
+    name: ClassVar[str] = "stop"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Take up a run."""
+        self._run = run
+        self._results: dict[str, VolumetricErrors] = {}
+        self._first: dict[str, SettledStop] = {}
+        self._last: dict[str, Any] = {}
+        self._trace: deque[list[float | None]] = deque(maxlen=_KEPT_STOPS)
+        self._number = 0
+
+    def take(self, item: object) -> bool:
+        """Take stops, and the results that tell what is expected of the next."""
+        if isinstance(item, VolumetricErrors):
+            self._results[item.method] = item
+            return False
+        if not isinstance(item, SettledStop) or self._run is None:
+            return False
+        self._number += 1
+        self._last = self._shown(item)
+        return True
+
+    def document(self) -> dict[str, Any]:
+        """Return the last stop, and how far the last ones were from what was expected."""
+        return {"last": self._last or None, "trace": list(self._trace)}
+
+    def _shown(self, stop: SettledStop) -> dict[str, Any]:
+        command = stop.command
+        told = {
+            "line": str(stop.line),
+            "stop": command.stop,
+            "settled": stop.settled,
+            "reason": stop.reason,
+            "readings": stop.readings,
+        }
+        if not stop.settled:
+            self._trace.append([self._number, None, None])
+            return told
+        first = self._first.setdefault(command.setup, stop)
+        displacement = stop.displacement - first.displacement
+        nominal, expected, method = self._expected(first, stop)
+        from_nominal, from_expected = displacement - nominal, displacement - expected
+        # The zero has an uncertainty of its own, and is no stop against itself.
+        uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
+        uncertainty = 0.0 if stop is first else uncertainty
+        self._trace.append([self._number, drawn(from_nominal, MICRO), drawn(from_expected, MICRO)])
+        return told | {
+            "displacement_m": displacement,
+            "displacement": measured(displacement, "mm", 5, MILLI),
+            "nominal": measured(nominal, "mm", 5, MILLI),
+            "from_nominal": micrometres(from_nominal, uncertainty),
+            "expected": measured(expected, "mm", 5, MILLI),
+            "from_expected": micrometres(from_expected, uncertainty),
+            "expected_by": short_title(method) if method else "",
+        }
+
+    def _expected(self, first: SettledStop, stop: SettledStop) -> tuple[float, float, str]:
+        assert self._run is not None
+        volume = self._run.plan.volume
+        start, end = np.array(first.command.target), np.array(stop.command.target)
+        nominal = nominal_displacement(stop.line, volume, start, end)
+        best_first = reversed(chosen_results(self._results, "all"))
+        expected, method = expected_displacement(
+            best_first, stop.line, stop.command.setup, volume, self._run.chain, (start, end)
+        )
+        return nominal, expected, method
+
+
+class BlockSection(Section):
+    """The blocks of the present pass as they come, and of the pass before over the same line."""
+
+    name: ClassVar[str] = "blocks"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know no block."""
+        self._volume = run.plan.volume if run else None
+        self._key: tuple[int, int] | None = None
+        self._line: Line | None = None
+        self._blocks: deque[BlockDisplacement] = deque(maxlen=_KEPT_BLOCKS)
+        self._before: tuple[BlockDisplacement, ...] = ()
+        self._count = 0
+
+    def take(self, item: object) -> bool:
+        """Take the next block."""
+        if not isinstance(item, BlockDisplacement):
+            return False
+        key = (item.line_index, item.attempt)
+        if key != self._key:
+            again = self._line is not None and self._line.setup == item.line.setup
+            self._before = tuple(self._blocks) if again else ()
+            self._key, self._line = key, item.line
+            self._blocks.clear()
+        self._blocks.append(item)
+        self._count += 1
+        return True
+
+    def document(self) -> dict[str, Any]:
+        """Return displacement less nominal displacement of each, in µm, with U (95 %)."""
+        last = self._blocks[-1] if self._blocks else None
+        return {
+            "line": str(self._line) if self._line else "",
+            "count": self._count,
+            "blocks": [self._shown(block) for block in self._blocks],
+            "before": [self._shown(block) for block in self._before],
+            "last": None
+            if last is None
+            else {
+                "block": last.block,
+                "axis": last.axis,
+                "displacement_m": last.displacement,
+                "displacement": measured(last.displacement, "mm", 5, MILLI),
+                "deviation": micrometres(
+                    last.displacement - last.nominal_displacement, last.standard_uncertainty
+                ),
+            },
+        }
+
+    def _shown(self, block: BlockDisplacement) -> list[Any]:
+        """Return place, axis, deviation and u; counted forward, so that passes can be compared."""
+        place = (block.from_stop + block.to_stop) / 2.0
+        deviation = block.displacement - block.nominal_displacement
+        if block.line.direction != FORWARD and self._volume is not None:
+            place = len(block.line.stops(self._volume)) - 1 - place
+            deviation = -deviation
+        return [
+            place,
+            block.axis,
+            drawn(deviation, MICRO),
+            drawn(block.standard_uncertainty, MICRO),
+        ]
+
+
+class WeatherSection(Section):
+    """The air and the machine's temperature, by the sensors or by what the laser was told."""
+
+    name: ClassVar[str] = "weather"
+    of_run = False
+    SHOWN: ClassVar[dict[str, tuple[str, str, int, float]]] = {
+        "air_temperature": ("air", "°C", 2, 1.0),
+        "air_pressure": ("pressure", "hPa", 2, 0.01),
+        "relative_humidity": ("humidity", "%", 1, 100.0),
+        "material_temperature": ("machine", "°C", 2, 1.0),
+    }
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know nothing yet."""
+        del run
+        self._values: dict[str, float] = {}
+        self._sensed: set[str] = set()
+
+    def take(self, item: object) -> bool:
+        """Take what sensors say; what they do not, is taken from readings."""
+        if isinstance(item, SensorValue):
+            self._sensed.add(item.name)
+            return self._set(item.name, item.value)
+        if isinstance(item, Reading):
+            told = item.environment._asdict().items()
+            return sum(self._set(k, v) for k, v in told if k not in self._sensed) > 0
+        return False
+
+    def document(self) -> dict[str, Any]:
+        """Return each quantity with its unit."""
+        return {
+            "values": [
+                {
+                    "name": words,
+                    "text": measured(self._values.get(name, math.nan), unit, decimals, scale),
+                    "source": "sensor" if name in self._sensed else "as compensated",
+                }
+                for name, (words, unit, decimals, scale) in self.SHOWN.items()
+            ]
+        }
+
+    def _set(self, name: str, value: float) -> bool:
+        before = self._values.get(name, math.nan)
+        self._values[name] = value
+        _, unit, decimals, scale = self.SHOWN[name]
+        return measured(before, unit, decimals, scale) != measured(value, unit, decimals, scale)

@@ -1,0 +1,122 @@
+"""The measured box in the machine's travel, with every line that a plan measures."""
+
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from stepdiag_ros.metrology.geometry import FACE_DIAGONALS, Vector
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, Plan
+from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
+from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
+from stepdiag_ros.plots.style import COLOURS, Sheet, panel_title
+
+_MARKERS = ("o", "^")
+_SMALL = 0.5
+"""A box whose diagonal is a smaller share of the travel's is drawn without the travel."""
+_LEGEND_ROOM = 0.3
+"""Left of a drawing, as a share of its size."""
+_TITLE_WIDTH = 78
+"""Characters of a line of the heading."""
+
+
+def plan(
+    plan: Plan,
+    machine: Machine | None = None,
+    *,
+    title: str | None = None,
+    stamp: str = "",
+    axes: Any = None,
+) -> Figure:
+    """Draw the lines of a plan in the measured box, one panel for each kind of line, in mm.
+
+    Args:
+        plan: what is measured.
+        machine: its travel is drawn around the box, unless the box is small in it; None: the box
+            alone.
+        title: heading; None: name of the plan; empty: none.
+        stamp: what the figure was made from.
+        axes: to draw in, one for each kind of line, instead of a new figure.
+    """
+    box = (np.array(plan.volume.origin), _far_corner(plan))
+    outer = box
+    if machine is not None:
+        travel = np.array(machine.travel_low_m), np.array(machine.travel_high_m)
+        sizes = [float(np.linalg.norm(high - low)) for low, high in (box, travel)]
+        outer = travel if sizes[0] >= _SMALL * sizes[1] else box
+    kinds: dict[str, list[Line]] = {}
+    for line in plan.lines:
+        kinds.setdefault(_kind(line), []).append(line)
+    columns = min(len(kinds), 2)
+    sheet = Sheet(
+        len(kinds),
+        columns,
+        2.7 if columns > 1 else 3.9,
+        axes=axes,
+        left=0.1,
+        right=0.1,
+        gap=(0.1, 0.4),
+        bottom=0.05,
+    )
+    for panel, (words, lines) in zip(sheet.panels, kinds.items(), strict=True):
+        if outer is not box:
+            add_wires(
+                panel, box_edges(*outer), "travel", colors="0.7", linewidths=0.7, linestyles=":"
+            )
+        add_wires(panel, box_edges(*box), "measured box", colors="0.35", linewidths=0.8)
+        for index, line in enumerate(_distinct(lines)):
+            _draw_line(panel, plan, line, index)
+        frame_box(panel, *outer, room=_LEGEND_ROOM)
+        panel_title(panel, words)
+        panel.legend(
+            fontsize=6.5, loc="upper left", frameon=False, handlelength=1.6, borderaxespad=0.0
+        )
+    heading = wrap(plan.name, _TITLE_WIDTH) if title is None else [title]
+    return sheet.finish(
+        heading[0] if heading else "",
+        under=heading[1:],
+        legend=False,
+        small_print=[
+            "Squares: first stop of the forward sense. Dashed: the beam of a step diagonal."
+        ],
+        stamp=stamp,
+    )
+
+
+def _far_corner(plan: Plan) -> Vector:
+    return np.array([plan.volume.nodes(axis)[-1] for axis in range(3)])
+
+
+def _kind(line: Line) -> str:
+    """Return the title of the panel that a line is drawn in."""
+    if line.kind == LINEAR:
+        return "Linear lines: one axis moves"
+    if line.kind == STEP_DIAGONAL:
+        return "Step diagonals: one axis at a time"
+    where = "Face" if line.name in FACE_DIAGONALS else "Body"
+    return f"{where} diagonals: all axes of a line at once"
+
+
+def _distinct(lines: list[Line]) -> list[Line]:
+    """Return one pass of each line at each place; move orders and repeats look alike."""
+    found: dict[tuple[str, tuple[float, float, float]], Line] = {}
+    for line in lines:
+        found.setdefault((line.name, line.offset), line)
+    return list(found.values())
+
+
+def _draw_line(axes: Axes, plan: Plan, line: Line, index: int) -> None:
+    colour = COLOURS[index % len(COLOURS)]
+    marker = _MARKERS[index // len(COLOURS) % len(_MARKERS)]
+    stops = line.stops(plan.volume)
+    label = line.setup if line.kind == DIAGONAL else line.setup.replace(line.order, "").strip()
+    drawn = project(stops)
+    axes.plot(*drawn.T, color=colour, linewidth=1.0, marker=marker, markersize=1.8, label=label)
+    if line.order:
+        add_wires(axes, [stops[[0, -1]]], colors=colour, linewidths=0.8, linestyles="--")
+    # The first stop of the forward sense, where the beam comes from.
+    start = drawn[0] if line.direction == FORWARD_SENSE else drawn[-1]
+    axes.plot(*start, color=colour, marker="s", markersize=4.0, linestyle="none", label="_start")

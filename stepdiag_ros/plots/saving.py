@@ -1,0 +1,57 @@
+"""Figures as files, as bytes and as text."""
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from stepdiag_ros.plots.style import DOTS_PER_INCH
+
+FORMATS = (".png", ".svg", ".pdf")
+_GROUP_NAME = re.compile(r'<g id="[^"]*">')
+_QUICK = {"compress_level": 3}
+"""Of PNG: a tenth larger than the smallest, written in a third of the time."""
+
+
+def save(figure: Figure, path: Path | str) -> None:
+    """Write a figure in the format of the path's ending: png, svg or pdf.
+
+    Raises:
+        ValueError: another ending.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in FORMATS:
+        raise ValueError(f"{path.name}: pictures are written as .png, .svg or .pdf")
+    more: dict[str, Any] = {"pil_kwargs": _QUICK} if path.suffix == ".png" else {}
+    figure.savefig(path, **more)
+
+
+def png_bytes(figure: Figure, dpi: float = DOTS_PER_INCH) -> bytes:
+    """Return a figure as PNG.
+
+    Args:
+        figure: any.
+        dpi: dots per inch.
+    """
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, pil_kwargs=_QUICK)
+    return stream.getvalue()
+
+
+def svg_text(figure: Figure, salt: str = "stepdiag") -> str:
+    """Return a figure as one ``<svg>`` element for a page; the same figure gives the same text.
+
+    Args:
+        figure: any.
+        salt: makes the identities in it others than those of a further figure on the same page.
+    """
+    stream = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": salt}):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    # Names of groups are the same in every figure, and nothing refers to them.
+    return _GROUP_NAME.sub("<g>", text[text.index("<svg") :])

@@ -1,0 +1,122 @@
+"""Places in the machine's space drawn on paper: one parallel projection for all figures.
+
+X runs to the lower right, Y to the upper right, Z upwards; lengths along each axis are to scale. A
+drawing of lines in a plane costs a tenth of a turnable one.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.plots.panel import INK
+from stepdiag_ros.plots.style import MILLI, SMALL_SIZE
+
+_TURN = np.radians(32.0)
+"""Of the machine about Z, seen from above."""
+_LIFT = np.radians(24.0)
+"""Of the eye above the horizon."""
+PROJECTION = np.array(
+    [
+        [np.cos(_TURN), -np.sin(_TURN) * np.sin(_LIFT)],
+        [np.sin(_TURN), np.cos(_TURN) * np.sin(_LIFT)],
+        [0.0, np.cos(_LIFT)],
+    ]
+)
+"""From X Y Z to right and up, shape (3, 2)."""
+_BEYOND = 0.05
+"""Distance of a scale's name from the box, as a share of the drawing."""
+
+
+def project(positions: Vector) -> Vector:
+    """Return where places are drawn, mm on the scale of the machine.
+
+    Args:
+        positions: m, shape (..., 3).
+
+    Returns:
+        Right and up, shape (..., 2).
+    """
+    drawn: Vector = np.asarray(positions, dtype=np.float64) @ PROJECTION * MILLI
+    return drawn
+
+
+def box_edges(low: Vector, high: Vector) -> Vector:
+    """Return the twelve edges of a box, m, shape (12, 2, 3)."""
+    corners = np.array([low, high], dtype=np.float64)
+    edges = []
+    for axis in range(3):
+        others = [other for other in range(3) if other != axis]
+        for ends in product((0, 1), repeat=2):
+            edge = np.empty((2, 3))
+            edge[:, axis] = corners[:, axis]
+            for other, end in zip(others, ends, strict=True):
+                edge[:, other] = corners[end, other]
+            edges.append(edge)
+    return np.array(edges)
+
+
+def add_wires(
+    axes: Axes, polylines: Sequence[Vector] | Vector, label: str = "", **look: Any
+) -> LineCollection:
+    """Draw lines in space as one artist.
+
+    Args:
+        axes: to draw in.
+        polylines: of places, m, each shape (n, 3).
+        label: for the legend.
+        look: colours, linewidths, linestyles and so on, as ``LineCollection`` takes them.
+    """
+    drawn = [project(one) for one in polylines]
+    wires = LineCollection(drawn, label=label or "_wires", **look)
+    axes.add_collection(wires, autolim=False)
+    axes.update_datalim(np.concatenate(drawn))
+    return wires
+
+
+def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
+    """Name the three axes at the edges of a box, with their ends in mm, and hide the scales.
+
+    Call it when everything else is drawn.
+
+    Args:
+        axes: to draw in.
+        low: first corner, m, shape (3,).
+        high: last corner, m, shape (3,).
+        room: that is kept free to the left, as a share of the drawing's size.
+    """
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    x, y, z = high
+    edges = (
+        (np.array([low[0], low[1], low[2]]), np.array([x, low[1], low[2]])),
+        (np.array([x, low[1], low[2]]), np.array([x, y, low[2]])),
+        (np.array([low[0], low[1], low[2]]), np.array([low[0], low[1], z])),
+    )
+    size = float(np.ptp(project(box_edges(low, high)).reshape(-1, 2), axis=0).max())
+    outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
+    sides: tuple[Any, ...] = (("center", "top"), ("left", "top"), ("right", "center"))
+    for axis, (start, end) in enumerate(edges):
+        first, last = project(start), project(end)
+        step = _BEYOND * size * outwards[axis]
+        across, up = sides[axis]
+        words = (
+            (0.5, f"{AXES[axis]} / mm", 1.8, SMALL_SIZE + 0.5),
+            (0.03, f"{low[axis] * MILLI:g}", 1.0, SMALL_SIZE),
+            (0.97, f"{high[axis] * MILLI:g}", 1.0, SMALL_SIZE),
+        )
+        for share, word, away, letters in words:
+            at = first + share * (last - first) + away * step
+            axes.text(
+                float(at[0]), float(at[1]), word, ha=across, va=up, fontsize=letters, color=INK
+            )
+    reach = project(box_edges(low, high)).reshape(-1, 2)
+    first = reach.min(axis=0) - np.array([0.1 + room, 0.1]) * size
+    axes.update_datalim(np.array([first, reach.max(axis=0) + 0.03 * size]))
+    axes.margins(0.01)
+    axes.autoscale_view()
+    axes.set_aspect("equal")
+    axes.set_axis_off()

@@ -1,0 +1,198 @@
+"""Two measurements of one machine beside each other, as a person reads it."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from rich.table import Table
+
+from stepdiag_ros.compensation.identified import NO_REVERSAL, Identified
+from stepdiag_ros.metrology.agreement import Changes, CurveChange, FigureChange
+from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, moving_axis
+from stepdiag_ros.report.changes_words import (
+    curve_words,
+    meaning,
+    method_words,
+    moved_words,
+    ratio,
+    verdict,
+)
+from stepdiag_ros.report.diagnosis_words import chance
+from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.report.tables import PlainConsole, new_table
+
+_MILLI = 1e3
+UNITS = {"m": ("µm", MICRO), "rad": ("µrad", MICRO)}
+_SQUARENESS_UNITS = (("µm/m", MICRO), ("arcsec", ARC_SECONDS))
+
+
+@dataclass(frozen=True)
+class ChangesReport:
+    """Two measurements and what they say of the machine.
+
+    Attributes:
+        before: origin and remarks of the first.
+        after: of the second.
+        changes: between them.
+        instruments: names of the instrument files of both; empty where none was given.
+    """
+
+    before: Identified
+    after: Identified
+    changes: Changes
+    instruments: tuple[str, str] = ("", "")
+
+    def sentences(self) -> list[str]:
+        """Return what a reader must know first: the volume, the curves, the nodes."""
+        return [
+            verdict(self.changes).sentence,
+            *curve_words(self.changes),
+            *moved_words(self.changes),
+        ]
+
+    def remarks(self) -> list[str]:
+        """Return what a reader must know beside, each with the measurement that it is about."""
+        machines = [one.origin.machine for one in (self.before, self.after)]
+        said = [*self.changes.remarks]
+        if all(machines) and machines[0] != machines[1]:
+            said.append(
+                f"the machines are called '{machines[0]}' and '{machines[1]}': are they the same?"
+            )
+        told = [_about_the_result(one) for one in (self.before, self.after)]
+        said += [f"both: {remark}" for remark in told[0] if remark in told[1]]
+        said += [f"before: {remark}" for remark in told[0] if remark not in told[1]]
+        said += [f"after: {remark}" for remark in told[1] if remark not in told[0]]
+        return said
+
+    def uncertainty_words(self) -> list[str]:
+        """Return what the uncertainties hold and what was taken as independent."""
+        return method_words(self.changes, self.instruments)
+
+
+def _about_the_result(one: Identified) -> list[str]:
+    """Return the remarks on a result without those on how its reversal would be compensated."""
+    return [
+        remark
+        for remark in one.remarks
+        if remark != NO_REVERSAL and not remark.startswith("reversal of ")
+    ]
+
+
+def print_changes(report: ChangesReport, console: PlainConsole) -> None:
+    """Print both measurements beside each other."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    for title, one in (("before", report.before), ("after", report.after)):
+        sentence(f"{title}: {one.origin.file} (run {one.origin.run_id}, {one.origin.method})")
+    console.print()
+    for table in (figure_table(report.changes), curve_table(report.changes)):
+        console.print(table)
+        console.print()
+    for text in report.sentences():
+        sentence(text)
+    console.print()
+    for text in (*meaning(report.changes), *report.uncertainty_words()):
+        sentence(text)
+    for remark in report.remarks():
+        sentence(f"- {remark}")
+
+
+def figure_table(changes: Changes) -> Table:
+    """Return the figures of both, with the change, its uncertainty and E_n."""
+    table = new_table(
+        "Figures", "", "unit", "before ± U", "after ± U", "change ± U", "times smaller", "E_n"
+    )
+    for one in (changes.rms, changes.worst, *changes.figures):
+        title = f"squareness {one.name}" if one.name in SQUARENESS else one.name
+        units = _SQUARENESS_UNITS if one.name in SQUARENESS else (UNITS[one.unit],)
+        for row, (unit, scale) in enumerate(units):
+            last = (times(one), e_n(one.normalised_error)) if row == 0 else ("", "")
+            table.add_row(
+                title if row == 0 else "",
+                unit,
+                plus_minus(one.before, one.before_uncertainty, scale),
+                plus_minus(one.after, one.after_uncertainty, scale),
+                plus_minus(one.difference, one.difference_uncertainty, scale),
+                *last,
+            )
+    return table
+
+
+def curve_table(changes: Changes) -> Table:
+    """Return for each curve its largest change and what all of its nodes together say."""
+    table = new_table(
+        "Error curves, node by node",
+        "",
+        "unit",
+        "largest change ± U",
+        "at / mm",
+        "largest |E_n|",
+        "|E_n| > 1",
+        "χ² / nodes",
+        "p",
+        "changed",
+    )
+    for one in changes.curves:
+        unit, scale = UNITS[one.unit]
+        row = one.largest
+        known = one.normalised_error[np.isfinite(one.normalised_error)]
+        table.add_row(
+            one.name,
+            unit,
+            UNKNOWN
+            if row < 0
+            else plus_minus(one.difference[row], one.difference_uncertainty[row], scale),
+            UNKNOWN if row < 0 else _place(one, row),
+            plain(float(np.max(np.abs(known)))) if known.size else UNKNOWN,
+            f"{np.count_nonzero(np.abs(known) > 1.0)} of {known.size}" if known.size else UNKNOWN,
+            f"{plain(one.joint.chi_squared, 1)} / {one.joint.degrees_of_freedom}"
+            if one.joint.known
+            else UNKNOWN,
+            chance(one.joint.probability) if one.joint.known else UNKNOWN,
+            UNKNOWN if one.changed is None else ("yes" if one.changed else "no"),
+        )
+    return table
+
+
+def node_table(one: CurveChange) -> Table:
+    """Return one curve at every node."""
+    unit, scale = UNITS[one.unit]
+    letter = AXES[moving_axis(one.name)]
+    table = new_table(
+        f"{one.name}, in {unit}", f"{letter} / mm", "before ± U", "after ± U", "change ± U", "E_n"
+    )
+    for row in range(len(one.positions)):
+        table.add_row(
+            _place(one, row),
+            plus_minus(one.before[row], one.before_uncertainty[row], scale),
+            plus_minus(one.after[row], one.after_uncertainty[row], scale),
+            plus_minus(one.difference[row], one.difference_uncertainty[row], scale),
+            _node_e_n(one, row),
+        )
+    return table
+
+
+def e_n(value: float) -> str:
+    """Write a normalised error."""
+    return plain(value)
+
+
+def times(one: FigureChange) -> str:
+    """Write how many times smaller a figure is; a dash where it may be the same as before."""
+    if not isfinite(one.before) or not isfinite(one.after):
+        return UNKNOWN
+    if abs(one.normalised_error) <= 1.0 or not one.before:
+        return "-"
+    return ratio(one.factor)
+
+
+def _place(one: CurveChange, row: int) -> str:
+    return f"{one.positions[row] * _MILLI:g}"
+
+
+def _node_e_n(one: CurveChange, row: int) -> str:
+    if one.difference_uncertainty[row] == 0.0 and one.difference[row] == 0.0:
+        return "-"
+    return e_n(float(one.normalised_error[row]))

@@ -1,0 +1,112 @@
+"""Two measurements of one machine beside each other, as a program reads it."""
+
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+from stepdiag_ros import schemas
+from stepdiag_ros.compensation.identified import Origin
+from stepdiag_ros.metrology.agreement import CurveChange, FigureChange, JointTest, PlaceChange
+from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.report.changes import ChangesReport
+from stepdiag_ros.report.changes_words import meaning, verdict
+
+
+def changes_json(report: ChangesReport) -> str:
+    """Return the report as JSON text; SI, ``null`` where not known (schema ``changes``)."""
+    changes = report.changes
+    moved = changes.moved
+    content = {
+        "before": _origin(report.before.origin),
+        "after": _origin(report.after.origin),
+        "verdict": verdict(changes).kind,
+        "words": report.sentences(),
+        "meaning": meaning(changes),
+        "frame": changes.before.frame,
+        "chain": changes.chain or None,
+        "nodes": {
+            letter: nodes.tolist() for letter, nodes in zip(AXES, changes.before.nodes, strict=True)
+        },
+        "uncertainty": {
+            "words": report.uncertainty_words(),
+            "instrument_before": report.instruments[0] or None,
+            "instrument_after": report.instruments[1] or None,
+            "shared": list(changes.shared),
+            "lower_bound": changes.at_least,
+        },
+        "joint": _joint(changes.joint),
+        "volume": {
+            "rms": _figure(changes.rms),
+            "worst": _figure(changes.worst),
+            "worst_place_before": _numbers(changes.worst_places[0]),
+            "worst_place_after": _numbers(changes.worst_places[1]),
+            "rms_standard_uncertainty_before": _number(changes.rms_noise[0]),
+            "rms_standard_uncertainty_after": _number(changes.rms_noise[1]),
+            "moved_most": None if moved is None else _place(moved),
+        },
+        "figures": [_figure(one) for one in changes.figures],
+        "curves": {one.name: _curve(one) for one in changes.curves},
+        "remarks": report.remarks(),
+    }
+    return schemas.json_text(schemas.document("changes", content))
+
+
+def _origin(origin: Origin) -> dict[str, Any]:
+    return {key: text or None for key, text in asdict(origin).items()}
+
+
+def _figure(one: FigureChange) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "before": _number(one.before),
+        "before_standard_uncertainty": _number(one.before_uncertainty),
+        "after": _number(one.after),
+        "after_standard_uncertainty": _number(one.after_uncertainty),
+        "difference": _number(one.difference),
+        "difference_standard_uncertainty": _number(one.difference_uncertainty),
+        "normalised_error": _number(one.normalised_error),
+    }
+
+
+def _curve(one: CurveChange) -> dict[str, Any]:
+    return {
+        "unit": one.unit,
+        "positions": _numbers(one.positions),
+        "before": _numbers(one.before),
+        "before_standard_uncertainty": _numbers(one.before_uncertainty),
+        "after": _numbers(one.after),
+        "after_standard_uncertainty": _numbers(one.after_uncertainty),
+        "difference": _numbers(one.difference),
+        "difference_standard_uncertainty": _numbers(one.difference_uncertainty),
+        "normalised_error": _numbers(one.normalised_error),
+        "joint": _joint(one.joint),
+        "changed": one.changed,
+    }
+
+
+def _joint(test: JointTest) -> dict[str, Any]:
+    return {
+        "chi_squared": _number(test.chi_squared),
+        "degrees_of_freedom": test.degrees_of_freedom,
+        "probability": _number(test.probability),
+    }
+
+
+def _place(moved: PlaceChange) -> dict[str, Any]:
+    return {
+        "position": _numbers(moved.position),
+        "before": _numbers(moved.before),
+        "after": _numbers(moved.after),
+        "difference_standard_uncertainty": _numbers(moved.difference_uncertainty),
+        "length": _number(moved.length),
+        "length_standard_uncertainty": _number(moved.length_uncertainty),
+    }
+
+
+def _numbers(values: Vector) -> list[float | None]:
+    return [_number(float(value)) for value in values]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None

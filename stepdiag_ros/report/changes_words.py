@@ -1,0 +1,226 @@
+"""What two measurements of one machine say of it, in words."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from stepdiag_ros.metrology.agreement import (
+    SAME_INSTRUMENT,
+    SIGNIFICANT,
+    Changes,
+    CurveChange,
+)
+from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
+from stepdiag_ros.report.diagnosis_words import chance
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, plus_minus
+
+SURE = 2.0
+"""Standard uncertainties up to which an error may be nothing but the measurement's own."""
+BETTER, WORSE, SAME, OTHER, OPEN = "better", "worse", "same", "other", "unknown"
+_MILLI = 1e3
+_UNITS = {"m": "µm", "rad": "µrad"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What has become of the machine.
+
+    Attributes:
+        kind: ``better``, ``worse``, ``same`` (no change that these measurements can tell),
+            ``other`` (changed, but the volume as a whole neither better nor worse) or ``unknown``.
+        headline: a few words.
+        sentence: of the volume.
+    """
+
+    kind: str
+    headline: str
+    sentence: str
+
+
+def verdict(changes: Changes) -> Verdict:
+    """Return in words what has become of the machine."""
+    rms = changes.rms
+    if not isfinite(rms.difference):
+        return _without_volume(changes)
+    before = f"{plus_minus(rms.before, rms.before_uncertainty, MICRO)} µm"
+    after = f"{plus_minus(rms.after, rms.after_uncertainty, MICRO)} µm"
+    value = rms.normalised_error
+    if not isfinite(value):
+        return Verdict(
+            OPEN,
+            "Whether the machine has changed cannot be told: no uncertainty",
+            f"The volume's rms error was {before} and is {after}. With an unknown uncertainty"
+            " nobody can tell whether that is a change.",
+        )
+    if abs(value) <= 1.0:
+        told = (
+            f"The volume's rms error was {before} and is {after}: no more of a change than these"
+            f" measurements can tell (E_n = {plain(value)})."
+        )
+        if changes.joint.significant:
+            return Verdict(OTHER, "Changed, but neither better nor worse in the volume", told)
+        return Verdict(SAME, "No change that these measurements can tell", told)
+    went = f"The volume's rms error went from {before} to {after}"
+    limit = SURE * changes.rms_noise[1]
+    if value < 0.0 and rms.after <= limit:
+        least = plain(rms.before / limit, 1)
+        return Verdict(
+            BETTER,
+            f"At least {least} times better",
+            f"{went} (E_n = {plain(value)}), which is no more than this measurement can tell from"
+            f" nothing ({plain(limit * MICRO, 3)} µm): at least {least} times better.",
+        )
+    better = value < 0.0
+    factor = ratio(rms.factor if better else 1.0 / rms.factor)
+    times = f"{factor} times {'better' if better else 'WORSE'}"
+    return Verdict(
+        BETTER if better else WORSE,
+        f"The machine is {times}",
+        f"{went}: {times} (E_n = {plain(value)}).",
+    )
+
+
+def _without_volume(changes: Changes) -> Verdict:
+    """Return what is told where the error in the volume is not known."""
+    told = (
+        "How much better or worse the volume is cannot be told: not all of its error curves are"
+        " determined by both measurements."
+    )
+    if changes.joint.significant:
+        return Verdict(OTHER, "Changed; how much in the volume is not known", told)
+    if changes.joint.known:
+        return Verdict(SAME, "No change that these measurements can tell", told)
+    return Verdict(OPEN, "Whether the machine has changed cannot be told", told)
+
+
+def curve_words(changes: Changes) -> list[str]:
+    """Say whether the curves changed, which most and where, and how many nodes stand out."""
+    said = []
+    joint = changes.joint
+    if joint.known:
+        end = (
+            "chance does not explain that: the machine has changed"
+            if joint.significant
+            else "as chance has it"
+        )
+        said.append(
+            f"All curves together: χ² = {plain(joint.chi_squared, 1)} for"
+            f" {joint.degrees_of_freedom} independent differences, p"
+            f" {_relation(joint.probability)}: {end}."
+        )
+    named = changes.changed
+    if named:
+        said.append(f"Changed: {', '.join(one.name for one in named)}.")
+        for unit in ("m", "rad"):
+            most = changes.most_changed(unit)
+            if most is not None and most.changed:
+                said.append(f"{most.name} changed most: {_largest(most)}.")
+    errors = changes.normalised_errors
+    if errors.size:
+        outside = int(np.count_nonzero(np.abs(errors) > 1.0))
+        said.append(
+            f"|E_n| is more than 1 at {outside} of {errors.size} nodes"
+            f" ({plain(100.0 * outside / errors.size, 1)} %); of an unchanged machine it is about"
+            " 5 %, by chance, and nodes of one curve go together."
+        )
+    return said
+
+
+def moved_words(changes: Changes) -> list[str]:
+    """Say where in the volume the error changed most, and where the worst place was and is."""
+    moved = changes.moved
+    if moved is None:
+        return []
+    vector = ", ".join(plain(float(one) * MICRO) for one in moved.after - moved.before)
+    places = [place_words(one) for one in changes.worst_places]
+    worst = [
+        f"{plus_minus(value, spread, MICRO)} µm at {place}"
+        for value, spread, place in (
+            (changes.worst.before, changes.worst.before_uncertainty, places[0]),
+            (changes.worst.after, changes.worst.after_uncertainty, places[1]),
+        )
+    ]
+    length = plus_minus(moved.length, moved.length_uncertainty, MICRO)
+    return [
+        f"Worst place: {worst[0]} before, {worst[1]} after.",
+        f"The error in the volume changed most at {place_words(moved.position)}: by {length} µm"
+        f" (X, Y, Z: {vector} µm)."
+        + (
+            ""
+            if changes.joint.significant
+            else " The largest of many differences; no proof of a change."
+        ),
+    ]
+
+
+def meaning(changes: Changes) -> list[str]:
+    """Say what the columns are."""
+    return [
+        "positioning: error at the end of the travel; straightness: range off its least-squares"
+        " line; squareness: right-handed rotation; volume: length of the error vectors, counted"
+        f" from the first corner. Frame: {changes.before.frame}.",
+        f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %). E_n = (after - before) /"
+        " (U_before² + U_after²)^½ with U = 2 u (ISO 13528): within ±1 both agree. p: probability"
+        " that chance alone makes the nodes of a curve, with their correlations, differ as much;"
+        f" below {SIGNIFICANT:g} (for one of many curves less: Holm) the curve has changed.",
+    ]
+
+
+def method_words(changes: Changes, instruments: tuple[str, str]) -> list[str]:
+    """Say what the uncertainties hold, and what both measurements share.
+
+    Args:
+        changes: between two measurements.
+        instruments: names of their instrument files; empty where none was given.
+    """
+    if not any(instruments):
+        return [
+            "U holds what the readings alone tell, and both measurements are taken as independent."
+            " Laser, air, sensors and material are in no U; with --instrument they are."
+        ]
+    names = dict.fromkeys(instruments)
+    said = [f"U holds all known sources by the instrument file ({', '.join(names)})."]
+    if changes.shared:
+        said.append(
+            f"The same in both, so that it cancels in the change: {', '.join(changes.shared)}. All"
+            " else is taken as independent."
+        )
+    else:
+        said.append("Both measurements are taken as independent.")
+    if not set(changes.shared) & set(SAME_INSTRUMENT):
+        said.append("If one laser with its sensors measured both, say so: --same-instrument.")
+    if changes.at_least:
+        said.append(
+            "Not all sources are known ('stepdiag budget' names them): U is a lower bound, and the"
+            " size of E_n an upper one."
+        )
+    return said
+
+
+def ratio(factor: float) -> str:
+    """Write how many times one figure is another."""
+    return "> 1000" if factor > 1000.0 else plain(factor, 1 if factor >= 1.05 else 2)
+
+
+def _relation(probability: float) -> str:
+    """Write a probability with the sign in front of it."""
+    text = chance(probability)
+    return text if text[0] in "<>" else f"= {text}"
+
+
+def _largest(one: CurveChange) -> str:
+    row = one.largest
+    change = plus_minus(one.difference[row], one.difference_uncertainty[row], MICRO)
+    value = one.normalised_error[row]
+    return (
+        f"{change} {_UNITS[one.unit]} at {AXES[moving_axis(one.name)]} ="
+        f" {one.positions[row] * _MILLI:g} mm"
+        + (f" (E_n = {plain(float(value))})" if isfinite(value) else "")
+    )
+
+
+def place_words(position: Vector) -> str:
+    """Write a place in the volume, m, shape (3,), in mm."""
+    named = zip(AXES, position, strict=True)
+    return ", ".join(f"{letter} {value * _MILLI:g}" for letter, value in named) + " mm"

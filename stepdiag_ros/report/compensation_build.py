@@ -1,0 +1,84 @@
+"""From a solved run to what is compensated, and from that to tables and what these leave."""
+
+from datetime import datetime, timezone
+
+from stepdiag_ros.compensation.applied import Applied, Beyond
+from stepdiag_ros.compensation.control import Control, Layout
+from stepdiag_ros.compensation.identified import Identified, Origin, identify
+from stepdiag_ros.compensation.remaining import remainder
+from stepdiag_ros.report.compensation import CompensationReport
+from stepdiag_ros.report.content import Report
+from stepdiag_ros.report.diagnosis_build import sha256_of
+
+_ANY_DATE = 1e8
+"""s since 1970: no run that was recorded is older."""
+
+
+def identified_of(
+    report: Report, start_time: int, method: str = "", sha256: str | None = None
+) -> Identified:
+    """Return the errors that a solved run has told, with their origin.
+
+    Args:
+        report: of the run, with its bag.
+        start_time: of the run, ns.
+        method: of the solver; empty: the one to rely on.
+        sha256: of the bag, where it was computed already.
+
+    Raises:
+        ValueError: no method could be used, or not this one, or the result is not enough for an
+            error map; one sentence.
+    """
+    path = report.bag
+    results = {one.method: one for one in report.ordered_results()}
+    if not results:
+        raise ValueError(f"{path}: its lines are not enough for any method; see 'stepdiag solve'")
+    if method and method not in results:
+        reason = report.refused.get(method, f"there is no such method; use {', '.join(results)}")
+        raise ValueError(f"{path}: method '{method}': {reason}")
+    result = results[method] if method else list(results.values())[-1]
+    start = start_time * 1e-9
+    # A table of stops tells no date; its times count from zero.
+    begun = datetime.fromtimestamp(start, timezone.utc) if start > _ANY_DATE else None
+    if sha256 is None:
+        sha256 = sha256_of(path) if path is not None and path.is_file() else ""
+    origin = Origin(
+        file="" if path is None else path.name,
+        sha256=sha256,
+        run_id=report.run_id,
+        run_time="" if begun is None else begun.isoformat(timespec="seconds"),
+        plan=report.plan,
+        machine=report.machine,
+        method=result.method,
+        software_version=report.run_software_version,
+    )
+    return identify(result, report.chain, report.measurement, origin, report.remarks)
+
+
+def compensation_of(
+    control: Control, identified: Identified, layout: Layout, on_top_of: str = ""
+) -> CompensationReport:
+    """Make the tables of a control, and find what they leave.
+
+    Args:
+        control: that they are for.
+        identified: errors that they are made from.
+        layout: how they are made.
+        on_top_of: folder of the tables in the layout that were at work when the run was measured;
+            empty: none.
+
+    Raises:
+        ValueError: a setting or a limit of the control forbids it; one sentence.
+    """
+    files = control.write(identified, layout)
+    applied: Applied = control.read(files)
+    if layout.on_top_of.tables:
+        applied = Beyond(applied, layout.on_top_of)
+    return CompensationReport(
+        control=control,
+        identified=identified,
+        layout=layout,
+        files=files,
+        remainder=remainder(identified, applied, control.corrects),
+        on_top_of=on_top_of,
+    )

@@ -1,0 +1,255 @@
+"""``stepdiag report``: what is in its files is what the evaluation returns."""
+
+import json
+import re
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from handover.page_reading import ReadPage
+from standard_runs import RUN_ID, write_bag
+
+from stepdiag_ros import schemas
+from stepdiag_ros.cli import main
+from stepdiag_ros.commands.solve import report_of
+from stepdiag_ros.configuration import load_instrument
+from stepdiag_ros.handover import pictures
+from stepdiag_ros.handover.sections import sections
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plus_minus
+
+PLAN = """\
+name: small run
+step_m: [0.03, 0.02, 0.025]
+blocks: 4
+repeats: 2
+directions: [forward, backward]
+overrun_m: 0.002
+feed_m_per_s: 0.05
+lines:
+  - {kind: linear, names: [x, y, z]}
+  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn]}
+"""
+GIVEN = ("--customer", "Mill & <Sons>", "--operator", "A. Turner", "--tolerance", "50")
+needs_poppler = pytest.mark.skipif(
+    shutil.which("pdftotext") is None, reason="poppler's pdftotext is not installed here"
+)
+
+
+@contextmanager
+def here(beside=True):
+    """Draw in this process: the tests share what it imports."""
+    del beside
+    yield pictures.Studio()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_here():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "studio", here)
+        yield
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "small.mcap"
+    write_bag(path, PLAN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(bag):
+    assert main(["report", str(bag), *GIVEN, "--instrument", "demo"]) == 0
+    return bag.parent / "small_report"
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return ReadPage((folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def document(folder):
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def solved(bag):
+    return report_of(bag, with_visibility=True)
+
+
+def test_three_files_and_no_other(folder):
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "report.html",
+        "report.json",
+        "report.pdf",
+    ]
+
+
+def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
+    titles = [section.title for section in sections()]
+    numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
+    assert numbered == [f"{number} {title}" for number, title in enumerate(titles, 1)]
+    assert len(page.sources) >= 15
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert page.links == [f"#{section.key}" for section in sections()]
+
+
+def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
+    rows = page.tables["Squareness"]
+    heads, first, second = rows[:3]
+    for result in solved.results:
+        short = {"setup_robust": "Setup-robust", "least_squares": "Least squares"}
+        if result.method in short:
+            column = heads.index(short[result.method])
+            found = result.figure("C0Y")
+            micro = plus_minus(found.value, found.standard_uncertainty, MICRO)
+            arc = plus_minus(found.value, found.standard_uncertainty, ARC_SECONDS)
+            assert (first[column], second[column]) == (micro, arc)
+
+
+def test_table_one_is_that_of_the_result(page, solved):
+    rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm"]
+    found = solved.preferred().figure("positioning E_XX")
+    expected = plus_minus(found.value, found.standard_uncertainty, MICRO)
+    assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
+    assert rows[1][0] == "Positioning X"
+    assert len(rows) == 1 + 12
+
+
+def uncertainty_of_the_worst_point(solved, worst):
+    """Return the standard uncertainty of its length by the sources in the demo instrument."""
+    instrument = load_instrument("demo")[0]
+    budget = make_budget(solved.measurement, instrument, "least_squares")
+    direction = np.array(worst.vector) / worst.value
+    weights = np.zeros(len(budget.sensitivity.quantities))
+    for row, quantity in enumerate(budget.sensitivity.quantities):
+        if quantity.curve:
+            axis = "XYZ".index(quantity.curve[3])
+            nodes = solved.preferred().nodes[axis]
+            if np.isclose(nodes[quantity.node], worst.position[axis]):
+                weights[row] = direction["XYZ".index(quantity.curve[2])]
+    return float(np.sqrt(weights @ budget.covariance @ weights))
+
+
+def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
+    worst = of_result(solved.preferred(), solved.chain)
+    u = uncertainty_of_the_worst_point(solved, worst)
+    assert u > worst.standard_uncertainty
+    size = plus_minus(worst.value, u, MICRO)
+    assert page.headings[0] == (
+        "The machine keeps its limit of 50.0 µm in the measured volume, as far as the uncertainty"
+        " is known"
+    )
+    assert f"the tool stands {size} µm from where it should" in page.text
+    assert page.facts()["Largest error in the volume"] == f"{size} µm"
+    assert "What to do: compensation could bring the largest error" in page.text
+    assert document["summary"]["lower_bound"] is True
+    assert document["summary"]["expanded_uncertainty"] == pytest.approx(COVERAGE_FACTOR * u)
+
+
+def test_what_the_user_told_is_text_never_markup(page, folder):
+    assert page.facts()["Measured by"] == "A. Turner"
+    assert page.facts()["Customer"] == "Mill & <Sons>"
+    assert "<Sons>" not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_nodes_are_in_the_page_with_the_uncertainty_of_each(page, solved):
+    rows = page.tables["Errors as X moves, Least squares"]
+    result = solved.preferred()
+    assert [row[0] for row in rows[1:]] == ["0.000", "30.000", "60.000", "90.000", "120.000"]
+    last = plus_minus(result.curves["E_XX"][-1], result.standard_uncertainty["E_XX"][-1], MICRO)
+    assert rows[-1][1] == last
+
+
+def test_the_document_has_the_numbers_of_the_page_in_si(document, solved, bag):
+    assert document["schema"] == schemas.identifier("report")
+    worst = of_result(solved.preferred(), solved.chain)
+    summary = document["summary"]
+    assert summary["value"] == worst.value
+    assert summary["verdict"] == "keeps"
+    assert summary["tolerance"] == pytest.approx(50e-6)
+    told = document["sections"]
+    curves = told["curves"]["methods"]["least_squares"]["curves"]
+    assert curves["E_XX"] == list(solved.preferred().curves["E_XX"])
+    assert told["measurement"]["bag"] == bag.name
+    assert len(told["measurement"]["sha256"]) == 64
+    assert told["measurement"]["place"] is None
+    assert told["measurement"]["weather"] == {}
+    assert {one["name"]: one["passes_complete"] for one in told["readings"]["lines"]} == {
+        **dict.fromkeys(("x", "y", "z"), 4),
+        **dict.fromkeys(("ppp XYZ", "npp XYZ", "pnp XYZ", "ppn XYZ"), 4),
+    }
+    assert told["uncertainty"]["instrument"] == "laser interferometer in a good workshop"
+    assert told["compensation"]["control"] == "generic"
+    assert {test["name"] for test in told["axes"]["tests"] if test["kind"] == "linear"} == set(
+        "XYZ"
+    )
+
+
+def test_the_document_fits_its_schema_with_the_documents_in_it(document, validators):
+    """Made before the check of all tests begins, so asked for here."""
+    assert not list(validators[document["schema"]].iter_errors(document))
+    document["sections"]["curves"]["methods"]["least_squares"]["lines"] = "many"
+    faults = list(validators[document["schema"]].iter_errors(document))
+    assert [fault.json_path for fault in faults] == [
+        "$.sections.curves.methods.least_squares.lines"
+    ]
+    document["sections"]["curves"]["methods"]["least_squares"]["lines"] = 28
+
+
+def test_what_is_not_known_is_gathered(document, page):
+    unknown = document["sections"]["unknown"]
+    assert unknown["Not told"] == [
+        "Where it was measured (--place).",
+        "The number of the machine (--serial).",
+    ]
+    assert "No weather sensor was recorded." in unknown["Parts that this report lacks"]
+    assert page.headings[-len(unknown) :] == list(unknown)
+    assert page.facts()["Place"] == "unknown"
+
+
+@needs_poppler
+def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder):
+    pages = _text(folder / "report.pdf").split("\f")[:-1]
+    assert 5 <= len(pages) <= 25
+    for number, text in enumerate(pages, 1):
+        assert f"{number} / {len(pages)}" in text, f"page {number}"
+        assert f"run {RUN_ID}" in text, f"page {number}"
+    whole = " ".join(" ".join(pages).split())
+    for number, section in enumerate(sections(), 1):
+        assert f"{number} {section.title}" in whole
+    assert "keeps its limit of 50.0 µm" in whole
+
+
+@needs_poppler
+def test_nothing_in_the_pdf_runs_off_the_paper(folder):
+    boxes = subprocess.run(
+        ["pdftotext", "-bbox", folder / "report.pdf", "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    width = float(re.search(r'<page width="([\d.]+)"', boxes).group(1))
+    ends = [float(end) for end in re.findall(r'<word xMin="[\d.]+".*? xMax="([\d.]+)"', boxes)]
+    assert len(ends) > 1000
+    assert max(ends) < width - 20.0
+
+
+def _text(path):
+    return subprocess.run(
+        ["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True
+    ).stdout
+
+
+@pytest.mark.parametrize("wanted", ["html", "json", "pdf"])
+def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
+    monkeypatch.setattr(pictures.Studio, "fetch_all", lambda _: {})
+    assert main(["report", str(bag), f"--{wanted}", "--output", str(tmp_path / "new")]) == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [f"report.{wanted}"]
+    said = capsys.readouterr()
+    assert "Largest error in the measured volume" in said.out
+    assert f"report in {tmp_path / 'new'}: report.{wanted}" in said.err

@@ -1,0 +1,162 @@
+"""A simulated cell with the monitor node, an operator who hears all of it, and a browser."""
+
+import itertools
+import os
+import re
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros import topics
+from stepdiag_ros.run.sequence import State
+
+_domains = itertools.count(os.getpid())
+KEPT = (topics.STOP, topics.BLOCK, topics.VOLUMETRIC_ERRORS, topics.DIAGNOSIS, topics.RUN_STATE)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 30 + 201))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def browser():
+    """Return a browser without a window."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        reason = "there is no Chromium on this computer"
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
+    with sync_playwright() as playwright:
+        made = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--disable-gpu"], timeout=120_000
+        )
+        yield made
+        made.close()
+
+
+class Pages:
+    """Pages of one browser, and what went wrong in them."""
+
+    def __init__(self, browser):
+        self._browser = browser
+        self.errors = []
+
+    def open(self, url, width=1400, scheme="light"):
+        context = self._browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme
+        )
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
+        page.goto(url)
+        page.wait_for_selector("#contact[data-contact=good]")
+        return page
+
+
+@pytest.fixture(scope="module")
+def pages(browser):
+    return Pages(browser)
+
+
+class ShownCell:
+    """All nodes of the simulated cell and the monitor; what was said and what is on the page."""
+
+    def __init__(self, folder):
+        import rclpy
+
+        from stepdiag_ros.nodes.operator import OperatorNode
+        from stepdiag_ros.session.cell import simulated_cell
+        from stepdiag_ros.session.processes import NodeProcess, Processes
+
+        self.folder = folder
+        cell = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
+        nodes = [*cell, NodeProcess("monitor", {"use_sim_time": True, "port": 0})]
+        self.count = len(nodes)
+        self.processes = Processes(nodes, folder / "logs")
+        rclpy.init(args=[])
+        self.operator = OperatorNode()
+        self.said = {topic: [] for topic in KEPT}
+        for topic, kept in self.said.items():
+            self.operator.listen(topic, kept.append)
+
+    def __enter__(self):
+        self.processes.__enter__()
+        peers = self.operator.watch.peers
+        self.wait(
+            lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
+            "all nodes are up",
+            120.0,
+        )
+        return self
+
+    def __exit__(self, *_):
+        import rclpy
+
+        self.processes.end()
+        rclpy.try_shutdown()
+
+    def wait(self, condition, what, limit=90.0):
+        if not self.operator.spin_until(condition, limit):
+            raise AssertionError(f"not in {limit} s: {what}\n{self.log('monitor')[-3000:]}")
+
+    def log(self, name):
+        return (self.folder / "logs" / f"{name}.log").read_text(errors="replace")
+
+    @property
+    def url(self):
+        """The address with the token, as it was printed."""
+        return re.search(r"open (http://127\.0\.0\.1:\d+/#token=\w+)", self.log("monitor")).group(1)
+
+    def state(self):
+        states = self.said[topics.RUN_STATE]
+        return State(states[-1].state) if states else None
+
+    def last(self, topic, **fields):
+        found = [
+            one for one in self.said[topic] if all(getattr(one, k) == v for k, v in fields.items())
+        ]
+        return found[-1]
+
+    def bag(self):
+        return next(iter(self.folder.glob("*.mcap")))
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    with ShownCell(tmp_path_factory.mktemp("cell")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def replay(cell):
+    """Start ``stepdiag monitor`` on the bag of the run; return its address and its process."""
+    import subprocess
+
+    path = Path(cell.folder) / "replay.out"
+    with path.open("w") as out:
+        process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "stepdiag_ros.cli", "monitor", str(cell.bag())),
+                *("--rate", "0", "--port", "0"),
+            ],
+            stderr=out,
+        )
+    cell.wait(
+        lambda: "all of the recording is shown" in path.read_text(), "the bag is played", 180.0
+    )
+    yield re.search(r"http://\S+/", path.read_text()).group(0), process
+    if process.poll() is None:
+        process.kill()
+    process.wait()

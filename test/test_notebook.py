@@ -1,0 +1,65 @@
+"""What the package offers to notebooks: results as of the commands, refusals in one sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from results_by_hand import VOLUME, make_report, make_result, with_unknown
+
+import stepdiag_ros
+from stepdiag_ros import compare, error_map, open_run, solve, worst_point
+from stepdiag_ros.report.content import same_to_the_last_bit
+
+BAG = Path(__file__).parents[1] / "docs" / "examples" / "small_run.mcap"
+
+
+@pytest.fixture(scope="module")
+def run():
+    return open_run(BAG)
+
+
+def test_a_run_is_solved_as_it_was_live(run):
+    report = solve(run)
+    assert report.run_id == run.run_id and report.plan == run.plan.name
+    assert report.equals_recorded and all(report.equals_recorded.values())
+    again = solve(run, recorded_lines=True)
+    assert same_to_the_last_bit(again.preferred(), report.preferred())
+
+
+def test_the_map_and_the_worst_point_agree():
+    report = make_report(chain="")
+    worst = worst_point(report)
+    vector = error_map(report).errors(np.array([worst.position]))[0]
+    np.testing.assert_allclose(vector, worst.vector)
+    np.testing.assert_allclose(np.linalg.norm(vector), worst.value)
+    assert worst.value != worst_point(report, "setup_robust").value
+    outside = np.array([VOLUME.origin]) - 1.0
+    assert np.all(np.isnan(error_map(report).errors(outside)))
+
+
+def test_what_is_not_known_stays_unknown():
+    assert np.isnan(worst_point(make_report(results=(with_unknown(make_result()),))).value)
+
+
+def test_two_runs_are_compared_by_the_same_method():
+    before, after = make_report(chain=""), make_report(chain="")
+    assert compare(before, after).before.method == "least_squares"
+    assert np.all(compare(before, after).normalised_errors == 0.0)
+    assert compare(before, after, "setup_robust").after.method == "setup_robust"
+
+
+def test_refusals_are_one_sentence(tmp_path):
+    with pytest.raises(ValueError, match=r"missing\.mcap") as refused:
+        open_run(tmp_path / "missing.mcap")
+    assert "\n" not in str(refused.value)
+    with pytest.raises(ValueError, match="no result of the method 'soons'; solved were: conv"):
+        error_map(make_report(), "soons")
+    with pytest.raises(ValueError, match="no result of the method ''; solved were: none"):
+        worst_point(make_report(results=()))
+
+
+def test_the_package_offers_what_it_names_and_nothing_else():
+    for name in stepdiag_ros.__all__:
+        assert getattr(stepdiag_ros, name) is not None
+    with pytest.raises(AttributeError, match="no 'pie'"):
+        _ = stepdiag_ros.pie
