@@ -17,7 +17,7 @@ from stepdiag_ros.plots.style import COLOURS, Sheet, panel_title
 _MARKERS = ("o", "^")
 _SMALL = 0.5
 """A box whose diagonal is a smaller share of the travel's is drawn without the travel."""
-_LEGEND_ROOM = 0.3
+_LEGEND_ROOM = 0.45
 """Left of a drawing, as a share of its size."""
 _TITLE_WIDTH = 78
 """Characters of a line of the heading."""
