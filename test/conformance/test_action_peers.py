@@ -77,10 +77,10 @@ def goal(order: int) -> Any:
 
 
 def test_goals_cross_processes(node: Any, peer: Start, spin: Callable[..., None]) -> None:
-    peer(SERVER)
     client = client_of(node)
     assert not client.server_is_ready()
     assert not client.wait_for_server(timeout_sec=0.05)
+    peer(SERVER)
     assert client.wait_for_server(timeout_sec=10)
     spin(node)
     feedback: list[int] = []
