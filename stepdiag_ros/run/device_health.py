@@ -236,8 +236,10 @@ class Compensation:
         kind: one of ``compensator.COMPENSATIONS``.
     """
 
-    LOOKS = 3
-    """For so many looks in a row an instrument must not do its part, before this is said of it."""
+    LOOKS = 12
+    """For so many looks in a row, some 3 s, an instrument must not do its part before this is said.
+
+    An instrument with sensors of its own hears of the air no sooner than this node does."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -260,14 +262,16 @@ class Compensation:
         if self._kind == "off":
             return Finding(Level.WARN, NOT_ASKED_FOR, values)
         known = not isnan(self._last.compensated_displacement)
-        self._doubts = 0 if known or self._ever else self._doubts + 1
+        # Nobody can compensate for air that is not known.
+        excused = self._kind == "instrument" and air.level is not Level.OK
+        self._doubts = 0 if known or self._ever or excused else self._doubts + 1
         if known:
             return Finding(Level.OK, "readings are compensated for the air", values)
         # The first readings may come before the weather; and what could be done before, will be.
         if self._doubts >= self.LOOKS:
             if self._kind == "own" and isnan(self._last.raw_displacement):
                 return Finding(Level.ERROR, NO_RAW, values, forbids=True)
-            if self._kind == "instrument" and air.level is Level.OK:
+            if self._kind == "instrument":
                 return Finding(Level.ERROR, NO_COMPENSATED, values, forbids=True)
         return Finding(Level.ERROR, "readings are not compensated: the air is not known", values)
 

@@ -265,6 +265,16 @@ class TestCompensation:
             finding = compensation.judge(self.AIR)
             assert "the air is not known" in finding.message and not finding.forbids
 
+    def test_an_instrument_is_given_its_time_from_when_the_air_is_known(self):
+        compensation = Compensation("instrument")
+        raw = Reading(1, 1, 1.0, nan, 1.0, STATUS_OK, Environment())
+        compensation.take([raw])
+        for _ in range(3 * Compensation.LOOKS):
+            assert not compensation.judge(Finding(Level.STALE, "no sensor has spoken")).forbids
+        for _ in range(Compensation.LOOKS - 1):
+            assert not compensation.judge(self.AIR).forbids
+        assert compensation.judge(self.AIR).message == NO_COMPENSATED
+
     def test_without_a_beam_nothing_is_said(self):
         finding = self.judged("own", nan, nan, status=STATUS_BEAM_LOST)
         assert finding.level is Level.OK
