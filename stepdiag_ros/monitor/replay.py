@@ -3,8 +3,10 @@
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from stepdiag_ros import topics
+from stepdiag_ros.bags.bag import Record
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import check_version
 from stepdiag_ros.bags.runs import choose_run, records_of
@@ -53,23 +55,32 @@ class Replay:
         self._state.take(to_run_begin(self._run.description))
         pace: Pace | None = None
         looked: dict[str, float] = {}
+        passed: dict[str, tuple[Record, Any]] = {}
         count = 0
         for record, message in records_of(self._bag, self._run, self._sources.keys()):
             pace = pace or Pace(rate or 1.0, record.log_time, time.monotonic())
             left = pace.real(record.log_time) - time.monotonic() if rate else 0.0
             if stop.is_set() or (left > 0.0 and stop.wait(left)):
                 break
-            source, now = self._sources[record.topic], time.monotonic()
-            if source.newest:
+            if self._sources[record.topic].newest:
+                now = time.monotonic()
                 if now - looked.get(record.topic, 0.0) < _LOOK:
+                    passed[record.topic] = (record, message)
                     continue
                 looked[record.topic] = now
-            found = self._bag.decode(record) if message is None else message
-            run_id = str(getattr(found, "run_id", ""))
-            for item in source.convert(found):
-                self._state.take(item, run_id)
+                passed.pop(record.topic, None)
+            self._fold_in(record, message)
             count += 1
-        return count
+        # What was passed over is the newest now: where the machine stands at the end.
+        for record, message in passed.values():
+            self._fold_in(record, message)
+        return count + len(passed)
+
+    def _fold_in(self, record: Record, message: Any) -> None:
+        found = self._bag.decode(record) if message is None else message
+        run_id = str(getattr(found, "run_id", ""))
+        for item in self._sources[record.topic].convert(found):
+            self._state.take(item, run_id)
 
     def close(self) -> None:
         """Close the bag."""

@@ -156,13 +156,17 @@ def test_who_comes_late_sees_the_same_and_leads_nothing_without_the_token(cell, 
     late.context.close()
 
 
-def test_a_bag_is_played_as_the_run_was_seen(page, pages, replay):
+def test_a_bag_is_played_as_the_run_was_seen(cell, page, pages, replay):
     url, process = replay
     played = pages.open(url)
     for one in RESULTS:
-        assert text(played, f"#{one}") == text(page, f"#{one}"), one
+        cell.wait(
+            lambda: text(played, f"#{one}") == text(page, f"#{one}"),  # noqa: B023 - waited for here
+            f"{one} of the bag is what was seen",
+            30.0,
+        )
     # The recorded end of the run is the last that is shown.
-    assert text(played, "#run-state") == "finished"
+    cell.wait(lambda: text(played, "#run-state") == "finished", "the end of the run", 30.0)
     assert played.is_visible("#replay") and played.is_hidden("#controls")
     assert played.is_hidden("#no-controls")
     played.context.close()
