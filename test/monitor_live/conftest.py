@@ -15,7 +15,14 @@ from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
 
 _domains = itertools.count(os.getpid())
-KEPT = (topics.STOP, topics.BLOCK, topics.VOLUMETRIC_ERRORS, topics.DIAGNOSIS, topics.RUN_STATE)
+KEPT = (
+    topics.STOP,
+    topics.BLOCK,
+    topics.VOLUMETRIC_ERRORS,
+    topics.DIAGNOSIS,
+    topics.RUN_STATE,
+    *(topic for topic, _ in topics.WEATHER.values()),
+)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -138,6 +138,24 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
     assert looks and set(looks) == {"measured"}
 
 
+@pytest.mark.parametrize(
+    ("label", "topic", "written"),
+    [
+        ("air", topics.AIR_TEMPERATURE, lambda said: f"{said.temperature:.2f} °C"),
+        ("machine", topics.MATERIAL_TEMPERATURE, lambda said: f"{said.temperature:.2f} °C"),
+        ("pressure", topics.AIR_PRESSURE, lambda said: f"{said.fluid_pressure / 100:.2f} hPa"),
+        ("humidity", topics.RELATIVE_HUMIDITY, lambda said: f"{said.relative_humidity:.1%}"),
+    ],
+)
+def test_the_air_is_as_the_sensors_say(cell, page, label, topic, written):
+    shown = f"#weather-list [data-name={label}]"
+
+    def newest():
+        return written(cell.last(topic)).replace("%", " %")
+
+    cell.wait(lambda: text(page, shown) == newest(), f"{label} is the newest that was published")
+
+
 def test_who_comes_late_sees_the_same_and_leads_nothing_without_the_token(cell, page, pages):
     late = pages.open(cell.url.partition("#")[0], width=390, scheme="dark")
     cell.wait(
