@@ -9,7 +9,14 @@ from launch.actions import ExecuteProcess
 from launch_ros.substitutions import ExecutableInPackage
 
 from stepdiag_ros.session.cell import evaluation
-from stepdiag_ros.session.launching import PACKAGE, Argument, description, number, started
+from stepdiag_ros.session.launching import (
+    PACKAGE,
+    Argument,
+    description,
+    ends_launch,
+    number,
+    started,
+)
 
 ARGUMENTS = {
     "bag": Argument("the recorded run (.mcap)"),
@@ -31,7 +38,9 @@ def generate_launch_description() -> LaunchDescription:
                 *("--wait-for", *(node.name for node in nodes)),
             ],
             output="screen",
+            on_exit=ends_launch("the replay"),
         )
-        return [*started(nodes), player]
+        # The replay waits for all of them.
+        return [*started(nodes, dispensable=()), player]
 
     return description(ARGUMENTS, start)

@@ -20,6 +20,11 @@ ARGUMENTS = {
     "factor": Argument("simulated seconds in a real second", "1.0"),
     "rate": Argument("readings in a simulated second; 0: the cell's own", "0.0"),
     "seed": Argument("of the noise of the simulated readings", "0"),
+    "correction": Argument(
+        "error map by which the bridge corrects every target, volumetric_map.json of 'stepdiag"
+        " compensate --for generic'; empty: targets are sent as they are",
+        "",
+    ),
 }
 
 
@@ -37,6 +42,7 @@ def generate_launch_description() -> LaunchDescription:
                 rate=number(values, "rate"),
                 seed=int(number(values, "seed")),
                 model=values["model"],
+                correction=values["correction"],
             )
         ),
     )

@@ -16,6 +16,8 @@ def modules():
     classes = {
         "launch": ("LaunchContext", "LaunchDescription"),
         "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
+        "launch.events": (),
+        "launch.events.process": ("ProcessExited",),
         "launch_ros": (),
         "launch_ros.actions": ("LifecycleNode", "Node"),
         "launch_ros.parameter_descriptions": ("ParameterValue",),

@@ -3,6 +3,7 @@
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import fake_launch
 import pytest
@@ -91,6 +92,42 @@ def test_a_simulated_cell_runs_in_simulated_time_in_one_weather(launched):
         launched("simulated_cell", factor="fast")
     with pytest.raises(ValueError, match=r"'factor' of node clock is 0\.0; expected"):
         launched("simulated_cell", factor="0")
+
+
+def test_a_simulated_cell_corrects_targets_if_asked(launched):
+    for given in ("", "map/volumetric_map.json"):
+        _, actions = launched("simulated_cell", correction=given)
+        (bridge,) = (one for one in actions if one.options["executable"] == "bridge")
+        assert parameters(bridge)["correction"] == given
+
+
+def ends(action, code, is_shutdown=False):
+    """Return what is said if the process of an action ends so; empty if nothing else ends."""
+    on_exit = action.options.get("on_exit")
+    if on_exit is None:
+        return ""
+    try:
+        on_exit(SimpleNamespace(returncode=code), SimpleNamespace(is_shutdown=is_shutdown))
+    except RuntimeError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_node_that_a_run_needs_ends_the_launch_when_it_fails(launched, cell_file, name):
+    cell = {"parameters": str(cell_file)}
+    required = {"measure": cell, "by_hand": cell, "replay": {"bag": "run.mcap"}}
+    _, actions = launched(name, **required.get(name, {"page": "true", "rviz": "true"}))
+    needed = [action for action in actions if ends(action, 1)]
+    for action in needed:
+        # What has done its work ends nothing, nor what was killed, nor the end of the launch.
+        assert not ends(action, 0) and not ends(action, -9) and not ends(action, 1, True)
+        called = action.options.get("executable", "replay")
+        assert re.match(rf"the {called}( node)? has ended \(exit code 1\)", ends(action, 1))
+    others = [one.options["executable"] for one in actions if one not in needed]
+    looking_on = ["scene", "monitor", "rviz2"]
+    left_over = {"monitor": looking_on, "replay": []}.get(name, ["evaluator", "diagnosis"])
+    assert others == left_over
 
 
 def test_by_hand_nothing_is_started_that_moves_a_machine(launched, cell_file):

@@ -3,21 +3,24 @@
 Only the files in ``launch/`` use this module; it needs ROS 2's own ``launch`` and ``launch_ros``.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.events.process import ProcessExited
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from stepdiag_ros.parameters import declared_node
-from stepdiag_ros.session.processes import OVERRIDE, NodeProcess
+from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, exit_words
 
 PACKAGE = "stepdiag_ros"
 TRUTHS = ("true", "false")
+DISPENSABLE = ("evaluator", "diagnosis", "scene", "monitor")
+"""Nodes that a run goes on without."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,32 @@ def number(values: Mapping[str, str], name: str) -> float:
         raise ValueError(f"the argument {name} is '{values[name]}'; expected a number") from None
 
 
+def ends_launch(name: str) -> Callable[[ProcessExited, LaunchContext], None]:
+    """Return what is to be done when a process has ended: one that failed ends the whole launch.
+
+    Whoever has started the launch is told which process it was, and the launch's exit code is 1. A
+    process that was killed ends nothing: a run that is held by its loss goes on when it is back.
+
+    Args:
+        name: what the process is called in the sentence.
+    """
+
+    def ended(event: ProcessExited, context: LaunchContext) -> None:
+        if event.returncode > 0 and not context.is_shutdown:
+            # An action that shuts down would end the launch with exit code 0.
+            raise RuntimeError(
+                f"{name} has ended ({exit_words(event.returncode)}) and is needed, so all others"
+                " are ended too; what was wrong stands above"
+            )
+
+    return ended
+
+
 def started(
-    processes: Iterable[NodeProcess], namespace: str = "", parameter_files: Iterable[str] = ()
+    processes: Iterable[NodeProcess],
+    namespace: str = "",
+    parameter_files: Iterable[str] = (),
+    dispensable: Collection[str] = DISPENSABLE,
 ) -> list[Any]:
     """Return what starts nodes; those of devices can be led by launch events.
 
@@ -84,11 +111,17 @@ def started(
         processes: which nodes, with parameters that win over those of the files.
         namespace: of all of them; empty for none.
         parameter_files: ROS 2 parameter files for all of them.
+        dispensable: names of the nodes whose failure does not end the launch.
     """
-    return [_start(process, namespace, tuple(parameter_files)) for process in processes]
+    files = tuple(parameter_files)
+    return [
+        _start(process, namespace, files, process.name not in dispensable) for process in processes
+    ]
 
 
-def _start(process: NodeProcess, namespace: str, parameter_files: tuple[str, ...]) -> Any:
+def _start(
+    process: NodeProcess, namespace: str, parameter_files: tuple[str, ...], needed: bool
+) -> Any:
     declared = declared_node(process.name)
     given = {name: _value(value) for name, value in process.parameters.items()}
     managed = any(declaration.name == "autostart" for declaration in declared.parameters)
@@ -103,6 +136,7 @@ def _start(process: NodeProcess, namespace: str, parameter_files: tuple[str, ...
         ros_arguments=["--enclave", process.enclave],
         # That of ros2 launch itself is not for the nodes.
         additional_env={OVERRIDE: ""},
+        **({"on_exit": ends_launch(f"the {process.name} node")} if needed else {}),
     )
 
 

@@ -82,6 +82,11 @@ def environment() -> dict[str, str]:
     return made
 
 
+def exit_words(code: int) -> str:
+    """Return how a process has ended, from its exit code: by which signal, or with which code."""
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
 class Processes:
     """Node processes, ended together however the block ends.
 
@@ -128,8 +133,8 @@ class Processes:
         for name, process in self.running.items():
             code = process.poll()
             if code is not None:
-                how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-                return f"the {name} node has ended ({how}): {self._last_words(name)}"
+                last = self._last_words(name)
+                return f"the {name} node has ended ({exit_words(code)}): {last}"
         return ""
 
     def end(self) -> None:
