@@ -15,11 +15,39 @@ from stepdiag_ros.run.sequence import Progress, State
 
 RESULT_KEPT = 24 * 3600
 """ROS seconds for which a result is kept for a client that asks late."""
+START_PATIENCE = 10.0
+"""Real seconds for which a goal waits for nodes that may be starting."""
+RETRY_PERIOD = 0.2
+"""Real seconds between two looks whether a goal that waits can begin."""
+CANCELLED = "cancelled by whoever asked for the run"
 
 
 def measure_type() -> Any:
     """Return the class of the action, of the ROS client that runs here."""
     return import_module("stepdiag_ros.action").Measure
+
+
+class NotReadyYet(ValueError):
+    """No run can begin because of nodes that may be starting still: a refusal that may pass."""
+
+
+@dataclass
+class _Waiting:
+    """The goal whose run is to begin.
+
+    Attributes:
+        handle: rclpy's.
+        since: real time, s, at which it came.
+        tried: real time, s, at which its run was asked for last.
+        why: it has not begun; empty if it was not asked for yet.
+        given_up: why it is not to begin any more; empty while it may.
+    """
+
+    handle: Any
+    since: float
+    tried: float
+    why: str = ""
+    given_up: str = ""
 
 
 @dataclass
@@ -42,13 +70,14 @@ class _Goal:
 class MeasureAction:
     """Starts a run for a goal, tells how far it is, and ends the goal once all is known of the run.
 
-    At most one goal is open, as there is at most one run. Nothing here waits: a timer of the node
-    calls ``update``.
+    At most one goal is open, as there is at most one run. A goal that comes while the nodes are
+    starting waits for them, for ``START_PATIENCE`` at most; one at a time, and nothing moves before
+    its run begins. No call here waits: a timer of the node calls ``update``.
 
     Args:
         node: the sequencer.
         begin: starts a run of a plan (as Measure.action says; empty for the node's own) and returns
-            its identity, or raises ValueError.
+            its identity, or raises ValueError; NotReadyYet if the same goal may be taken later.
         abort: stops the machine and ends the run for a reason, or raises ValueError.
         progress: says where the run is.
         incomplete: says which lines of the run lack a stop, and why.
@@ -69,6 +98,7 @@ class MeasureAction:
         self._incomplete = incomplete
         self._messages = measure_type()
         self._goal: _Goal | None = None
+        self._waiting: _Waiting | None = None
         self._results: dict[bytes, Future] = {}
         self._server = ActionServer(
             node,
@@ -89,7 +119,13 @@ class MeasureAction:
             self._end(Outcome.ABORTED, "stopped by a fault and given up: another run was started")
 
     def update(self) -> None:
-        """Say where the run is, and end the goal when the run is over and all is known of it."""
+        """Begin what waits; say where the run is; end its goal when all is known of the run."""
+        waiting = self._waiting
+        if waiting is not None and waiting.given_up:
+            self._waiting = None
+            self._refuse(waiting.handle, waiting.given_up)
+        elif waiting is not None and self._node.real_time() - waiting.tried >= RETRY_PERIOD:
+            self._try_to_begin(waiting)
         goal = self._goal
         if goal is None:
             return
@@ -121,29 +157,69 @@ class MeasureAction:
             message.text = f"{progress.text}; {goal.told}"
         goal.handle.publish_feedback(message)
 
+    def give_up(self, reason: str) -> bool:
+        """Let the goal that waits for nodes never begin, for a reason; say whether one waited."""
+        if self._waiting is None:
+            return False
+        self._waiting.given_up = f"{reason}, before it began"
+        return True
+
     # What clients ask for -----------------------------------------------------------------------
 
     def _on_goal(self, handle: Any) -> None:
-        """Begin the run of a goal; one that is refused ends with the reason in its result."""
-        self._results[bytes(handle.goal_id.uuid)] = Future()
+        """Begin the run of a goal, at once or once the nodes are heard; or refuse it."""
+        self._results[_key(handle)] = Future()
+        real = self._node.real_time()
+        handle.execute()
+        if self._waiting is not None:
+            self._refuse(handle, "another goal waits for the nodes: cancel it first")
+        else:
+            self._waiting = _Waiting(handle, real, real)
+            self._try_to_begin(self._waiting)
+
+    def _try_to_begin(self, waiting: _Waiting) -> None:
+        handle, real = waiting.handle, self._node.real_time()
+        waiting.tried = real
         try:
             run_id = self._begin(handle.request.plan)
         except ValueError as error:
-            self._node.get_logger().warning(f"a goal of ~/measure is refused: {error}")
-            result = self._messages.Result(outcome=int(Outcome.REFUSED), text=str(error))
-            result.verdict, result.sentence = UNKNOWN, "not known: nothing was measured"
-            result.bag_text = "there is none: nothing was measured"
-            self._results[bytes(handle.goal_id.uuid)].set_result(result)
+            patient = real - waiting.since < START_PATIENCE
+            if isinstance(error, NotReadyYet) and patient:
+                self._tell_why(waiting, str(error))
+            else:
+                self._waiting = None
+                self._refuse(handle, str(error))
         else:
+            self._waiting = None
             self._goal = _Goal(handle, Aftermath(run_id, self._node.parameter("result_limit")))
-        handle.execute()
-        self.tell()
+            self.tell()
+
+    def _tell_why(self, waiting: _Waiting, why: str) -> None:
+        """Say why a goal waits, if that is new; its feedback names no run, as there is none yet."""
+        if why == waiting.why:
+            return
+        waiting.why = why
+        text = f"waiting for nodes that may be starting, for {START_PATIENCE:.0f} s at most: {why}"
+        self._node.get_logger().info(f"a goal of ~/measure: {text}")
+        waiting.handle.publish_feedback(
+            self._messages.Feedback(remaining_time=float("nan"), text=text)
+        )
+
+    def _refuse(self, handle: Any, why: str) -> None:
+        """End a goal whose run has not begun, with the reason in its result."""
+        self._node.get_logger().warning(f"a goal of ~/measure is refused: {why}")
+        result = self._messages.Result(outcome=int(Outcome.REFUSED), text=why)
+        result.verdict, result.sentence = UNKNOWN, "not known: nothing was measured"
+        result.bag_text = "there is none: nothing was measured"
+        self._results[_key(handle)].set_result(result)
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
-        goal = self._goal
-        if goal is not None and bytes(goal.handle.goal_id.uuid) == bytes(handle.goal_id.uuid):
+        waiting, goal = self._waiting, self._goal
+        if waiting is not None and _key(waiting.handle) == _key(handle):
+            self.give_up(CANCELLED)
+        elif goal is not None and _key(goal.handle) == _key(handle):
             try:
-                self._abort("cancelled by whoever asked for the run")
+                self._abort(CANCELLED)
             except ValueError:
                 # The run is over; only its evaluation is waited for.
                 goal.impatient = True
@@ -157,7 +233,7 @@ class MeasureAction:
 
     async def _execute(self, handle: Any) -> Any:
         """Wait for the result of a goal, without keeping the node from its work."""
-        key = bytes(handle.goal_id.uuid)
+        key = _key(handle)
         result = await self._results[key]
         del self._results[key]
         if handle.is_cancel_requested:
@@ -179,7 +255,11 @@ class MeasureAction:
         result.verdict, result.sentence = known.verdict, known.sentence
         result.bag, result.bag_closed = known.bag, known.bag_closed
         result.bag_text = known.bag_text
-        self._results[bytes(goal.handle.goal_id.uuid)].set_result(result)
+        self._results[_key(goal.handle)].set_result(result)
+
+
+def _key(handle: Any) -> bytes:
+    return bytes(handle.goal_id.uuid)
 
 
 def write_progress(message: Any, progress: Progress) -> None:

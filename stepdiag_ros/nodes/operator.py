@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
 from stepdiag_ros.nodes.base import StepdiagNode
-from stepdiag_ros.nodes.measure_action import measure_type
+from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
 
 SERVICE_LIMIT = 5.0
 """Real seconds that a service, or the action for a new goal, may take to answer."""
@@ -113,7 +113,13 @@ class OperatorNode(StepdiagNode):
             raise ValueError("the action sequencer/measure does not take the goal")
         key = bytes(handle.goal_id.uuid)
         answer = handle.get_result_async()
-        if not self.spin_until(lambda: key in self._feedback or answer.done(), SERVICE_LIMIT):
+
+        def said() -> bool:
+            # While the goal waits for nodes that are starting, its feedback names no run.
+            told = self._feedback.get(key)
+            return answer.done() or (told is not None and bool(told.run_id))
+
+        if not self.spin_until(said, START_PATIENCE + SERVICE_LIMIT):
             handle.cancel_goal_async()
             raise ValueError("the sequencer does not say which run it has begun")
         if answer.done():

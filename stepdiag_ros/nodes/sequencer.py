@@ -19,7 +19,12 @@ from stepdiag_ros.conversion import (
 )
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.nodes.measure_action import MeasureAction, write_progress
+from stepdiag_ros.nodes.measure_action import (
+    START_PATIENCE,
+    MeasureAction,
+    NotReadyYet,
+    write_progress,
+)
 from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
 from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.identity import new_run_id
@@ -73,6 +78,8 @@ class SequencerNode(StepdiagNode):
         self._sequence: Sequence | None = None
         self._needed: tuple[str, ...] = REQUIRED
         self._sessions: set[str] = set()
+        self._made = self.real_time()
+        self._were_ready: set[str] = set()
         self._waiting_since: float | None = None
         self._after_reset: Callable[[], None] | None = None
         self._reset_tries = 0
@@ -117,7 +124,7 @@ class SequencerNode(StepdiagNode):
 
         Raises:
             ValueError: a run is going on, a node is missing, or the plan is wrong or leaves the
-                limits.
+                limits; NotReadyYet if that may pass since nodes may be starting.
         """
         if self._waiting_since is not None or (self._sequence and self._sequence.active):
             raise ValueError("a run is going on: abort it before starting another")
@@ -125,7 +132,9 @@ class SequencerNode(StepdiagNode):
         present = tuple(role for role in WELCOME if self.watch.present(role))
         missing = self.watch.missing(REQUIRED + present) or self._unknown_of_machine()
         if missing:
-            raise ValueError(f"cannot start: {'; '.join(missing)}")
+            starting = self._may_be_starting(REQUIRED + present)
+            refusal = NotReadyYet if starting else ValueError
+            raise refusal(f"cannot start: {'; '.join(missing)}")
         state = self._machine_state
         low, high = tuple(state.soft_limits_low), tuple(state.soft_limits_high)
         beyond = out_of_limits(chosen, low, high)
@@ -162,8 +171,14 @@ class SequencerNode(StepdiagNode):
         return "resuming"
 
     def abort(self) -> str:
-        """Stop the machine at once and end the run."""
-        self._abort("aborted by the operator")
+        """Stop the machine at once and end the run, or the wish for one that waits for nodes."""
+        reason = "aborted by the operator"
+        gave_up = self._measure.give_up(reason)
+        try:
+            self._abort(reason)
+        except ValueError:
+            if not gave_up:
+                raise
         return "aborted"
 
     def _abort(self, reason: str) -> None:
@@ -188,6 +203,8 @@ class SequencerNode(StepdiagNode):
 
     def on_heartbeat(self, peer: Peer) -> None:
         """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
+        if not peer.faulty:
+            self._were_ready.add(peer.session)
         if self._sequence is None:
             return
         if peer.role in IRREPLACEABLE and peer.session not in self._sessions:
@@ -225,6 +242,20 @@ class SequencerNode(StepdiagNode):
             return ["the bridge has not said where the machine stands"]
         return []
 
+    def _may_be_starting(self, needed: tuple[str, ...]) -> bool:
+        """Say whether what a run needs may only be starting still.
+
+        That may be a node that was not heard at all, and while this node is young itself, one that
+        was never ready.
+        """
+        young = self.real_time() - self._made < START_PATIENCE
+        for role in needed:
+            peers = [peer for peer in self.watch.peers.values() if peer.role == role]
+            were_ready = any(peer.session in self._were_ready for peer in peers)
+            if not peers or (young and not were_ready):
+                return True
+        return self._machine_state is None
+
     def _on_stop(self, message: Any) -> None:
         if self._sequence is not None and message.run_id == self.run_id:
             rejection = "" if message.settled else message.reason
@@ -235,10 +266,10 @@ class SequencerNode(StepdiagNode):
     # The course of the run ---------------------------------------------------------------------
 
     def _update(self) -> None:
+        self._measure.update()
         if self._sequence is None:
             return
         self._insist_on_stop()
-        self._measure.update()
         self._insist_on_reset()
         if self._waiting_since is not None:
             self._begin_when_taken_up()

@@ -29,14 +29,14 @@ class Bench:
         from rclpy.executors import SingleThreadedExecutor
 
         from stepdiag_ros.nodes.base import StepdiagNode
-        from stepdiag_ros.nodes.measure_action import MeasureAction, measure_type
+        from stepdiag_ros.nodes.measure_action import MeasureAction, NotReadyYet, measure_type
 
         class Host(StepdiagNode):
             role = "sequencer"
 
         rclpy.init(args=[])
         self.state, self.text, self.plans, self.reasons = State.IDLE, "nothing", [], []
-        self.refusal = ""
+        self.refusal, self.unheard, self.not_ready_yet = "", "", NotReadyYet
         self.host, self.asker = Host("sequencer"), rclpy.create_node("asker")
         self.action = MeasureAction(
             self.host, self._begin, self._abort, self._progress, lambda: ["ppp: stop 3: no beam"]
@@ -70,6 +70,8 @@ class Bench:
     def _begin(self, plan):
         if self.refusal:
             raise ValueError(self.refusal)
+        if self.unheard:
+            raise self.not_ready_yet(self.unheard)
         self.action.run_begins()
         self.plans.append(plan)
         self.state, self.text = State.RUNNING, "measuring"
@@ -177,6 +179,63 @@ def test_results_that_are_owed_are_waited_for_unless_the_client_cancels(bench):
     response = bench.get(answer)
     assert response.status == CANCELED and response.result.outcome == FINISHED_OUTCOME
     assert bench.reasons == []
+
+
+UNHEARD = "cannot start: there is no recorder node"
+
+
+def test_a_goal_waits_for_nodes_that_are_starting(bench):
+    bench.unheard = UNHEARD
+    _, answer = bench.send("quick")
+    bench.spin(lambda: bench.feedback)
+    told = bench.feedback[0]
+    assert told.run_id == "" and told.stops_total == 0 and math.isnan(told.remaining_time)
+    assert told.text == f"waiting for nodes that may be starting, for 10 s at most: {UNHEARD}"
+    # No other goal overtakes it, and nothing has begun.
+    other = bench.get(bench.send("demo")[1]).result
+    assert other.outcome == REFUSED_OUTCOME and "another goal waits for the nodes" in other.text
+    assert bench.plans == [] and not answer.done()
+    bench.unheard = ""
+    bench.spin(lambda: bench.plans)
+    bench.spin(lambda: bench.feedback[-1].run_id == "run 1")
+    bench.state = State.FINISHED
+    response = bench.get(answer)
+    assert response.status == SUCCEEDED and bench.plans == ["quick"]
+    # What it waited for is told once, not at every look.
+    assert [one.text for one in bench.feedback].count(told.text) == 1
+
+
+def test_a_goal_does_not_wait_longer_than_it_says(bench, monkeypatch):
+    monkeypatch.setattr("stepdiag_ros.nodes.measure_action.START_PATIENCE", 0.3)
+    bench.unheard = UNHEARD
+    response = bench.get(bench.send()[1])
+    assert response.status == ABORTED and response.result.outcome == REFUSED_OUTCOME
+    assert response.result.text == UNHEARD and bench.feedback
+    # A refusal that cannot pass ends a goal that waits too.
+    monkeypatch.setattr("stepdiag_ros.nodes.measure_action.START_PATIENCE", 3600.0)
+    _, answer = bench.send()
+    bench.spin(lambda: len(bench.feedback) == 2)
+    bench.refusal = "cannot start: recorder: the disk is full"
+    assert bench.get(answer).result.text == bench.refusal
+    assert bench.plans == []
+
+
+@pytest.mark.parametrize("who", ["client", "operator"])
+def test_a_goal_that_was_given_up_while_it_waited_never_begins(bench, who):
+    bench.unheard = UNHEARD
+    handle, answer = bench.send()
+    bench.spin(lambda: bench.feedback)
+    if who == "client":
+        assert len(bench.get(handle.cancel_goal_async()).goals_canceling) == 1
+        said = "cancelled by whoever asked for the run, before it began"
+    else:
+        assert bench.action.give_up("aborted by the operator")
+        said = "aborted by the operator, before it began"
+    bench.unheard = ""
+    response = bench.get(answer)
+    assert response.status == (CANCELED if who == "client" else ABORTED)
+    assert response.result.outcome == REFUSED_OUTCOME and response.result.text == said
+    assert bench.plans == [] and bench.reasons == [] and not bench.action.give_up("")
 
 
 def parameter_is_refused(cell, value):

@@ -1,0 +1,116 @@
+"""A run that is asked for while the nodes start waits for them, and for nothing else."""
+
+import time
+from types import SimpleNamespace
+
+import pytest
+import rclpy
+from std_srvs.srv import Trigger
+
+from stepdiag_ros.nodes.measure_action import START_PATIENCE, NotReadyYet
+from stepdiag_ros.nodes.sequencer import REQUIRED, SequencerNode
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.supervision import Peer
+
+
+@pytest.fixture
+def sequencer():
+    rclpy.init(args=[])
+    yield SequencerNode()
+    rclpy.try_shutdown()
+
+
+def hear(node, role, faulty=False, text="ready"):
+    peer = Peer(role, node.real_time(), f"session of {role}", "", text, faulty)
+    node.watch.heard(f"/{role}", peer)
+    node.on_heartbeat(peer)
+
+
+def stand(node, position=(0.0, 0.0, 0.0)):
+    """Let the machine say where it stands."""
+    limits = {"soft_limits_low": (-1.0,) * 3, "soft_limits_high": (1.0,) * 3}
+    node._machine_state = SimpleNamespace(position=position, **limits)
+
+
+def refusal(node):
+    with pytest.raises(ValueError, match="cannot start: ") as caught:
+        node.start()
+    return caught
+
+
+def test_only_what_was_never_ready_may_still_come(sequencer):
+    stand(sequencer)
+    for role in REQUIRED[1:]:
+        hear(sequencer, role)
+    said = refusal(sequencer)
+    assert said.type is NotReadyYet and str(said.value) == "cannot start: there is no " + (
+        f"{REQUIRED[0]} node"
+    )
+    # Who says that something is wrong with him may get ready, as long as all are just starting.
+    hear(sequencer, REQUIRED[0], faulty=True, text="waiting for the ROS clock to run")
+    assert refusal(sequencer).type is NotReadyYet
+    sequencer._made -= START_PATIENCE
+    said = refusal(sequencer)
+    assert said.type is ValueError and "waiting for the ROS clock" in str(said.value)
+    sequencer._made += START_PATIENCE
+    # But not if he was ready before, nor if he is silent now.
+    hear(sequencer, REQUIRED[0])
+    hear(sequencer, REQUIRED[0], faulty=True, text="the link is broken")
+    said = refusal(sequencer)
+    assert said.type is ValueError and "interferometer: the link is broken" in str(said.value)
+    hear(sequencer, REQUIRED[0])
+    sequencer.watch.lost["/recorder"] = "recorder node /recorder is silent for 2.1 s"
+    said = refusal(sequencer)
+    assert said.type is ValueError and "recorder is silent" in str(said.value)
+
+
+def test_a_bridge_that_has_not_said_where_the_machine_stands_may_still_do_so(sequencer):
+    for role in REQUIRED:
+        hear(sequencer, role)
+    assert refusal(sequencer).type is NotReadyYet
+    stand(sequencer, (0.0, float("nan"), 0.0))
+    said = refusal(sequencer)
+    assert said.type is ValueError and "has not said where the machine stands" in str(said.value)
+    stand(sequencer)
+    assert sequencer.start()
+
+
+def test_an_abort_ends_the_wait_too(sequencer):
+    """Whoever is told that a run is aborted must not see a machine move later."""
+    from rclpy.action import ActionClient
+
+    from stepdiag_ros.nodes.measure_action import measure_type
+
+    asker = rclpy.create_node("asker")
+    executor = rclpy.executors.SingleThreadedExecutor()
+    for node in (sequencer, asker):
+        executor.add_node(node)
+
+    def get(future):
+        end = time.monotonic() + 30.0
+        while not future.done():
+            assert time.monotonic() < end, "it does not happen"
+            executor.spin_once(timeout_sec=0.02)
+        return future.result()
+
+    client = ActionClient(asker, measure_type(), "sequencer/measure")
+    abort = asker.create_client(Trigger, "sequencer/abort")
+    end = time.monotonic() + 30.0
+    while not (client.server_is_ready() and abort.service_is_ready()):
+        assert time.monotonic() < end, "no sequencer"
+        executor.spin_once(timeout_sec=0.02)
+    assert not get(abort.call_async(Trigger.Request())).success
+    answer = get(client.send_goal_async(measure_type().Goal())).get_result_async()
+    while sequencer._measure._waiting is None:
+        executor.spin_once(timeout_sec=0.02)
+    assert get(abort.call_async(Trigger.Request())).success
+    stand(sequencer)
+    for role in REQUIRED:
+        hear(sequencer, role)
+    assert get(answer).result.text == "aborted by the operator, before it began"
+    assert sequencer._sequence is None and sequencer.run_id == ""
+    # A run that goes on is aborted as before, though no goal waits.
+    sequencer.start()
+    assert get(abort.call_async(Trigger.Request())).success
+    assert sequencer._progress().state is State.ABORTED
+    executor.shutdown()
