@@ -19,7 +19,7 @@ _domains = itertools.count(os.getpid())
 
 @pytest.fixture
 def campaign(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 100 + 101))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 80 + 101))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     monkeypatch.syspath_prepend(str(BENCHMARKS))

@@ -75,10 +75,7 @@ class Run:
 @pytest.fixture(scope="module")
 def finished(make_instance, tmp_path_factory):
     instance = make_instance()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "97")
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        run = Run(instance, tmp_path_factory.mktemp("run"))
+    run = Run(instance, tmp_path_factory.mktemp("run"))
     instance.stop()
     return run
 

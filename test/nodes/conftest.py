@@ -17,7 +17,7 @@ _domains = itertools.count(os.getpid())
 
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    number = next(_domains) % 100 + 101
+    number = next(_domains) % 80 + 101
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return number
@@ -79,9 +79,6 @@ class CellUnderTest:
 
         self.processes.end()
         rclpy.try_shutdown()
-
-    def _see_machine(self, message) -> None:
-        self.machine = message
 
     def _hear(self, array) -> None:
         for status in array.status:
