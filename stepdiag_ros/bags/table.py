@@ -55,12 +55,13 @@ class RunTable:
         return sum(len(line.time) for line in self.measurement.lines)
 
 
-def load_table(path: str | Path, case: str | Path | None = None) -> RunTable:
+def load_table(path: str | Path, case: str | Path | None = None, overrun: float = 0.0) -> RunTable:
     """Read a run table with its case file.
 
     Args:
         path: the CSV.
         case: the case file; by default ``case.yaml`` beside the table, if there is one.
+        overrun: how far beyond its first stop each line but a step diagonal was begun, m.
 
     Raises:
         TableError: not there, not readable, incomplete or contradictory; names row and reason.
@@ -75,7 +76,7 @@ def load_table(path: str | Path, case: str | Path | None = None) -> RunTable:
     passes = passes_of(rows, str(path))
     volume = told.volume or volume_of(passes, str(path))
     setups = setups_of(passes, volume, str(path))
-    lines = tuple(line for _, line in measured_lines(setups, told))
+    lines = tuple(line for _, line in measured_lines(setups, told, overrun))
     return RunTable(
         path=path,
         text=text,
@@ -96,7 +97,9 @@ def read_table(path: str | Path, case: str | Path | None = None) -> Measurement:
     return load_table(path, case).measurement
 
 
-def import_table(path: str | Path, case: str | Path | None, target: str | Path) -> RunTable:
+def import_table(
+    path: str | Path, case: str | Path | None, target: str | Path, overrun: float = 0.0
+) -> RunTable:
     """Make a bag from a run table: its description, its lines, and the table itself.
 
     Times in the bag count from the start of the run, because a run table has no date.
@@ -105,12 +108,13 @@ def import_table(path: str | Path, case: str | Path | None, target: str | Path) 
         path: the CSV.
         case: the case file; None for ``case.yaml`` beside the table, if there is one.
         target: the new bag; it appears under its name when it is whole.
+        overrun: as in ``load_table``.
 
     Raises:
         TableError: the table is refused; names file, row and reason.
         BagError: the target exists or cannot be written.
     """
-    table = load_table(path, case)
+    table = load_table(path, case, overrun)
     # The same table gives the same identity, so that importing it twice is seen.
     content = hashlib.sha256((table.text + table.case.text).encode()).hexdigest()
     write_bag(

@@ -299,10 +299,18 @@ def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> str
     return place
 
 
-def measured_lines(setups: list[TableSetup], case: Case) -> Iterator[tuple[int, MeasuredLine]]:
+def measured_lines(
+    setups: list[TableSetup], case: Case, overrun: float
+) -> Iterator[tuple[int, MeasuredLine]]:
     """Make the measured lines: for each the place of its setup, and the line.
 
     The line's index is its place in the plan that ``plan_mapping`` makes of the same setups.
+
+    Args:
+        setups: with their rows.
+        case: what is known beside the table.
+        overrun: how far beyond its first stop each line but a step diagonal was begun, m; NaN if
+            that is not known.
     """
     begin = 0
     for place, setup in enumerate(setups):
@@ -322,6 +330,7 @@ def measured_lines(setups: list[TableSetup], case: Case) -> Iterator[tuple[int, 
                     displacement=np.array([row.reading for row in stops]),
                     standard_uncertainty=np.full(len(stops), case.reading_noise),
                     environment=np.array([row.environment for row in stops], dtype=np.float64),
+                    overrun=0.0 if line.kind == STEP_DIAGONAL else overrun,
                 ),
             )
         begin += repeats * len(directions)

@@ -1,6 +1,7 @@
 """``stepdiag import``: make a bag from a measurement that another program wrote."""
 
 import argparse
+import math
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,6 +85,13 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         choices=("same", "alternating"),
         help="how runs were measured that all stand in the same order in the file",
     )
+    parser.add_argument(
+        "--overrun",
+        type=lambda text: number(text, 0.0, 1.0),
+        metavar="M",
+        help="how far beyond its first target each run along an axis began, so that this was"
+        " approached in the sense of the run (default: not at all in a run table, else not known)",
+    )
     parser.add_argument("--encoding", default="", help="of the text (default: found out)")
     parser.add_argument(
         "--decimal", default=".", choices=(".", ","), help="decimal sign in a .rtl (default: .)"
@@ -121,7 +129,8 @@ def run(arguments: Namespace) -> int:
 def _run_table(arguments: Namespace, target: Path, source: "SourceFile") -> dict[str, Any]:
     from stepdiag_ros.bags.table import import_table
 
-    measurement = import_table(arguments.table, arguments.case, target).measurement
+    overrun = arguments.overrun or 0.0
+    measurement = import_table(arguments.table, arguments.case, target, overrun).measurement
     return {
         "table": str(arguments.table),
         "bag": str(target),
@@ -167,6 +176,7 @@ def _options(arguments: Namespace) -> "ImportOptions":
         standing=arguments.standing,
         directions=arguments.directions,
         encoding=arguments.encoding,
+        overrun=math.nan if arguments.overrun is None else arguments.overrun,
         decimal=arguments.decimal,
         mapping=arguments.mapping,
         plan=read_text(find(arguments.plan, "plans")) if arguments.plan else "",

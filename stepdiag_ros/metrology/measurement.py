@@ -144,7 +144,7 @@ class MeasuredLine:
             unknown.
         environment: shape (stops, 4), columns as in Environment.
         overrun: how far beyond its first stop the line was begun, so that this is approached in the
-            sense of the line too (``Plan.run_up``), m; 0 if it was not or if that is not known.
+            sense of the line too (``Plan.run_up``), m; 0 if it was not, NaN if that is not known.
     """
 
     line: Line

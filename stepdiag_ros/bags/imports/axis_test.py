@@ -4,6 +4,7 @@ Every format that holds such a test comes through here: the targets may lie anyw
 and every run has each of them once.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -28,6 +29,10 @@ LONGEST = 100.0
 _EVEN = 1e-4
 """Part of the mean distance of targets, by which they may lie beside an even grid."""
 _NANOSECONDS = 10**9
+OVERRUN_NOT_TOLD = (
+    "whether runs along an axis began beyond their first target is not told, so the first stop of"
+    " each says nothing of lost motion (--overrun M; 0: they did not)"
+)
 
 
 class AxisRow(NamedTuple):
@@ -110,16 +115,18 @@ def axis_test(
     _check(source, runs, targets)
     place = AXES.index(axis)
     volume, uneven = _volume(source, targets, place, options.standing)
+    directions = list(dict.fromkeys(run.direction for run in runs))
     said = [*remarks]
     if uneven:
         said.append(
             "the targets are not evenly spaced, so that ISO 230-2 can be evaluated but not the"
             " errors at the nodes of a measured box ('solve')"
         )
+    if math.isnan(options.overrun) and len(directions) > 1:
+        said.append(OVERRUN_NOT_TOLD)
     if options.standing is None:
         others = " and ".join(name for name in AXES if name != axis)
         said.append(f"where {others} stood is not told; 0 is written for both (--standing)")
-    directions = list(dict.fromkeys(run.direction for run in runs))
     group: dict[str, object] = {
         "kind": LINEAR,
         "names": [LINEAR_LINES[place]],
@@ -130,7 +137,9 @@ def axis_test(
         format=format_name,
         volume=volume,
         plan_text=plan_text(f"imported: positioning of {axis}", volume, [group]),
-        lines=_lines(runs, place, volume, directions, environment or Environment()),
+        lines=_lines(
+            runs, place, volume, directions, environment or Environment(), options.overrun
+        ),
         facts=dict(facts or {}),
         remarks=tuple(said),
         further=dict(further or {}),
@@ -258,6 +267,7 @@ def _lines(
     volume: Volume,
     directions: Sequence[str],
     environment: Environment,
+    overrun: float,
 ) -> tuple[MeasuredLine, ...]:
     first = runs[0].rows[0]
     repeats = dict.fromkeys(directions, 0)
@@ -284,6 +294,7 @@ def _lines(
                 displacement=np.array(reading),
                 standard_uncertainty=np.full(len(run.rows), np.nan),
                 environment=np.tile(np.array(environment, dtype=np.float64), (len(run.rows), 1)),
+                overrun=overrun,
             )
         )
     return tuple(made)

@@ -3,6 +3,7 @@
 Whatever the file does not tell is unknown: NaN in numbers, and not among the facts.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -23,6 +24,8 @@ class ImportOptions:
         encoding: of the text; empty to find out.
         decimal: sign in numbers, ``.`` or ``,``.
         mapping: path of the file that says what the columns are; empty without one.
+        overrun: how far beyond its first target each run along an axis was begun, m; 0 if it was
+            not, NaN if that is not known.
         plan: YAML text of the plan that a stream of readings was measured by; empty without one.
     """
 
@@ -31,6 +34,7 @@ class ImportOptions:
     directions: str = ""
     encoding: str = ""
     decimal: str = "."
+    overrun: float = math.nan
     mapping: str = ""
     plan: str = ""
 

@@ -2,14 +2,21 @@
 
 import csv
 import io
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.imports.axis_test import AxisRow, axis_name, axis_test
+from stepdiag_ros.bags.imports.axis_test import (
+    OVERRUN_NOT_TOLD,
+    AxisRow,
+    axis_name,
+    axis_test,
+)
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
@@ -54,16 +61,18 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     # Everything that the import was made with stays with it.
     further = {"mapping.yaml": mapping.text}
     facts = dict(mapping.facts)
+    if math.isnan(options.overrun):
+        options = replace(options, overrun=mapping.overrun)
     if mapping.table == AXIS:
         axis = axis_name(mapping.axis, options, text.name)
-        if mapping.standing is not None and options.standing is None:
-            options = ImportOptions(**{**vars(options), "standing": mapping.standing})
+        if options.standing is None:
+            options = replace(options, standing=mapping.standing)
         found = _axis_rows(text.name, rows, mapping)
         return axis_test(
             text.name, NAME, axis, found, options, mapping.environment, facts, (), further
         )
     if mapping.table == LINES:
-        return _lines(text.name, rows, mapping, facts, further)
+        return _lines(text.name, rows, mapping, options.overrun, facts, further)
     return _stream(text.name, rows, mapping, options, facts, further)
 
 
@@ -222,6 +231,7 @@ def _lines(
     source: str,
     rows: Sequence[_Cells],
     mapping: TableMapping,
+    overrun: float,
     facts: dict[str, str],
     further: dict[str, str],
 ) -> Imported:
@@ -230,13 +240,16 @@ def _lines(
     told = list(_stops(source, rows, mapping, volume))
     case = Case(chain=mapping.chain, volume=volume)
     setups = setups_of(passes_of(told, source), volume, source)
+    lines = tuple(line for _, line in measured_lines(setups, case, overrun))
+    untold = any(math.isnan(line.overrun) for line in lines)
     return Imported(
         format=NAME,
         volume=volume,
         plan_text=plan_text(f"imported from {source}", volume, plan_groups(setups)),
-        lines=tuple(line for _, line in measured_lines(setups, case)),
+        lines=lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
+        remarks=(OVERRUN_NOT_TOLD,) if untold else (),
         chain=mapping.chain,
         further=further,
     )

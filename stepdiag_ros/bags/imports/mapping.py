@@ -1,5 +1,6 @@
 """Mapping files: what the columns of somebody else's table mean (YAML, see config/imports)."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -73,6 +74,8 @@ class TableMapping:
         words: word of the file, in small letters → direction.
         axis: X, Y or Z; empty if the user has to say it.
         standing: machine coordinates of the axes that stand, m; None if not known.
+        overrun: how far beyond its first target each run along an axis was begun, m; 0 if it was
+            not, NaN if that is not known.
         volume: of the lines; None for other tables.
         line: name of the line where no column tells it.
         order: of the moves of a step diagonal where no column tells it.
@@ -98,6 +101,7 @@ class TableMapping:
     words: Mapping[str, str] = field(default_factory=dict)
     axis: str = ""
     standing: tuple[float, float, float] | None = None
+    overrun: float = math.nan
     volume: Volume | None = None
     line: str = ""
     order: str = ""
@@ -254,12 +258,16 @@ def _facts(top: Section) -> dict[str, str]:
     return made
 
 
+def _overrun(top: Section) -> float:
+    return math.nan if top.unknown("overrun_m") else top.number("overrun_m", 0.0, 1.0)
+
+
 def _of_table(top: Section, table: str) -> dict[str, Any]:
     """Return the keys that one kind of table has."""
     if table == AXIS:
         standing = top.vector("standing_m") if _has(top, "standing_m") else None
         axis = top.names("axis", AXES)[0] if _has(top, "axis") else ""
-        return {"standing": standing, "axis": axis}
+        return {"standing": standing, "axis": axis, "overrun": _overrun(top)}
     if table == READINGS:
         return {"compensated": top.flag("compensated")}
     box = top.section("volume")
@@ -269,7 +277,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
         blocks=box.integer("blocks", low=1, high=1000),
     )
     box.finish()
-    made: dict[str, Any] = {"volume": volume}
+    made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top)}
     names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
     for key, known in (
         ("line", tuple(names)),

@@ -169,7 +169,8 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
     if not _NUMBER.fullmatch(plain) or not math.isfinite(float(plain)):
         hint = ""
         if re.fullmatch(rf"[+-]?\d*\{other}\d+", text.strip()):
-            hint = f"; it has a decimal {'comma' if other == ',' else 'point'}: say so (--decimal)"
+            sign = "comma" if other == "," else "point"
+            hint = f"; it has a decimal {sign}: say so (--decimal; in a mapping, text: decimal)"
         raise refusal(source, row, f"{what} is '{_short(text)}', expected a number{hint}")
     return float(plain)
 

@@ -1,9 +1,10 @@
 """What the machine model leaves free, fitted to a run: the gap, and what the fit cannot follow.
 
 Free are the nine translational curves at every node, two tilts for each diagonal setup and a zero
-for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one, a
-scale of each axis in each run after the first where several are joined (``joint``), and the sizes
-of effects that the model says are to be fitted. A smoother baseline makes false names
+for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one,
+the first stops of passes of which is not known how the machine came to them, a scale of each axis
+in each run after the first where several are joined (``joint``), and the sizes of effects that the
+model says are to be fitted. A smoother baseline makes false names
 (METROLOGY, "What a test plan can and cannot see").
 
 The exact model is fitted once; from there on everything is linear: what an effect of a micrometre
@@ -103,7 +104,7 @@ def fit_baseline(
         for one in fitted
         for part in (one.effect.columns(one.setting, stops), one.effect.unknown(one.setting, stops))
     ]
-    extra = np.column_stack([further, *untold, *free, lengths])[good]
+    extra = np.column_stack([further, _approaches(stops), *untold, *free, lengths])[good]
     design = Design(observations, "", extra)
     matrix = design.matrix
     fit = design.fit()
@@ -200,6 +201,25 @@ def _pass_zeros(measurement: Measurement, stops: Stops) -> tuple[Vector, list[st
     if not own:
         return columns, []
     return columns, [f"{len(own)} passes were zeroed at their own first stop; each has its zero."]
+
+
+def _approaches(stops: Stops) -> Vector:
+    """Return a column for first stops of passes to which nobody tells how the machine came.
+
+    Passes of one setup in the same direction have it in common, but for the first one of the setup,
+    before which the machine may have come from anywhere. What lost motion or settling makes at such
+    a stop depends on whether the axis turned round there, so it says nothing of either.
+    """
+    rows = np.flatnonzero(~stops.approach_told)
+    kinds: dict[tuple[int, str, bool], list[int]] = {}
+    for row in rows:
+        line, setup = stops.lines[stops.pass_index[row]], int(stops.setup[row])
+        begins = bool(row == np.flatnonzero(stops.setup == setup)[0])
+        kinds.setdefault((setup, line.direction, begins), []).append(int(row))
+    columns = np.zeros((len(stops.time), len(kinds)))
+    for column, alike in enumerate(kinds.values()):
+        columns[alike, column] = 1.0
+    return columns
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class Stops:
         start: first stop of the line's forward direction, on the beam, m, shape (n, 3).
         way: the move that led to each stop, m, shape (n, 3); zeros at the first stop of a pass,
             whose approach the data do not tell, unless the pass was begun beyond it.
+        approach_told: the run tells how the machine came to the stop; False at the first stop of a
+            pass of which is not known whether it was begun beyond it, shape (n,).
         moved: sense (-1, 0, +1) of each axis in that move, shape (n, 3).
         last_sense: sense of each axis's last move since its setup was begun, shape (n, 3); 0
             before its first move there, because what the machine does while the laser is aligned
@@ -52,6 +54,7 @@ class Stops:
     direction: Vector
     start: Vector
     way: Vector
+    approach_told: NDArray[np.bool_]
     moved: Vector
     last_sense: Vector
     time: Vector
@@ -141,6 +144,7 @@ def stops_of(measurement: Measurement) -> Stops:
         direction=_repeat([_direction(line, measurement) for line in measurement.lines], lengths),
         start=_repeat([_start(line, measurement) for line in measurement.lines], lengths),
         way=way,
+        approach_told=np.concatenate([_approach_told(line) for line in measurement.lines]),
         moved=_senses(way),
         last_sense=_last_senses(measurement),
         time=np.concatenate([line.time for line in measurement.lines]),
@@ -177,6 +181,12 @@ def _way(line: MeasuredLine) -> Vector:
     if line.overrun > 0.0 and len(way) > 1:
         way[0] = line.overrun * way[1] / np.linalg.norm(way[1])
     return way
+
+
+def _approach_told(line: MeasuredLine) -> NDArray[np.bool_]:
+    told = np.ones(len(line.target), dtype=np.bool_)
+    told[0] = np.isfinite(line.overrun)
+    return told
 
 
 def _senses(way: Vector) -> Vector:

@@ -1,0 +1,104 @@
+"""How the runs of an imported test began: told, told not to, or not known; and what follows."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from import_files import DATA
+
+from stepdiag_ros.bags.imports.imported import ImportOptions
+from stepdiag_ros.bags.imports.registry import import_file, read_file
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.cli import main
+from stepdiag_ros.configuration import find, read_text
+from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import STEP_DIAGONAL
+
+LOST_MOTION, NOISE = 1.5e-6, 0.1e-6
+TARGETS = np.arange(0.0, 0.31, 0.03)
+
+
+@pytest.fixture(params=[True, False], ids=["overrun", "no overrun"])
+def table(request, tmp_path):
+    """Return a table of X with lost motion, and whether its runs began beyond their ends."""
+    rng = np.random.default_rng(5)
+    rows = ["cycle,direction,target_mm,position_mm"]
+    for cycle in range(1, 6):
+        for direction, sense in (("forward", 1), ("backward", -1)):
+            for place, target in enumerate(TARGETS[::sense]):
+                # Without an overrun the axis turns round only after the first target.
+                turned = request.param or place > 0
+                error = (
+                    2e-6 * math.sin(target / 0.06) - (sense if turned else -sense) * LOST_MOTION / 2
+                )
+                position = target + error + NOISE * rng.standard_normal()
+                rows.append(f"{cycle},{direction},{1e3 * target:g},{1e3 * position:.7f}")
+    path = tmp_path / "x.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return path, request.param
+
+
+def verdict(path, overrun):
+    made = read_file(path, ImportOptions(axis="X", overrun=overrun))[1]
+    found = diagnose(Measurement(made.volume, made.lines))
+    return found, made.remarks
+
+
+def test_what_nobody_tells_does_not_name_one_of_two_effects(table):
+    path, _ = table
+    found, remarks = verdict(path, math.nan)
+    assert found.verdict == AMBIGUOUS
+    (finding,) = found.findings
+    assert {finding.candidate.label, *finding.group} == {"backlash of X", "settling of X"}
+    assert any("--overrun" in remark for remark in remarks)
+
+
+def test_what_is_told_is_taken_up(table):
+    path, begun_beyond = table
+    found, remarks = verdict(path, 0.002 if begun_beyond else 0.0)
+    assert not any("--overrun" in remark for remark in remarks)
+    if begun_beyond:
+        # Every stop is reached in the sense of its run: both effects do the same.
+        assert found.verdict == AMBIGUOUS
+    else:
+        assert found.verdict == NAMED
+        assert [one.candidate.label for one in found.findings] == ["backlash of X"]
+        assert found.findings[0].sizes["lost_motion"] == pytest.approx(LOST_MOTION, abs=0.1e-6)
+
+
+@pytest.mark.parametrize(("told", "kept"), [(None, math.nan), (0.0, 0.0), (0.003, 0.003)])
+def test_a_mapping_tells_it_and_the_bag_keeps_it(told, kept, tmp_path):
+    parsed = yaml.safe_load(read_text(find("runs_in_columns", "imports")))
+    if told is not None:
+        parsed["overrun_m"] = told
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(yaml.safe_dump(parsed, allow_unicode=True), encoding="utf-8")
+    bag = tmp_path / "a.mcap"
+    import_file(
+        DATA / "made_up_runs_in_columns.csv", bag, ImportOptions(axis="X", mapping=str(mapping))
+    )
+    lines = load_run(bag).lines
+    np.testing.assert_array_equal([line.overrun for line in lines], [kept] * len(lines))
+
+
+def test_the_command_line_goes_before_the_mapping(tmp_path, capsys):
+    bag = tmp_path / "a.mcap"
+    source = DATA / "made_up_runs_in_columns.csv"
+    arguments = ["import", str(source), "--mapping", "runs_in_columns", str(bag)]
+    assert main([*arguments, "--overrun", "0.002"]) == 0
+    assert "lost motion" not in capsys.readouterr().err
+    assert {line.overrun for line in load_run(bag).lines} == {0.002}
+
+
+def test_of_mapped_lines_those_along_an_axis_begin_nobody_knows_where():
+    _, made = read_file(
+        DATA / "made_up_step_diagonal.txt", ImportOptions(mapping="step_diagonal_stops")
+    )
+    kinds = {line.line.kind for line in made.lines}
+    assert STEP_DIAGONAL in kinds
+    for line in made.lines:
+        assert math.isnan(line.overrun) == (line.line.kind != STEP_DIAGONAL)
+    assert any("--overrun" in one for one in made.remarks) == (len(kinds) > 1)
