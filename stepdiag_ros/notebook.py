@@ -8,6 +8,7 @@ These are the same functions that the commands call, so that a notebook and the 
 same to the last bit. What cannot be done is refused in one sentence (``ValueError``).
 """
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,9 +58,11 @@ def solve(
     Raises:
         ValueError: there is nothing to solve.
     """
-    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.report.recorded_run import report_of_run
 
-    return report_of_run(run, _silent, recorded_lines, with_visibility=with_visibility)
+    return report_of_run(
+        run, recorded_lines=recorded_lines, with_visibility=with_visibility, warn=warnings.warn
+    )
 
 
 def error_map(report: "Report", method: str = "") -> "VolumetricMap":
@@ -132,20 +135,14 @@ def compare(before: "Report", after: "Report", method: str = "") -> "Changes":
     Args:
         before: the first, of ``solve``.
         after: the second.
-        method: that solved both; empty: the one to rely on of the first.
+        method: that solved both; empty: the one to rely on of those that both were solved by.
 
     Raises:
         ValueError: they cannot be compared: other boxes, another chain, no common method.
     """
-    from stepdiag_ros.metrology.agreement import Measured
-    from stepdiag_ros.metrology.agreement import compare as agreement
+    from stepdiag_ros.report.changes_build import changes_of, side_of_report
 
-    first = _result(before, method)
-    second = _result(after, first.method)
-    return agreement(
-        Measured(first, before.chain, before.measurement),
-        Measured(second, after.chain, after.measurement),
-    )
+    return changes_of(side_of_report(before, method), side_of_report(after, method))
 
 
 def _result(report: "Report", method: str) -> "VolumetricErrors":
@@ -157,7 +154,3 @@ def _result(report: "Report", method: str) -> "VolumetricErrors":
         solved = ", ".join(one.method for one in report.results) or "none"
         raise ValueError(f"there is no result of the method '{method}'; solved were: {solved}")
     return found
-
-
-def _silent(done: float, text: str = "") -> None:
-    del done, text

@@ -5,8 +5,8 @@ from argparse import ArgumentParser
 import pytest
 
 from stepdiag_ros.commands.air import AS_MEASURED, add_air_options, air_choice
-from stepdiag_ros.commands.solve import measurement_of
 from stepdiag_ros.metrology.air.recompensation import AirChoice
+from stepdiag_ros.report.recorded_run import measurement_of
 
 
 def chosen(*words):

@@ -10,7 +10,6 @@ import pytest
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.commands.solve import _diagnosed
 from stepdiag_ros.configuration import load_cell, load_model, load_plan
 from stepdiag_ros.diagnosing import (
     MOST_SETTINGS,
@@ -22,6 +21,7 @@ from stepdiag_ros.diagnosing import (
 )
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.report.diagnosis_build import NO_CHAIN
+from stepdiag_ros.report.recorded_run import diagnosed
 
 BAG = Path(__file__).parent / "data" / "bags" / "schema_1.mcap"
 TEXT = load_model("free")[1]
@@ -117,9 +117,9 @@ def test_info_shows_the_last_verdict(capsys):
 
 def test_solve_remarks_the_last_verdict_and_whether_the_run_was_over():
     run = load_run(BAG)
-    (remark,) = _diagnosed(run)
+    (remark,) = diagnosed(run)
     assert remark.startswith("diagnosis beside the run, AMBIGUOUS (1 of 3 lines): by hand")
     (early,) = (replace(one, run_over=False) for one in run.diagnoses)
-    (remark,) = _diagnosed(replace(run, diagnoses=(early,)))
+    (remark,) = diagnosed(replace(run, diagnoses=(early,)))
     assert "the last before the recording ends" in remark
-    assert _diagnosed(replace(run, diagnoses=())) == ()
+    assert diagnosed(replace(run, diagnoses=())) == ()

@@ -109,13 +109,14 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(arguments: Namespace) -> int:
     """Make and show the budget; see the module."""
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import measurement_of
+    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.configuration import load_instrument
     from stepdiag_ros.metrology.uncertainty.budget import make_budget
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
     from stepdiag_ros.report.budget import BudgetReport, budget_json, print_budget
     from stepdiag_ros.report.publish import results_folder, write_results
+    from stepdiag_ros.report.recorded_run import measurement_of
     from stepdiag_ros.report.tables import make_console
 
     instrument = Instrument()
@@ -124,7 +125,7 @@ def run(arguments: Namespace) -> int:
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
         air = air_choice(arguments)
-        measured, remark = measurement_of(recorded, arguments.recorded_lines, progress, air)
+        measured, remark = measurement_of(recorded, arguments.recorded_lines, progress, air, warn)
     measurement, corrections = corrected(measured, arguments)
     if not measurement.lines:
         raise ValueError(f"{arguments.bag}: no line was finished, so there is nothing to solve")

@@ -15,11 +15,8 @@ from stepdiag_ros.commands.standard_tests import is_bag
 
 if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
-    from stepdiag_ros.metrology.agreement import Measured
-    from stepdiag_ros.metrology.measurement import Measurement
-    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
     from stepdiag_ros.report.changes import ChangesReport
+    from stepdiag_ros.report.changes_build import Side
 
 _NAME = "changes"
 _WHEN = ("before", "after")
@@ -107,8 +104,8 @@ def report_of(arguments: Namespace) -> "ChangesReport":
         ValueError: a file cannot be read or solved, or the two cannot be compared; one sentence.
     """
     from stepdiag_ros.configuration import load_instrument
-    from stepdiag_ros.metrology.agreement import compare
     from stepdiag_ros.report.changes import ChangesReport
+    from stepdiag_ros.report.changes_build import changes_of
 
     given = arguments.instrument
     if len(given) > 2:
@@ -122,42 +119,37 @@ def report_of(arguments: Namespace) -> "ChangesReport":
         for when in _WHEN
     )
     _refuse_the_same(before, after)
-    method = _common_method(before, after)
     loaded = [load_instrument(name)[0] for name in given]
-    first, second = (loaded[0], loaded[-1]) if loaded else (None, None)
-    changes = compare(
-        _measured(before, method, first, arguments),
-        _measured(after, method, second, arguments),
-        arguments.same_instrument,
+    changes = changes_of(
+        before.side,
+        after.side,
+        instruments=loaded,
+        same_instrument=arguments.same_instrument,
+        expansion=nan if arguments.expansion is None else arguments.expansion,
+        material_temperature=arguments.material_temperature,
     )
-    names = ("", "") if first is None or second is None else (first.name, second.name)
+    names = (loaded[0].name, loaded[-1].name) if loaded else ("", "")
+    method = changes.before.method
     return ChangesReport(before.identified(method), after.identified(method), changes, names)
 
 
 @dataclass(frozen=True)
 class _Solved:
-    """One of both measurements, solved.
+    """One of both measurements with where it comes from.
 
     Attributes:
-        path: of the file.
+        side: as it is compared.
         identity: of the run, or of the file's content where it names no run.
-        methods: that it was solved by, the one to rely on last.
         identified: returns what a method says, with its origin.
-        result: returns the result of a method.
-        measurement: the lines; None where they are not at hand.
-        chain: order of the machine's axes; empty if not known.
     """
 
-    path: Path
+    side: "Side"
     identity: str
-    methods: tuple[str, ...]
     identified: "Callable[[str], Identified]"
-    result: "Callable[[str], VolumetricErrors]"
-    measurement: "Measurement | None"
-    chain: str
 
 
 def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
+    from stepdiag_ros.report.changes_build import side_of_results_file
     from stepdiag_ros.report.diagnosis_build import sha256_of
 
     if is_bag(path):
@@ -167,44 +159,25 @@ def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
             f"{path} holds no readings, so that --instrument and --expansion-per-K cannot serve"
             " it: give the bag"
         )
-    from stepdiag_ros.compensation.identified import from_results_file
-    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-
-    found = from_results_file(path, arguments.method, sha256_of(path))
-    told = found.error_map
-    result = VolumetricErrors(
-        method=found.origin.method,
-        nodes=told.nodes,
-        curves=dict(told.curves),
-        standard_uncertainty=dict(told.standard_uncertainty),
-        figures=(),
-        lines=0,
-        chi_squared=nan,
-        degrees_of_freedom=0,
-        frame=told.frame,
-    )
-    return _Solved(
-        path,
-        found.origin.run_id or found.origin.sha256,
-        (result.method,),
-        lambda _: found,
-        lambda _: result,
-        None,
-        told.chain,
-    )
+    side, found = side_of_results_file(path, arguments.method, sha256_of(path))
+    return _Solved(side, found.origin.run_id or found.origin.sha256, lambda _: found)
 
 
 def _solved_bag(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.commands.solve import warn
+    from stepdiag_ros.report.changes_build import side_of_report
     from stepdiag_ros.report.compensation_build import identified_of
+    from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)
         report = report_of_run(
-            recorded, progress, correct=lambda measurement: corrected(measurement, arguments)
+            recorded,
+            progress,
+            correct=lambda measurement: corrected(measurement, arguments),
+            warn=warn,
         )
-    results = {one.method: one for one in report.ordered_results()}
     # Refuses a bag without a result, and a method that its lines are not enough for.
     preferred = identified_of(report, recorded.start_time, arguments.method)
 
@@ -214,51 +187,18 @@ def _solved_bag(path: Path, run_id: str | None, arguments: Namespace) -> _Solved
         return identified_of(report, recorded.start_time, method, preferred.origin.sha256)
 
     return _Solved(
-        path,
+        side_of_report(report, arguments.method),
         report.run_id or preferred.origin.sha256,
-        (arguments.method,) if arguments.method else tuple(results),
         identified,
-        results.__getitem__,
-        report.measurement,
-        report.chain,
     )
 
 
 def _refuse_the_same(before: _Solved, after: _Solved) -> None:
     if before.identity and before.identity == after.identity:
         raise ValueError(
-            f"{before.path} and {after.path} hold the same run ({before.identity}): give two"
-            " measurements"
+            f"{before.side.name} and {after.side.name} hold the same run ({before.identity}): give"
+            " two measurements"
         )
-
-
-def _common_method(before: _Solved, after: _Solved) -> str:
-    for method in reversed(before.methods):
-        if method in after.methods:
-            return method
-    raise ValueError(
-        f"no method has a result of both: {before.path} was solved by {', '.join(before.methods)},"
-        f" {after.path} by {', '.join(after.methods)}"
-    )
-
-
-def _measured(
-    one: _Solved, method: str, instrument: "Instrument | None", arguments: Namespace
-) -> "Measured":
-    """Return a measurement for the comparison, with its budget where an instrument is given."""
-    from stepdiag_ros.metrology.agreement import Measured
-    from stepdiag_ros.metrology.uncertainty.budget import make_budget
-
-    budget = None
-    if instrument is not None and one.measurement is not None:
-        budget = make_budget(
-            one.measurement,
-            instrument,
-            method,
-            expansion=nan if arguments.expansion is None else arguments.expansion,
-            material_temperature=arguments.material_temperature,
-        )
-    return Measured(one.result(method), one.chain, one.measurement, budget)
 
 
 def _write(report: "ChangesReport", arguments: Namespace) -> None:

@@ -187,11 +187,12 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     if not is_bag(path):
         return from_results_file(path, method, sha256_of(path))
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.commands.solve import warn
+    from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)
-        report = report_of_run(recorded, progress)
+        report = report_of_run(recorded, progress, warn=warn)
     return identified_of(report, recorded.start_time, method)
 
 

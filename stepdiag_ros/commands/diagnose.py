@@ -222,11 +222,12 @@ def _run_of(path: Path, progress: Progress, run_id: str | None) -> _Run:
 
         return _Run(load_table(path).measurement)
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import measurement_of
+    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.configuration import machine_from_text
+    from stepdiag_ros.report.recorded_run import measurement_of
 
     recorded = load_run(path, run_id)
-    measurement, remark = measurement_of(recorded, False, progress)
+    measurement, remark = measurement_of(recorded, False, progress, warn=warn)
     if not measurement.lines:
         raise ValueError(f"{path}: no line of this run was finished; there is nothing to compare")
     known = recorded.plan.feed > 0.0

@@ -124,13 +124,14 @@ def run(arguments: Namespace) -> int:
 
 def _material(arguments: Namespace, given: "Given") -> "Material":
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import report_of_run
+    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.handover.material import Material, unsolved
+    from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
         try:
-            report = report_of_run(recorded, progress, with_visibility=True)
+            report = report_of_run(recorded, progress, with_visibility=True, warn=warn)
         except ValueError as error:
             if not recorded.lines:
                 raise

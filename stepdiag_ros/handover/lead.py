@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Fact, Lead
+from stepdiag_ros.handover.sections.measurement import end_of_run
+from stepdiag_ros.handover.sections.readings import taken
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -14,6 +16,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 )
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.table_one import Row
+from stepdiag_ros.report.diagnosis import rivals_words
 from stepdiag_ros.report.diagnosis_words import sizes_words, two_digits
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
 
@@ -67,7 +70,11 @@ def lead_of(material: Material) -> Lead:
     accuracy = material.accuracy
     judged = judge(accuracy, material.lower_bound, material.given.tolerance)
     tone, headline = _headline(material, judged)
-    sentences = []
+    verdict = "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
+    if verdict in (NAMED, AMBIGUOUS) and tone != "bad":
+        # Whatever the figures are, something is to be done about what acts beside them.
+        tone = "open"
+    sentences = _incomplete(material)
     if accuracy is not None and math.isfinite(accuracy.value):
         sentences.append(_worst(accuracy))
     sentences += _judged(judged)
@@ -121,7 +128,24 @@ def _worst(accuracy: VolumetricAccuracy) -> str:
     )
 
 
+def _incomplete(material: Material) -> list[str]:
+    """Say what of the plan is not there; nothing where all passes are complete."""
+    lines = taken(material)
+    planned, complete = sum(one.planned for one in lines), sum(one.complete for one in lines)
+    if complete >= planned:
+        return []
+    ended = end_of_run(material)
+    return [
+        f"The measurement is not complete: {complete} of {planned} planned passes have every stop."
+        + (f" End of the run: {ended.rstrip('.')}." if ended else "")
+    ]
+
+
 def _judged(judged: Judgement) -> list[str]:
+    if not math.isfinite(judged.value):
+        limit = plain(judged.tolerance * MICRO, 1)
+        nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {limit} µm"
+        return [f"How large the largest error in the volume is these lines do not tell{nor}."]
     if judged.verdict == NOT_ASKED:
         return ["Whether that is good enough was not asked: no limit was given (--tolerance)."]
     limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
@@ -150,19 +174,28 @@ def _row_words(row: Row) -> str:
     return f"{row.label[:1].lower()}{row.label[1:]} {size} µm over {row.travel * 1e3:.0f} mm"
 
 
-def _how_sure(material: Material) -> str:
-    known = material.given.instrument_source
+def _basis(material: Material) -> str:
+    """Say what the ± hold."""
     if material.accuracy is None or not math.isfinite(material.accuracy.value):
-        return "How sure: the ± in the sections are those of the readings."
+        return "The ± in the sections are those of the readings."
+    known = material.given.instrument_source
     if not known:
-        basis = "The ± of the largest error is what the readings tell of themselves, so the least"
-        basis += " that is possible: how well laser, air and setup are known was not told."
+        basis = (
+            "is what the readings tell of themselves, so the least that is possible: how well"
+            " laser, air and setup are known was not told."
+        )
     elif material.lower_bound:
-        basis = f"The ± of the largest error has what {known} tells of laser, air and setup; not"
-        basis += " all of it is known, so it is a lower bound."
+        basis = (
+            f"has what {known} tells of laser, air and setup; not all of it is known, so it is a"
+            " lower bound."
+        )
     else:
-        basis = f"The ± of the largest error has what {known} tells of laser, air and setup in it."
-    basis += " The other ± are those of the readings."
+        basis = f"has what {known} tells of laser, air and setup in it."
+    return f"The ± of the largest error {basis} The other ± are those of the readings."
+
+
+def _how_sure(material: Material) -> str:
+    basis = _basis(material)
     if material.diagnosis is None:
         return f"How sure: {basis} Whether other effects act could not be tested."
     diagnosis = material.diagnosis.diagnosis
@@ -182,16 +215,26 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
     said = []
     if material.diagnosis is not None:
         diagnosis = material.diagnosis.diagnosis
+        proposed = material.diagnosis.proposed
         if diagnosis.verdict == UNEXPLAINED:
             said.append("find the cause of the gap before the machine is corrected by this run.")
+            if diagnosis.where:
+                said[-1] += f" {diagnosis.where[0]}"
+            said += [f"{text[:1].lower()}{text[1:]}" for text in proposed[:1]]
         if diagnosis.verdict == AMBIGUOUS:
             said.append(
-                f"measure what tells the causes apart: stepdiag diagnose {bag} --propose more.yaml."
+                "measure what tells the causes apart; possible are"
+                f" {rivals_words(material.diagnosis)}."
             )
+            said += [f"measure next: {text}" for text in proposed[:1]]
+            said.append(f"the extra plan as a file: stepdiag diagnose {bag} --propose more.yaml.")
         for finding in diagnosis.findings if diagnosis.verdict == NAMED else ():
             said.append(f"see to {finding.label} ({sizes_words(finding)}).")
     if not math.isfinite(judged.value):
-        said.append("measure the lines that are missing; the last section names what is unknown.")
+        said.append(
+            "measure the lines that the whole volume still needs; the last section names what is"
+            " unknown."
+        )
     elif material.compensation is not None and not said:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:

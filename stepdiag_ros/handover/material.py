@@ -20,6 +20,7 @@ from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
 from stepdiag_ros.handover.given import Given
 from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
@@ -35,7 +36,7 @@ from stepdiag_ros.report.compensation import CompensationReport
 from stepdiag_ros.report.compensation_build import compensation_of, identified_of
 from stepdiag_ros.report.content import METHODS, Report
 from stepdiag_ros.report.diagnosis import DiagnosisReport
-from stepdiag_ros.report.diagnosis_build import build_diagnosis, sha256_of
+from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, sha256_of, with_proposal
 from stepdiag_ros.report.experiment import Experiment, experiment_of
 from stepdiag_ros.report.positioning import PositioningReport, positioning_of
 
@@ -79,7 +80,7 @@ class Material:
 
     Args:
         recorded: the run.
-        report: of ``commands.solve.report_of_run``, with the visibility table.
+        report: of ``report.recorded_run.report_of_run``, with the visibility table.
         given: what the bag cannot know.
 
     Attributes:
@@ -224,18 +225,27 @@ class Material:
 
     @cached_property
     def diagnosis(self) -> DiagnosisReport | None:
-        """Return what ``stepdiag diagnose`` says; None where the run cannot be compared."""
-        return self._made_or_missing(
-            "diagnosis",
-            lambda: build_diagnosis(
+        """Return what ``stepdiag diagnose`` says; None where the run cannot be compared.
+
+        Where it is ambiguous an extra plan is sought that would tell, as with ``--propose``.
+        """
+
+        def made() -> DiagnosisReport:
+            report = build_diagnosis(
                 self.measurement,
                 MachineModel(),
                 catalogue(),
                 bag=self.recorded.path if self.recorded.path.is_file() else None,
                 run_id=self.report.run_id,
                 again=False,
-            ),
-        )
+            )
+            if report.diagnosis.verdict != AMBIGUOUS:
+                return report
+            plan = self.recorded.plan
+            ask = Ask(plan if plan.feed > 0.0 else None, self.machine)
+            return with_proposal(report, self.measurement, ask)
+
+        return self._made_or_missing("diagnosis", made)
 
     @cached_property
     def compensation(self) -> CompensationReport | None:

@@ -4,13 +4,14 @@ The same page is read on a screen and printed. For print (and for the PDF that i
 tables are left to the page and to the JSON document, and it says so.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from rich.table import Table
 
 from stepdiag_ros import __version__
@@ -18,9 +19,10 @@ from stepdiag_ros.handover.pictures import Drawn
 
 MOST_ROWS_IN_PRINT = 30
 """A table of more rows is left out of print."""
-MOST_ROWS_TOGETHER = 15
-"""A table of no more rows stands on one page of print."""
+MOST_ROWS_TOGETHER = 7
+"""A table of no more rows stands on one page of print; a longer one may go on, under its heads."""
 _GOOD, _BAD, _OPEN, _NEUTRAL = "good", "bad", "open", "neutral"
+_VALUE = re.compile(r"-?[\d.,]+ (?:± [\d.,]+ )?µm\b")
 TONES = (_GOOD, _BAD, _OPEN, _NEUTRAL)
 """In which a page may open: good, bad, open (something is to be done), neutral."""
 
@@ -122,6 +124,11 @@ def table_views(tables: Iterable[Table | None]) -> list[TableView]:
     return [table_view(table) for table in tables if table is not None and table.row_count]
 
 
+def unbroken(text: str) -> Markup:
+    """Return a text as HTML in which no value is torn from its ± or its unit at a line's end."""
+    return Markup(_VALUE.sub(r'<span class="value">\g<0></span>', str(escape(text))))
+
+
 @cache
 def environment() -> Environment:
     """Return the templates; whatever is put into them is escaped."""
@@ -132,6 +139,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["unbroken"] = unbroken
     made.globals["software_version"] = __version__
     return made
 

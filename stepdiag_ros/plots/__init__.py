@@ -28,6 +28,7 @@ _HOMES = {
     "block_displacements": "lines",
     "line_errors": "lines",
     "readings": "lines",
+    "settling": "lines",
     "repeatability": "lines",
     "plan": "plans",
     "png_bytes": "saving",

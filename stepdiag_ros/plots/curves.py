@@ -151,7 +151,7 @@ def draw_curve(
     # What the frame fixes, such as the zero at the first node, says nothing about the machine.
     if not np.any(np.isfinite(values) & ~(uncertainty <= ZERO_BY_DEFINITION)):
         return False
-    band(axes, nodes, values, uncertainty * MICRO, style.colour)
+    band(axes, nodes, values, uncertainty * MICRO, style)
     curve(axes, nodes, values, style, label, **more)
     return True
 

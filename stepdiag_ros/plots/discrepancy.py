@@ -42,6 +42,8 @@ _LETTERS_OF_A_PANEL = 22
 _MOST_LABELS = 60
 _COLUMNS = 4
 _SCALE_QUANTILE = 0.995
+_MARKED, _DARK = 0.25, 0.65
+"""Shares of the scale of colours beyond which a negative stop is marked, and marked in white."""
 
 
 def found_in(diagnosis: Diagnosis | DiagnosisSummary) -> tuple[Finding | FoundEffect, ...]:
@@ -83,6 +85,7 @@ def gap_map(
             vmin=-reach,
             vmax=reach,
         )
+        _mark_negative(panel, shown, reach)
         rms, largest = rms_and_largest(gap)
         panel_title(panel, f"{when}: rms {rms * MICRO:.3f} µm, largest {largest * MICRO:.2f} µm")
         scales(panel, "stop along the pass")
@@ -97,11 +100,22 @@ def gap_map(
         if hasattr(panel.yaxis, "gridded"):
             panel.yaxis.gridded = panel.xaxis.gridded = False
     heading = "The gap at every stop (passes in the order of measurement)"
-    said = ["Grey: rejected or missing stops."] if not np.all(np.isfinite(gaps[0][1])) else []
+    said = [f"A dash: below {-_MARKED * reach:.2g} µm, to be told from above in a print in grey."]
+    if not np.all(np.isfinite(gaps[0][1])):
+        said.append("Grey without a dash: rejected or missing stops.")
     figure = sheet.finish(heading if title is None else title, small_print=said, stamp=stamp)
     if axes is None:
         _draw_scale(figure, sheet.panels[-1], mesh, reach)
     return figure
+
+
+def _mark_negative(axes: Axes, shown: Vector, reach: float) -> None:
+    """Put a dash on the clearly negative stops, which without colour look like positive ones."""
+    for low, high, colour in ((-np.inf, -_DARK, "1.0"), (-_DARK, -_MARKED, "0.2")):
+        rows, columns = np.nonzero((shown >= low * reach) & (shown < high * reach))
+        axes.plot(
+            columns, rows, color=colour, marker="_", markersize=2.6, linestyle="none", linewidth=0.0
+        )
 
 
 def _draw_scale(figure: Figure, beside: Axes, mesh: Any, reach: float) -> None:

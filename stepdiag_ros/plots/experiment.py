@@ -137,7 +137,7 @@ def angles_with_repeats(
     for panel, name in zip(sheet.panels, result.curves, strict=False):
         nodes = result.nodes[moving_axis(name)]
         values = result.curves[name] * MICRO
-        band(panel, nodes * MILLI, values, result.standard_uncertainty[name] * MICRO, style.colour)
+        band(panel, nodes * MILLI, values, result.standard_uncertainty[name] * MICRO, style)
         spread = experiment.repeats["soons"].spread(name)
         _draw_spread(panel, nodes, spread, style, method_title("soons"))
         for other in others:
@@ -211,7 +211,7 @@ def direct_comparison(
 
 def _draw_comparison(axes: Axes, one: CurveComparison, style: Style) -> None:
     path = one.positions * MILLI
-    band(axes, path, one.identified * MICRO, one.identified_uncertainty * MICRO, style.colour)
+    band(axes, path, one.identified * MICRO, one.identified_uncertainty * MICRO, style)
     curve(axes, path, one.identified * MICRO, style, "identified", linestyle="-")
     axes.errorbar(
         path,

@@ -152,37 +152,12 @@ def readings(
     Raises:
         ValueError: there is no stop, or no reading at the time of the stops.
     """
-    if not stops:
-        raise ValueError("there is no stop, so it is not known which readings to draw")
-    begin = min(one.window_start for one in stops)
-    end = max(one.window_end for one in stops)
-    margin = max((end - begin) // 50, 1)
-    found = [
-        (one.time, one.raw_displacement, one.compensated_displacement)
-        for one in readings
-        if begin - margin <= one.time <= end + margin
-    ]
-    if not found:
-        raise ValueError("the run holds no reading at the time of these stops")
-    time = np.array([one[0] - begin for one in found], dtype=np.float64) * _NANO
-    values = np.array([one[1:] for one in found], dtype=np.float64)
-    compensated = bool(np.all(np.isfinite(values[:, 1])))
-    length = values[:, 1] if compensated else values[:, 0]
+    begin, time, length, compensated = _around(readings, stops)
     sheet = Sheet(1, 1, 2.6, axes=axes)
     (panel,) = sheet.panels
     _draw_readings(panel, time, length * MILLI)
     for one in stops:
-        colour, hatch = (BLUE, None) if one.settled else (VERMILION, "///")
-        panel.axvspan(
-            (one.window_start - begin) * _NANO,
-            (one.window_end - begin) * _NANO,
-            facecolor=colour,
-            edgecolor=colour,
-            hatch=hatch,
-            alpha=0.25,
-            linewidth=0.0,
-            label="window of a settled stop" if one.settled else "rejected stop",
-        )
+        _mark_window(panel, one, begin)
     settled = [one for one in stops if one.settled]
     panel.plot(
         [0.5 * ((one.window_start - begin) + (one.window_end - begin)) * _NANO for one in settled],
@@ -195,12 +170,112 @@ def readings(
     )
     what = "displacement / mm" if compensated else "displacement in vacuum wavelengths / mm"
     scales(panel, "time since the first window / s", what)
-    line = stops[0].line
-    words = " ".join(part for part in (line.name, line.order, line.direction) if part)
-    heading = f"Readings of line {words}, repeat {line.repeat + 1}, with the settled windows"
+    heading = f"Readings of {_of_line(stops)}, with the settled windows"
     rejected = len(stops) - len(settled)
     said = [f"{rejected} of {len(stops)} stops were rejected."] if rejected else []
     return sheet.finish(heading if title is None else title, small_print=said, stamp=stamp)
+
+
+def settling(
+    readings: Iterable[Reading],
+    stops: Sequence[SettledStop],
+    *,
+    title: str | None = None,
+    stamp: str = "",
+    axes: Any = None,
+) -> Figure:
+    """Draw a few stops in time: first all of them, then each enlarged about its own value.
+
+    Args:
+        readings: of the run, in order of time; those around the stops are drawn.
+        stops: some of one line that follow each other.
+        title: heading; None: one that says what is shown; empty: none.
+        stamp: what the figure was made from.
+        axes: to draw in, one more than there are stops, instead of a new figure.
+
+    Raises:
+        ValueError: there is no stop, or no reading at the time of the stops.
+    """
+    approach = max((one.window_end - one.window_start for one in stops), default=0)
+    begin, time, length, compensated = _around(readings, stops, approach)
+    sheet = Sheet(1 + len(stops), _COLUMNS, 1.5, axes=axes, gap=(0.5, 0.55))
+    whole, *enlarged = sheet.panels
+    _draw_readings(whole, time, length * MILLI)
+    for one in stops:
+        _mark_window(whole, one, begin)
+    panel_title(whole, f"{len(stops)} stops")
+    scales(whole, "time / s", "displacement / mm")
+    spreads = []
+    for number, (panel, one) in enumerate(zip(enlarged, stops, strict=True)):
+        value = one.displacement if compensated else one.raw_displacement
+        first, last = ((moment - begin) * _NANO for moment in (one.window_start, one.window_end))
+        start, end = first - 1.2 * (last - first), last + 0.3 * (last - first)
+        near = (time >= start) & (time <= end)
+        # A rejected stop has no value: it is shown from the mean of its window.
+        inside = (time >= first) & (time <= last)
+        if not np.isfinite(value) and np.any(inside):
+            value = float(np.mean(length[inside]))
+        less = (length - value) * MICRO
+        panel.plot(time[near], less[near], color="0.3", linewidth=0.7, label="reading")
+        spreads.append(float(np.max(np.abs(less[inside]), initial=0.0)))
+        _mark_window(panel, one, begin)
+        panel.set_xlim(start, end)
+        zero_line(panel)
+        panel_title(panel, f"stop {one.command.stop}")
+        scales(panel, "time / s", "from its value / µm" if number == 0 else "")
+    reach = 4.0 * max(spreads)
+    for panel in enlarged if reach > 0.0 else ():
+        panel.set_ylim(-reach, reach)
+    heading = f"{_of_line(stops)}: readings around a few stops"
+    said = "Time since the first window. Line at 0: mean of the window, the value of the stop."
+    return sheet.finish(heading if title is None else title, small_print=[said], stamp=stamp)
+
+
+def _around(
+    readings: Iterable[Reading], stops: Sequence[SettledStop], least_margin: int = 1
+) -> tuple[int, Vector, Vector, bool]:
+    """Return the readings from a little before the first window to a little after the last.
+
+    Returns:
+        Begin of the first window, ns; time since then, s; displacement, m; whether that is
+        compensated for the air.
+    """
+    if not stops:
+        raise ValueError("there is no stop, so it is not known which readings to draw")
+    begin = min(one.window_start for one in stops)
+    end = max(one.window_end for one in stops)
+    margin = max((end - begin) // 50, least_margin)
+    found = [
+        (one.time, one.raw_displacement, one.compensated_displacement)
+        for one in readings
+        if begin - margin <= one.time <= end + margin
+    ]
+    if not found:
+        raise ValueError("the run holds no reading at the time of these stops")
+    time = np.array([one[0] - begin for one in found], dtype=np.float64) * _NANO
+    values = np.array([one[1:] for one in found], dtype=np.float64)
+    compensated = bool(np.all(np.isfinite(values[:, 1])))
+    return begin, time, values[:, 1] if compensated else values[:, 0], compensated
+
+
+def _mark_window(axes: Axes, stop: SettledStop, begin: int) -> None:
+    colour, hatch = (BLUE, None) if stop.settled else (VERMILION, "///")
+    axes.axvspan(
+        (stop.window_start - begin) * _NANO,
+        (stop.window_end - begin) * _NANO,
+        facecolor=colour,
+        edgecolor=colour,
+        hatch=hatch,
+        alpha=0.25,
+        linewidth=0.0,
+        label="window of a settled stop" if stop.settled else "rejected stop",
+    )
+
+
+def _of_line(stops: Sequence[SettledStop]) -> str:
+    line = stops[0].line
+    words = " ".join(part for part in (line.name, line.order, line.direction) if part)
+    return f"line {words}, repeat {line.repeat + 1}"
 
 
 def _draw_readings(axes: Axes, time: Vector, values: Vector) -> None:

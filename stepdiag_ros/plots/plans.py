@@ -12,13 +12,18 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, Plan
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
-from stepdiag_ros.plots.style import COLOURS, Sheet, panel_title
+from stepdiag_ros.plots.style import COLOURS, SMALL_SIZE, Sheet, panel_title
 
 _MARKERS = ("o", "^")
 _SMALL = 0.5
 """A box whose diagonal is a smaller share of the travel's is drawn without the travel."""
 _LEGEND_ROOM = 0.45
 """Left of a drawing, as a share of its size."""
+_MOST_NAMED = 9
+"""Lines of a panel that have their names beside them; more would hide each other's."""
+_BESIDE, _WORD = 0.02, 0.12
+"""Distance of a step diagonal's name from its end, and of the name's end, as shares of the box."""
+_ON_LINE = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
 _TITLE_WIDTH = 78
 """Characters of a line of the heading."""
 
@@ -67,8 +72,11 @@ def plan(
                 panel, box_edges(*outer), "travel", colors="0.7", linewidths=0.7, linestyles=":"
             )
         add_wires(panel, box_edges(*box), "measured box", colors="0.35", linewidths=0.8)
-        for index, line in enumerate(_distinct(lines)):
+        distinct = _distinct(lines)
+        for index, line in enumerate(distinct):
             _draw_line(panel, plan, line, index)
+        if len(distinct) <= _MOST_NAMED:
+            _name_lines(panel, distinct, plan, box)
         frame_box(panel, *outer, room=_LEGEND_ROOM)
         panel_title(panel, words)
         panel.legend(
@@ -106,6 +114,29 @@ def _distinct(lines: list[Line]) -> list[Line]:
     for line in lines:
         found.setdefault((line.name, line.offset), line)
     return list(found.values())
+
+
+def _name_lines(axes: Axes, lines: list[Line], plan: Plan, box: tuple[Vector, Vector]) -> None:
+    """Write the name of each line beside it, so that a print in grey tells them apart.
+
+    A step diagonal is named beside the end of its forward sense, a straight line on itself.
+    """
+    corners = project(box_edges(*box)).reshape(-1, 2)
+    middle, size = float(np.mean(corners[:, 0])), float(np.ptp(corners, axis=0).max())
+    for line in lines:
+        stops = line.stops(plan.volume)
+        if line.direction != FORWARD_SENSE:
+            stops = stops[::-1]
+        look: dict[str, Any] = {"ha": "center", "bbox": _ON_LINE}
+        at = project(stops[(3 * len(stops)) // 4])
+        if line.kind == STEP_DIAGONAL:
+            at = project(stops[-1])
+            sense = 1.0 if at[0] >= middle else -1.0
+            look = {"ha": "left" if sense > 0.0 else "right"}
+            # Room for the word.
+            axes.update_datalim([at + np.array([sense * _WORD * size, 0.0])])
+            at = at + np.array([sense * _BESIDE * size, 0.0])
+        axes.text(float(at[0]), float(at[1]), line.name, va="center", fontsize=SMALL_SIZE, **look)
 
 
 def _draw_line(axes: Axes, plan: Plan, line: Line, index: int) -> None:

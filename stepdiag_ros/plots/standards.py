@@ -51,7 +51,7 @@ def _graph(axes: Axes, test: PositioningTest) -> None:
         known = True
         place, values = test.target * MILLI, (mean - zero) * MICRO
         if np.all(np.isfinite(spread)):
-            band(axes, place, values, spread * MICRO, style.colour, _WIDTH_OF_BAND)
+            band(axes, place, values, spread * MICRO, style, _WIDTH_OF_BAND)
         curve(axes, place, values, style, label, markersize=3.5)
     if not known:
         say_unknown(axes)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
@@ -328,12 +329,23 @@ def band(
     across: Vector,
     values: Vector,
     standard_uncertainty: Vector,
-    colour: str,
+    style: Style,
     coverage: float = COVERAGE_FACTOR,
 ) -> None:
-    """Draw the band of a curve, all in the units of the panel; nothing where it is unknown."""
+    """Draw the band of a curve, all in the units of the panel; nothing where it is unknown.
+
+    Its border has the style of the curve's line: in grey, that says whose band it is.
+    """
     half = coverage * standard_uncertainty
-    axes.fill_between(across, values - half, values + half, color=colour, alpha=0.2, linewidth=0)
+    axes.fill_between(
+        across,
+        values - half,
+        values + half,
+        facecolor=to_rgba(style.colour, 0.2),
+        edgecolor=to_rgba(style.colour, 0.6),
+        linewidth=0.4,
+        linestyle=style.line,
+    )
 
 
 def say_unknown(axes: Axes, words: str = NOT_DETERMINED) -> None:

@@ -106,7 +106,7 @@ def _draw(upper: Axes, lower: Axes, one: CurveChange | None) -> None:
     ):
         if np.any(np.isfinite(values) & ~(uncertainty <= ZERO_BY_DEFINITION)):
             drawn = True
-            band(upper, place, values * MICRO, uncertainty * MICRO, style.colour, COVERAGE)
+            band(upper, place, values * MICRO, uncertainty * MICRO, style, COVERAGE)
             curve(upper, place, values * MICRO, style, label)
     if not drawn:
         say_unknown(upper)

@@ -32,7 +32,7 @@ def identified_of(
     path = report.bag
     results = {one.method: one for one in report.ordered_results()}
     if not results:
-        raise ValueError(f"{path}: its lines are not enough for any method; see 'stepdiag solve'")
+        raise ValueError(f"{path}: the lines are not enough for any method; see 'stepdiag solve'")
     if method and method not in results:
         reason = report.refused.get(method, f"there is no such method; use {', '.join(results)}")
         raise ValueError(f"{path}: method '{method}': {reason}")

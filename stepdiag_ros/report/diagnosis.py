@@ -11,6 +11,8 @@ import numpy as np
 from rich.table import Table
 
 from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    UNEXPLAINED,
     Diagnosis,
     Finding,
 )
@@ -20,6 +22,7 @@ from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.report.diagnosis_next import next_sentences
 from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposal_sentences
 from stepdiag_ros.report.diagnosis_words import chance, readable, size_rows, two_digits
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
@@ -93,9 +96,13 @@ class DiagnosisReport:
 
     @property
     def proposed(self) -> list[str]:
-        """Return what to measure next, in sentences; empty if that was not asked."""
+        """Return what to measure next, in sentences.
+
+        Where the gap is unexplained, by what it looks like; of an extra plan only if one was sought
+        for.
+        """
         path = "" if self.proposal_path is None else str(self.proposal_path)
-        return proposal_sentences(self.proposal, path)
+        return [*next_sentences(self.diagnosis), *proposal_sentences(self.proposal, path)]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -109,6 +116,37 @@ def gap_figures(residual: Vector) -> tuple[float, float]:
     if not known.size:
         return math.nan, math.nan
     return float(np.sqrt(np.mean(known**2))), float(np.max(np.abs(known)))
+
+
+def known_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Say how large an unexplained gap is beside the noise, and how much of it names would take.
+
+    Returns:
+        Nothing unless the verdict is UNEXPLAINED and the noise is known.
+    """
+    rms, largest = gap_figures(diagnosis.residual_before)
+    if diagnosis.verdict != UNEXPLAINED or not diagnosis.noise > 0.0 or not math.isfinite(rms):
+        return []
+    said = [
+        f"Known: the gap is {two_digits(rms * MICRO)} µm (rms), {two_digits(rms / diagnosis.noise)}"
+        f" times the noise of a reading, and {two_digits(largest * MICRO)} µm where it is largest."
+    ]
+    if diagnosis.partial:
+        left = gap_figures(diagnosis.residual_after)[0]
+        said.append(
+            f"Effects that close a part of it leave {two_digits(left * MICRO)} µm (rms); as long as"
+            " that has no cause, they may only look like the cause."
+        )
+    return said
+
+
+def findings_title(diagnosis: Diagnosis) -> str:
+    """Say what the effects are that a diagnosis tells of: named, possible, or only a part."""
+    if diagnosis.verdict == AMBIGUOUS:
+        return "One of those that would close the gap"
+    if diagnosis.findings:
+        return "What is missing in the model"
+    return "Closes a part of the gap; not to be believed alone"
 
 
 def findings_table(findings: Sequence[Finding], title: str) -> Table:
@@ -321,6 +359,20 @@ def group_sentences(findings: Sequence[Finding]) -> list[str]:
     return sentences
 
 
+def rivals_words(report: DiagnosisReport) -> str:
+    """Name, kind by kind, what this run cannot choose between; empty unless something is open."""
+    parts = []
+    for finding in report.diagnosis.findings:
+        if finding.ambiguous:
+            labels = [finding.label, *finding.ambiguous]
+            kinds = _by_effect(report, labels)
+            # A label may be of no setting here, as one that belongs to another run.
+            others = set(labels).difference(*kinds.values())
+            words = [_settings_words(name, own) for name, own in kinds.items()]
+            parts.append(", ".join([*words, *(label for label in labels if label in others)]))
+    return "; and between ".join(parts)
+
+
 def _listed(labels: Sequence[str]) -> str:
     more = len(labels) - 2 * _MOST_LABELS
     shown = [f"'{label}'" for label in labels[: 2 * _MOST_LABELS]]
@@ -370,13 +422,11 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
         if text:
             sentence(f"{name + ':':<7}{text}")
     sentence(noise_sentence(diagnosis))
+    for text in known_sentences(diagnosis):
+        sentence(text)
     _list(sentence, console, "Where the gap is", diagnosis.where)
     if report.findings:
-        partly = not diagnosis.findings
-        title = (
-            "Closes a part of the gap; not to be believed alone" if partly else "What is missing"
-        )
-        table(findings_table(report.findings, title))
+        table(findings_table(report.findings, findings_title(diagnosis)))
         for text in (*physics_sentences(report.findings), *group_sentences(report.findings)):
             sentence(text)
         for one in runners_up_tables(report.findings):

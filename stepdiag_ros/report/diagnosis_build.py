@@ -112,22 +112,8 @@ def build_diagnosis(
             again,
         )
         curves = _curves(measured, model, made.diagnosis)
-        proposal = None
-        if ask is not None:
-            if tell is not None:
-                tell("seeking an extra plan")
-            proposal = propose_extra(
-                measured,
-                made.diagnosis,
-                ask.conditions,
-                ask.machine,
-                model.of_status(FIXED),
-                tuple(catalogue.values()),
-                model.of_status(FITTED),
-                model.curves,
-            )
     chainless = () if measured.chain else (NO_CHAIN,)
-    return DiagnosisReport(
+    report = DiagnosisReport(
         diagnosis=made.diagnosis,
         model=model,
         catalogue=catalogue,
@@ -141,8 +127,34 @@ def build_diagnosis(
         curves=curves,
         remarks=(*remarks, *chainless),
         further=others,
-        proposal=proposal,
     )
+    if ask is None:
+        return report
+    if tell is not None:
+        tell("seeking an extra plan")
+    return with_proposal(report, measured, ask)
+
+
+def with_proposal(report: DiagnosisReport, measurement: Measurement, ask: Ask) -> DiagnosisReport:
+    """Return a diagnosis with an extra plan for what it leaves open.
+
+    Args:
+        report: of ``build_diagnosis``.
+        measurement: that it is of.
+        ask: conditions of the plan.
+    """
+    model = report.model
+    proposal = propose_extra(
+        with_chain(measurement, model),
+        report.diagnosis,
+        ask.conditions,
+        ask.machine,
+        model.of_status(FIXED),
+        tuple(report.catalogue.values()),
+        model.of_status(FITTED),
+        model.curves,
+    )
+    return replace(report, proposal=proposal)
 
 
 def _curves(

@@ -21,9 +21,11 @@ from stepdiag_ros.report.diagnosis import (
     DiagnosisReport,
     extension_sentences,
     findings_table,
+    findings_title,
     gap_figures,
     gap_table,
     group_sentences,
+    known_sentences,
     limits_table,
     model_words,
     noise_sentence,
@@ -133,7 +135,7 @@ def _chapters(
                     " alignment of each setup, zeros) is fitted. Where nothing is missing it is"
                     " noise alone, without stripes or patches."
                 ),
-                _texts([noise_sentence(diagnosis)]),
+                _texts([noise_sentence(diagnosis), *known_sentences(diagnosis)]),
                 _picture(
                     pictures,
                     "gap_map",
@@ -283,6 +285,8 @@ def _candidates(report: DiagnosisReport, pictures: "Mapping[str, Picture]") -> l
 
 
 def _named_title(report: DiagnosisReport) -> str:
+    if report.diagnosis.verdict == AMBIGUOUS:
+        return "What would close it"
     return "Named" if report.diagnosis.findings else "What closes a part"
 
 
@@ -290,13 +294,8 @@ def _named(report: DiagnosisReport) -> list[str]:
     found = report.findings
     if not found:
         return []
-    title = (
-        "What is missing in the model"
-        if report.diagnosis.findings
-        else "Closes a part of the gap; not to be believed alone"
-    )
     return [
-        _table(findings_table(found, title)),
+        _table(findings_table(found, findings_title(report.diagnosis))),
         _texts([*physics_sentences(found), *group_sentences(found)]),
     ]
 

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.metrology.visibility import Row, Visibility
+from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
 from stepdiag_ros.report.content import (
     Comparison,
     Report,
@@ -279,8 +279,15 @@ def _inflation(row: Row) -> str:
     return f"{row.condition:.2g}" if math.isfinite(row.condition) else "-"
 
 
-def visibility_sentences(visibility: Visibility) -> list[str]:
-    """Say what a visibility table rests on."""
+def visibility_sentences(
+    visibility: Visibility, results: Sequence[VolumetricErrors] = ()
+) -> list[str]:
+    """Say what a visibility table rests on, and which methods give what it calls confounded.
+
+    Args:
+        visibility: the table.
+        results: of the same lines, in the order in which they are shown.
+    """
     chain = (
         f"Visibility for the chain {visibility.chain}, every error free at every node."
         if visibility.chain
@@ -295,6 +302,41 @@ def visibility_sentences(visibility: Visibility) -> list[str]:
     return [
         chain + noise,
         "Inflation: how many times less certain an error is than if all others were known.",
+        *_given_all_the_same(visibility, results),
+    ]
+
+
+def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErrors]) -> list[str]:
+    """Say which errors are given by methods without angular errors, though not determined here."""
+    if not visibility.chain:
+        return []
+    open_rows = [row.name for row in visibility.rows if row.status != DETERMINED]
+    given: dict[tuple[str, ...], list[str]] = {}
+    for result in results:
+        if any(name in result.curves for name in ROTATIONS):
+            continue
+        squareness = {one.name for one in result.figures if math.isfinite(one.value)}
+        names = tuple(
+            name
+            for name in open_rows
+            if name in squareness or bool(np.all(np.isfinite(result.curves.get(name, np.nan))))
+        )
+        if names:
+            given.setdefault(names, []).append(method_title(result.method))
+    if not given:
+        return []
+    methods = "; ".join(
+        f"{', '.join(titles)}: {', '.join(names)}" for names, titles in given.items()
+    )
+    besides = (
+        ", the conventional one with the setup taken as perfect besides"
+        if any(one.method == "conventional" for one in results)
+        else ""
+    )
+    return [
+        "The table holds with all angular errors free. Methods that take them as zero give what is"
+        f" not determined here all the same ({methods}){besides}. That is right as far as no axis"
+        " turns; what turning does stands in these curves and figures."
     ]
 
 
@@ -346,7 +388,7 @@ def _equality(same: bool | None) -> str:
 def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines = frame_sentences(report.ordered_results())
     if report.visibility is not None:
-        lines.extend(visibility_sentences(report.visibility))
+        lines.extend(visibility_sentences(report.visibility, report.ordered_results()))
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."

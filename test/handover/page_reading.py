@@ -63,7 +63,7 @@ class ReadPage(HTMLParser):
             self._caption += data
         elif "td" in self._open or "th" in self._open:
             self._rows[-1][-1] += data
-        elif self._open and self._open[-1] in ("h1", "h2", "h3"):
+        elif {"h1", "h2", "h3"} & set(self._open):
             self.headings[-1] += data
 
     def facts(self):

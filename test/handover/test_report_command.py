@@ -5,18 +5,21 @@ import re
 import shutil
 import subprocess
 from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from handover.page_reading import ReadPage
 from standard_runs import RUN_ID, write_bag
 
-from stepdiag_ros import schemas
+from stepdiag_ros import open_run, schemas
 from stepdiag_ros.cli import main
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.configuration import load_instrument
 from stepdiag_ros.handover import pictures
 from stepdiag_ros.handover.sections import sections
+from stepdiag_ros.handover.sections.readings import _few_stops
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plus_minus
@@ -33,6 +36,7 @@ lines:
   - {kind: linear, names: [x, y, z]}
   - {kind: step_diagonal, names: [ppp, npp, pnp, ppn]}
 """
+RUN_WITH_READINGS = Path(__file__).parents[2] / "docs" / "examples" / "small_run.mcap"
 GIVEN = ("--customer", "Mill & <Sons>", "--operator", "A. Turner", "--tolerance", "50")
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftotext") is None, reason="poppler's pdftotext is not installed here"
@@ -253,3 +257,35 @@ def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
     said = capsys.readouterr()
     assert "Largest error in the measured volume" in said.out
     assert f"report in {tmp_path / 'new'}: report.{wanted}" in said.err
+
+
+@needs_poppler
+def test_no_page_parts_a_table_from_its_title_or_from_its_first_rows(folder):
+    titles = (
+        "Table 1 (Ibaraki & Hata 2010), over the travel, in µm",
+        "What is known of the inputs",
+        "Volumetric accuracy",
+        "Methods",
+    )
+    found = 0
+    for text in _text(folder / "report.pdf").split("\f"):
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        for place, line in enumerate(lines):
+            if line in titles:
+                found += 1
+                # Its heads, two rows at least, and the foot of the page.
+                assert len(lines) - place >= 5, line
+    assert found == len(titles)
+
+
+def test_readings_of_a_few_stops_are_drawn_where_the_bag_holds_them(bag):
+    run = open_run(RUN_WITH_READINGS)
+    shown, stops = _few_stops(SimpleNamespace(recorded=run))
+    assert [one.command.stop for one in stops] == [1, 2, 3]
+    assert len({one.line for one in stops}) == 1
+    for one in stops:
+        inside = [got for got in shown if one.window_start <= got.time <= one.window_end]
+        mean = sum(got.compensated_displacement for got in inside) / len(inside)
+        assert mean == pytest.approx(one.displacement, abs=1e-12)
+    assert len(shown) < sum(1 for _ in run.readings()), "only those around the stops"
+    assert _few_stops(SimpleNamespace(recorded=open_run(bag))) is None

@@ -151,3 +151,40 @@ def test_weather_has_a_panel_for_what_was_told_and_says_what_was_not():
     said = " ".join(text.get_text() for text in figure.texts)
     assert "Not told by any sensor: air temperature, material temperature." in said
     assert plots.weather([]) is None
+
+
+def test_stops_are_enlarged_about_their_own_values_with_their_windows():
+    stops = [stop(number) for number in (1, 2)]
+    figure = plots.settling(readings(count=400, step=SECOND // 100), stops, title="")
+    whole, *enlarged = figure.axes
+    assert len(enlarged) == 2
+    assert len(whole.patches) == 2
+    for panel, one in zip(enlarged, stops, strict=True):
+        (window,) = panel.patches
+        begin = (one.window_start - stops[0].window_start) / SECOND
+        assert window.get_x() == pytest.approx(begin)
+        assert window.get_width() == pytest.approx(0.5)
+        low, high = panel.get_xlim()
+        assert low < begin and begin + 0.5 < high
+        time, value = panel.lines[0].get_data()
+        # These readings go on by 1 mm each: what is drawn is the reading less the stop's value.
+        number = (time + 11.0 - 9.0) * 100.0
+        expected = (number * 1e-3 * 1.0003 - one.displacement) * 1e6
+        np.testing.assert_allclose(value, expected, rtol=1e-9)
+        assert panel.get_title() == f"stop {one.command.stop}"
+
+
+def test_a_rejected_stop_is_enlarged_about_the_mean_of_its_window():
+    figure = plots.settling(readings(count=400, step=SECOND // 100), [stop(1, settled=False)])
+    panel = figure.axes[1]
+    time, value = panel.lines[0].get_data()
+    inside = (time >= 0.0) & (time <= 0.5)
+    assert abs(value[inside].mean()) < 1e-6
+    assert panel.patches[0].get_hatch() == "///"
+
+
+def test_stops_without_readings_are_refused():
+    with pytest.raises(ValueError, match="no stop"):
+        plots.settling(readings(), [])
+    with pytest.raises(ValueError, match="no reading"):
+        plots.settling([], [stop(1)])

@@ -35,6 +35,7 @@ from stepdiag_ros.report.diagnosis import (
     gap_figures,
     not_testable_sentences,
     print_diagnosis,
+    rivals_words,
 )
 from stepdiag_ros.report.diagnosis_document import diagnosis_document, diagnosis_json
 from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
@@ -405,3 +406,29 @@ def test_settings_with_one_limit_are_one_row_and_digits_are_two():
         "2",
         "unknown",
     ]
+
+
+def test_an_unexplained_gap_is_measured_by_the_noise_and_something_is_to_be_measured_next():
+    found = _report(_diagnosis(UNEXPLAINED, (), (FOUND,), patterns=(LOOK,)))
+    rms, largest = gap_figures(found.diagnosis.residual_before)
+    text = " ".join(_text(found).split())
+    page = diagnosis_page(found, {})
+    for said in (
+        f"Known: the gap is {two_digits(rms * 1e6)} µm (rms), {two_digits(rms / 1e-7)} times",
+        f"{two_digits(largest * 1e6)} µm where it is largest",
+        f"leave {two_digits(rms * 1e5)} µm (rms)",
+        found.proposed[0],
+    ):
+        assert said in text and said in page
+    assert "What to measure next:" in text
+    assert not _report(_diagnosis(CONSISTENT)).proposed
+    assert "Known: the gap" not in _text(_report(_diagnosis(CONSISTENT)))
+
+
+def test_what_a_run_cannot_choose_between_is_named_kind_by_kind():
+    rivals = RunnerUp("backlash of Y", 300.0, 0.4, "shows the same", ambiguous=True)
+    finding = replace(FOUND, runners_up=(rivals,))
+    assert rivals_words(_report(_diagnosis(AMBIGUOUS, (finding,)))) == (
+        "backlash of X, backlash of Y"
+    )
+    assert rivals_words(_report(_diagnosis(NAMED, (FOUND,)))) == ""

@@ -7,7 +7,7 @@ from results_by_hand import VOLUME, make_report, make_result, with_rotations, wi
 
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.visibility import visibility
-from stepdiag_ros.report.tables import make_console, print_report
+from stepdiag_ros.report.tables import make_console, print_report, visibility_sentences
 
 
 def printed(report, **options):
@@ -100,3 +100,22 @@ def test_visibility_is_printed_as_verdicts_with_expanded_uncertainties():
     assert "Visibility for the chain YXZ" in text
     assert "0.1 µm (standard uncertainty) a stop" in text
     assert "Visibility" not in printed(make_report())
+
+
+def test_visibility_names_the_methods_that_give_what_it_calls_confounded():
+    lines = (
+        Line("linear", "x", "", 0, "forward"),
+        Line("step_diagonal", "ppp", "XYZ", 0, "forward"),
+    )
+    table = visibility(Plan("two", VOLUME, lines, 0.05), "YXZ", 1e-7)
+    assert table.row("E_YX").status != "determined" and table.row("E_XX").status == "determined"
+    results = [make_result("least_squares"), with_rotations(make_result("rigid_body"))]
+    (said,) = [text for text in visibility_sentences(table, results) if "as zero" in text]
+    assert "Least squares: E_YX" in said and "C0Y" in said
+    assert "E_XX" not in said and "E_AX" not in said, "told, or by no such method"
+    assert "Rigid body" not in said and "conventional" not in said
+    unknown = with_unknown(make_result("least_squares"))
+    (said,) = [text for text in visibility_sentences(table, [unknown]) if "as zero" in text]
+    assert "E_YZ" not in said
+    assert "perfect besides" in visibility_sentences(table, [make_result("conventional")])[-1]
+    assert not [text for text in visibility_sentences(table, results[1:]) if "as zero" in text]

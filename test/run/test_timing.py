@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.bags.run import Diagnostic
-from stepdiag_ros.commands.solve import _out_of_step
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Reading
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.time_alignment import TimeOffset, run_timing
+from stepdiag_ros.report.recorded_run import out_of_step
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.timing import LiveTiming, effect_on_stops, in_words, worrying
 
@@ -133,5 +133,5 @@ def test_solve_tells_what_the_assembler_warned_of():
         Diagnostic(START, 0, "assembler: timing", "readings and positions fit in time"),
         Diagnostic(START, 1, "assembler: stops", "stops of this run were rejected"),
     ]
-    words = _out_of_step(SimpleNamespace(diagnostics=told))
+    words = out_of_step(SimpleNamespace(diagnostics=told))
     assert words == ("in this run readings are stamped so late: stepdiag info BAG",)

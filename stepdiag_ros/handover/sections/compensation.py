@@ -7,7 +7,20 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED, UNEXPLAINED
 from stepdiag_ros.report.compensation import COMPUTED, change_table, compensation_json
+
+_NOT_YET = {
+    UNEXPLAINED: "Do not install these tables: the run shows something that the error curves do not"
+    " contain, and a part of it may stand in the tables as an error of an axis. Find its cause"
+    " first.",
+    AMBIGUOUS: "Do not install these tables yet: the run shows more than the error curves, several"
+    " effects may be the cause, and a part of it may stand in the tables as an error of an axis."
+    " Measure first what tells them apart.",
+    NAMED: "Install these tables only when the named effects were seen to and the machine was"
+    " measured again: a part of them may stand in the tables as an error of an axis.",
+}
+"""Verdict → why the tables of this run are not to be used."""
 
 
 def _tell(material: Material) -> Content | str:
@@ -23,6 +36,7 @@ def _tell(material: Material) -> Content | str:
     return Content(
         {
             "control": report.control.title,
+            "not_yet": not_yet(material),
             "tables": table_views(
                 [change_table("Computed, before and after", report.remainder.changes)]
             ),
@@ -33,6 +47,13 @@ def _tell(material: Material) -> Content | str:
         },
         {"compensation": drawing},
     )
+
+
+def not_yet(material: Material) -> str:
+    """Return why tables of this run are not to be used; empty if nothing speaks against them."""
+    if material.diagnosis is None:
+        return ""
+    return _NOT_YET.get(material.diagnosis.diagnosis.verdict, "")
 
 
 def _document(material: Material) -> dict[str, Any] | None:

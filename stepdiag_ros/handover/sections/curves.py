@@ -57,21 +57,25 @@ def _tell(material: Material) -> Content | str:
             "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
             "nodes_title": f"All nodes, {method_title(preferred.method)}",
             "setups": table_views([setup_table(preferred)]),
-            "sentences": _sentences(report),
+            "frames": _frames(report),
+            "remarks": _remarks(report),
         },
         drawings,
     )
 
 
-def _sentences(report: Report) -> list[str]:
-    results = report.ordered_results()
-    said = [
+def _frames(report: Report) -> list[str]:
+    return [
         "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
         f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
         " (95 %), of what the readings tell; what laser, air and setup add is in the budget.",
-        *frame_sentences(results),
+        *frame_sentences(report.ordered_results()),
     ]
-    for result in results:
+
+
+def _remarks(report: Report) -> list[str]:
+    said = []
+    for result in report.ordered_results():
         said += [f"{method_title(result.method)}: {text.rstrip('.')}." for text in result.remarks]
     said += [
         f"{method_title(method)}: not solved, {reason.rstrip('.')}."

@@ -6,20 +6,28 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NOT_TESTABLE, UNEXPLAINED
 from stepdiag_ros.report.diagnosis import (
     extension_sentences,
     findings_table,
+    findings_title,
     gap_table,
     group_sentences,
+    known_sentences,
     limits_table,
     model_words,
     noise_sentence,
     not_testable_sentences,
     physics_sentences,
+    rivals_words,
     runners_up_tables,
 )
 from stepdiag_ros.report.diagnosis_document import diagnosis_document
+from stepdiag_ros.report.diagnosis_proposal import pairs_table
 from stepdiag_ros.report.diagnosis_words import MEANING
+
+_CLOSES = {AMBIGUOUS: "What would close it", UNEXPLAINED: "What closes a part of it"}
+"""Heading above the effects that were found, where they are not simply named."""
 
 
 def _tell(material: Material) -> Content | str:
@@ -27,20 +35,15 @@ def _tell(material: Material) -> Content | str:
     if report is None:
         return material.why_not("diagnosis")
     diagnosis, found = report.diagnosis, report.findings
-    title = (
-        "What is missing in the model"
-        if diagnosis.findings
-        else "Closes a part of the gap; not to be believed alone"
-    )
-    drawings = {
-        "gap": Drawing(
+    drawings = {}
+    if diagnosis.verdict != NOT_TESTABLE:
+        drawings["gap"] = Drawing(
             "gap_map",
             (diagnosis,),
             "The gap at every stop: what the run measured less what the model gives there.",
             {"title": ""},
         )
-    }
-    if diagnosis.map:
+    if diagnosis.map and drawings:
         drawings["where"] = Drawing(
             "gap_where",
             (diagnosis,),
@@ -61,12 +64,21 @@ def _tell(material: Material) -> Content | str:
     return Content(
         {
             "verdict": diagnosis.verdict,
+            # What the free values of the model take up whole is no gap that could be looked at.
+            "testable": diagnosis.verdict != NOT_TESTABLE,
             "sentence": diagnosis.sentence,
             "meaning": MEANING.get(diagnosis.verdict, ""),
             "noise": noise_sentence(diagnosis),
+            "known": known_sentences(diagnosis),
+            "rivals": rivals_words(report),
+            "next": report.proposed,
+            "pairs": table_views([pairs_table(report.proposal)]),
+            "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
             "model": f"Compared with: {model_words(report)}.",
             "where": list(diagnosis.where),
-            "findings": table_views([findings_table(found, title)] if found else []),
+            "findings": table_views(
+                [findings_table(found, findings_title(diagnosis))] if found else []
+            ),
             "physics": [*physics_sentences(found), *group_sentences(found)],
             "runners_up": table_views(runners_up_tables(found)),
             "gap": table_views([gap_table(report)]),

@@ -2,16 +2,21 @@
 
 import math
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.metrology.measurement import Reading, SettledStop
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.report.diagnosis_words import two_digits
 from stepdiag_ros.report.numbers import MICRO
 
+_STOPS_SHOWN = 3
+_LATE_NS = 1_000_000_000
+"""Readings are looked for so long before and after the stops that are shown."""
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
 
 
@@ -95,6 +100,35 @@ def _repeat_facts(material: Material) -> list[Fact]:
     ]
 
 
+def _few_stops(material: Material) -> tuple[list[Reading], tuple[SettledStop, ...]] | None:
+    """Return a few stops that follow each other at the run's beginning, and the readings there.
+
+    Returns:
+        None where the bag holds no stops or no readings.
+    """
+    stops = material.recorded.stops
+    few: tuple[SettledStop, ...] = ()
+    for first in range(len(stops)):
+        few = stops[first : first + _STOPS_SHOWN]
+        # At the first stop of a pass the counter was just zeroed.
+        if few[0].command.stop > 0 and len({_pass_of(one) for one in few}) == 1:
+            break
+    if len(few) < _STOPS_SHOWN:
+        return None
+    late = few[-1].window_end + _LATE_NS
+    early = min(few[0].in_position_time, few[0].window_start) - _LATE_NS
+    readings = [
+        one
+        for one in takewhile(lambda one: one.time <= late, material.recorded.readings())
+        if one.time >= early
+    ]
+    return (readings, few) if readings else None
+
+
+def _pass_of(stop: SettledStop) -> tuple[int, int]:
+    return stop.command.line_index, stop.command.attempt
+
+
 def _tell(material: Material) -> Content | str:
     if not material.measurement.lines:
         return "No line was finished."
@@ -107,6 +141,15 @@ def _tell(material: Material) -> Content | str:
             {"title": ""},
         )
     }
+    shown = _few_stops(material)
+    if shown is not None:
+        drawings["settling"] = Drawing(
+            "settling",
+            shown,
+            f"Readings in time at {_STOPS_SHOWN} stops of line {_name(shown[1][0].line)}, with the"
+            " windows whose mean is the value of the stop; each stop enlarged.",
+            {"title": ""},
+        )
     repeated = _repeat_facts(material)
     if repeated:
         drawings["repeatability"] = Drawing(

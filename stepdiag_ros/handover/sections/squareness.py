@@ -1,12 +1,13 @@
 """The squareness of the axes, with its sign drawn."""
 
+import math
 from typing import Any
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
+from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import squareness_table
 
 
@@ -15,6 +16,13 @@ def _tell(material: Material) -> Content | str:
     preferred = report.preferred()
     if preferred is None:
         return "Squareness is unknown: the measured lines are not enough for any method."
+    known = any(
+        figure.name in AXES_OF and math.isfinite(figure.value)
+        for result in report.results
+        for figure in result.figures
+    )
+    if not known:
+        return "Squareness is unknown: the measured lines do not tell it."
     drawing = Drawing(
         "squareness",
         ([preferred],),

@@ -15,7 +15,7 @@ def _tell(material: Material) -> Content | str:
     return Content(
         {
             "tables": table_views([visibility_table(found)]),
-            "sentences": visibility_sentences(found),
+            "sentences": visibility_sentences(found, material.report.ordered_results()),
         },
         {"visibility": drawing},
     )

@@ -1,0 +1,264 @@
+"""From a recorded run to its lines and its results: for a command, a notebook and a page alike."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.configuration import cell_from_text, read_yaml
+from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
+from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.measurement import (
+    MeasuredLine,
+    Measurement,
+    Reading,
+    latest_attempts,
+)
+from stepdiag_ros.report.build import build_report, truth_from_curves, truth_of
+from stepdiag_ros.report.content import Report, Truth
+
+Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]
+"""Returns a measurement corrected, and in words how."""
+_READINGS_BETWEEN_STEPS = 1000
+TARGET_CORRECTION = "target correction"
+"""End of the name under which the bridge tells of target correction on /diagnostics."""
+_WARN = 1
+
+
+def silent(_: object) -> None:
+    """Tell nobody."""
+
+
+def report_of_run(
+    recorded: RecordedRun,
+    progress: Callable[[float], None] = silent,
+    recorded_lines: bool = False,
+    truth: Path | None = None,
+    correct: Correct | None = None,
+    with_visibility: bool = False,
+    air: AirChoice | None = None,
+    warn: Callable[[str], None] = silent,
+) -> Report:
+    """Solve a run that was loaded, by every method.
+
+    Args:
+        recorded: the run.
+        progress: told how far the reading has come, 0..1.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        truth: file of known error curves; that of a simulated cell is in the bag.
+        correct: returns a measurement corrected, and in words how; a result that was corrected is
+            not compared with the recorded one.
+        with_visibility: say of each error whether these lines tell it.
+        air: compensate the readings for the air anew; None: as it was done in the run.
+        warn: told in a sentence if the lines are not those that were recorded.
+
+    Raises:
+        ValueError: the run cannot be solved, or the truth does not fit; one sentence.
+    """
+    measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
+    measurement, corrections = (measured, ()) if correct is None else correct(measured)
+    name = recorded.machine.get("name", "")
+    return build_report(
+        measurement,
+        run_id=recorded.run_id,
+        plan=recorded.plan.name,
+        machine=name if isinstance(name, str) else "",
+        chain=recorded.chain,
+        run_software_version=recorded.software_version,
+        simulated=True if recorded.cell_text else None,
+        truth=_truth(recorded, measurement, truth),
+        bag=recorded.path,
+        with_visibility=with_visibility,
+        recorded=() if corrections or air else recorded.results,
+        remarks=(
+            remark,
+            *corrections,
+            *_target_corrections(recorded),
+            *out_of_step(recorded),
+            *diagnosed(recorded),
+        ),
+    )
+
+
+def _target_corrections(recorded: RecordedRun) -> tuple[str, ...]:
+    """Say by what the bridge corrected targets in the run: the result is what that left."""
+    said = {
+        one.message: None
+        for one in recorded.diagnostics
+        if one.name.endswith(TARGET_CORRECTION) and one.level == _WARN
+    }
+    return tuple(f"in this run {words}: the errors are those that it left" for words in said)
+
+
+def out_of_step(recorded: RecordedRun) -> tuple[str, ...]:
+    """Say what the assembler has found to be wrong with the time stamps of the run."""
+    said = {
+        one.message: None
+        for one in recorded.diagnostics
+        if one.name.endswith("assembler: timing") and one.level == _WARN
+    }
+    return tuple(f"in this run {words}: stepdiag info BAG" for words in said)
+
+
+def diagnosed(recorded: RecordedRun) -> tuple[str, ...]:
+    """Say what the diagnosis beside the run came to, if there was one."""
+    if not recorded.diagnoses:
+        return ()
+    last = recorded.diagnoses[-1]
+    cut = "" if last.run_over else "the last before the recording ends, "
+    return (f"diagnosis beside the run, {cut}{last.words} More: stepdiag diagnose BAG",)
+
+
+def _truth(recorded: RecordedRun, measurement: Measurement, given: Path | None) -> Truth | None:
+    lines = [line.line.name for line in measurement.lines]
+    if given is not None:
+        curves = read_yaml(given)
+        if not isinstance(curves, dict):
+            raise ValueError(f"{given}: expected error curves, for example 'E_XX: [0.0, 1.0e-7]'")
+        try:
+            return truth_from_curves(curves, measurement.volume, lines)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{given}: {error}") from None
+    if not recorded.cell_text:
+        return None
+    cell = cell_from_text(recorded.cell_text, f"{recorded.path}: simulated cell")
+    return truth_of(cell, measurement.volume, lines)
+
+
+def measurement_of(
+    recorded: RecordedRun,
+    recorded_lines: bool = False,
+    progress: Callable[[float], None] = silent,
+    air: AirChoice | None = None,
+    warn: Callable[[str], None] = silent,
+) -> tuple[Measurement, str]:
+    """Return the lines of a run, and in words where they come from.
+
+    Args:
+        recorded: the run.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        progress: told how far the reading has come, 0..1.
+        air: compensate the readings for the air anew; None: as it was done in the run.
+        warn: told in a sentence if the lines are not those that were recorded.
+
+    Raises:
+        ValueError: they are to be compensated anew, and there is nothing to do it with.
+    """
+    readings = _Counted(recorded, progress)
+    if air is not None:
+        return _compensated_anew(recorded, recorded_lines, readings, air)
+    if recorded_lines or not recorded.commands:
+        return recorded.measurement, "solved from the lines as recorded"
+    events = assemble(
+        recorded.plan, recorded.start_time, recorded.commands, recorded.arrivals, readings
+    )
+    if not readings.count:
+        return recorded.measurement, "solved from the lines as recorded: the bag has no readings"
+    lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    if recorded.begun_late:
+        return recorded.measurement, _late(recorded.lines, lines, readings.count)
+    if _same_lines(lines, recorded.lines):
+        comparison = "the same lines to the last bit as recorded"
+    else:
+        comparison = "NOT the same lines as recorded"
+        warn(f"{recorded.path}: the lines assembled from the readings differ from those recorded")
+    return (
+        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
+        f"assembled again from {readings.count} readings: {comparison}",
+    )
+
+
+def _compensated_anew(
+    recorded: RecordedRun, recorded_lines: bool, readings: "_Counted", air: AirChoice
+) -> tuple[Measurement, str]:
+    """Return the lines of a run from its counts and its weather, and in words how."""
+    if recorded_lines:
+        raise ValueError("--air compensates readings: it cannot be used with --recorded-lines")
+    if recorded.begun_late or not recorded.commands:
+        raise ValueError(
+            f"{recorded.path}: --air needs all commands and readings of the run, and the recording"
+            " lacks some: solve it as it was compensated in the run"
+        )
+    weather = recorded.weather()
+    if air.kind == "own" and not weather:
+        raise ValueError(f"{recorded.path}: no weather sensor was recorded; --air own needs some")
+    begins = begins_of_setups(recorded.commands, recorded.arrivals)
+    events = assemble(
+        recorded.plan,
+        recorded.start_time,
+        recorded.commands,
+        recorded.arrivals,
+        recompensated(readings, weather, begins, recorded.plan, air),
+    )
+    if not readings.count:
+        raise ValueError(f"{recorded.path}: --air needs readings, and the bag has none")
+    lines = tuple(event for event in events if isinstance(event, MeasuredLine))
+    if not any(line.complete for line in lines):
+        raise ValueError(
+            f"{recorded.path}: no line is complete when its readings are compensated by --air"
+            f" {air.kind}: is the count recorded, and was the weather known throughout the run?"
+        )
+    if air.kind == "off":
+        how = "not compensated for the air: displacements are those of the count"
+    else:
+        how = (
+            f"compensated anew for the recorded air: equation {air.equation}, dead path"
+            f" {air.dead_path:g} m, wavelength {air.wavelength * 1e9:.4f} nm"
+        )
+    return (
+        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
+        f"assembled from {readings.count} readings, {how}",
+    )
+
+
+def _late(
+    recorded: tuple[MeasuredLine, ...], assembled: tuple[MeasuredLine, ...], readings: int
+) -> str:
+    """Say what the readings of a recording that lacks the run's beginning confirm.
+
+    A line that was measured before the recording began cannot be assembled again, nor can one that
+    shares its zero with such a line.
+    """
+    same = sum(any(_same_lines((a,), (b,)) for b in assembled) for a in recorded)
+    return (
+        f"the recording began after the run did: solved from its {len(recorded)} lines as recorded;"
+        f" {same} of them were assembled again from {readings} readings, the same to the last bit"
+    )
+
+
+def _same_lines(first: tuple[MeasuredLine, ...], second: tuple[MeasuredLine, ...]) -> bool:
+    """Say whether two runs of lines are the same in every bit of what a solver uses."""
+
+    def numbers(line: MeasuredLine) -> bytes:
+        parts = (line.time, line.target, line.displacement, line.standard_uncertainty)
+        # There are many bit patterns of NaN; all mean unknown.
+        return b"".join(np.where(np.isnan(part), np.nan, part).tobytes() for part in parts)
+
+    def words(line: MeasuredLine) -> tuple[object, ...]:
+        return line.line, line.line_index, line.attempt, line.setup
+
+    return len(first) == len(second) and all(
+        words(a) == words(b) and numbers(a) == numbers(b)
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+class _Counted:
+    """The readings of a run, counted as they go by."""
+
+    def __init__(self, recorded: RecordedRun, progress: Callable[[float], None]) -> None:
+        self.count = 0
+        self._recorded = recorded
+        self._progress = progress
+
+    def __iter__(self) -> Iterator[Reading]:
+        with open_bag(self._recorded.path) as bag:
+            start, end = bag.start_time, bag.end_time
+        length = max(end - start, 1)
+        for reading in self._recorded.readings():
+            self.count += 1
+            if self.count % _READINGS_BETWEEN_STEPS == 0:
+                self._progress((reading.time - start) / length)
+            yield reading
