@@ -383,6 +383,37 @@ def test_wrong_usage_ends_with_2(arguments, capsys):
     assert "usage: stepdiag" in err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("run", "--corection", "m"), "stepdiag run: error: there is no option --corection; did"),
+        (("schema", "--nothing"), "error: there is no option --nothing; 'stepdiag schema --help'"),
+        (("info", "a.mcap", "b.mcap"), "stepdiag info: error: one argument too many: b.mcap"),
+        (("tracker", "figures", "x", "--sed=1"), "figures: error: there is no option --sed;"),
+    ],
+)
+def test_what_a_command_does_not_know_it_says_itself(arguments, said, capsys):
+    code, out, err = stepdiag(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert said in err.splitlines()[-1]
+    assert f"usage: stepdiag {arguments[0]}" in err
+
+
+def test_files_and_options_come_in_any_order(tmp_path):
+    mapping, bag = tmp_path / "mapping.yaml", tmp_path / "b.mcap"
+    orders = [
+        ("a.csv", bag, "--mapping", mapping),
+        ("a.csv", "--mapping", mapping, bag),
+        ("--mapping", mapping, "a.csv", bag),
+    ]
+    read = [cli.make_parser().parse_args(["import", *map(str, one)]) for one in orders]
+    assert [one.bag for one in read] == [bag] * 3
+    assert vars(read[0]) == vars(read[1]) == vars(read[2])
+    # What follows --ros-args is the node's.
+    node = cli.make_parser().parse_args(["node", "solver", "--ros-args", "-p", "a:=1"])
+    assert node.ros_arguments == ["--ros-args", "-p", "a:=1"]
+
+
 def test_a_folder_that_cannot_be_written(bag, capsys, tmp_path):
     (tmp_path / "file").write_text("")
     sentence = refused(capsys, "solve", bag, "--output", tmp_path / "file" / "results")

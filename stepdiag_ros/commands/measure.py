@@ -1,11 +1,11 @@
 """``stepdiag measure``: a run on nodes that are there already, started by others."""
 
-import re
 import sys
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace, _SubParsersAction
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
+from stepdiag_ros.commands.arguments import add_namespace_option
 from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
 
 if TYPE_CHECKING:
@@ -32,23 +32,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--plan", default="", help="YAML file, or a name (default: the plan of the sequencer)"
     )
-    parser.add_argument(
-        "--namespace",
-        type=_namespace,
-        default="",
-        metavar="NS",
-        help="of the nodes, such as /cell_1 (default: none)",
-    )
+    add_namespace_option(parser)
     parser.add_argument("--json", action="store_true", help="print what the run came to as JSON")
     parser.set_defaults(run=run)
-
-
-def _namespace(text: str) -> str:
-    if not text:
-        return ""
-    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
-        raise ArgumentTypeError(f"'{text}' is no namespace, such as /cell_1")
-    return "/" + text.lstrip("/")
 
 
 def run(arguments: Namespace) -> int:

@@ -1,15 +1,19 @@
 """``stepdiag monitor``: one live page in the browser, of a run or of a bag."""
 
-import argparse
 import signal
 import sys
 import threading
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, say
-
-_HIGHEST_PORT = 65535
+from stepdiag_ros.commands.arguments import add_namespace_option, port
+from stepdiag_ros.commands.onlooking import (
+    add_rate_option,
+    rate_of,
+    refuse_what_does_not_fit,
+    ros_arguments,
+)
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, say
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -30,44 +34,30 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         formatter_class=HelpFormatter,
     )
     parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
-    parser.add_argument(
-        "--rate",
-        type=lambda text: number(text, 0.0, 1e6),
-        default=None,
-        help="of a bag: recorded seconds in a real second; 0: as fast as possible (default: 20)",
-    )
+    add_rate_option(parser)
     add_run_option(parser)
+    add_namespace_option(parser)
     parser.add_argument("--address", default="127.0.0.1", help="to serve on (default: %(default)s)")
-    parser.add_argument("--port", type=_port, default=8470, help="(default: %(default)s; 0: any)")
+    parser.add_argument("--port", type=port, default=8470, help="(default: %(default)s; 0: any)")
     parser.add_argument(
         "--token-file", default="", metavar="FILE", help="whose first line is the token"
     )
     parser.set_defaults(run=run)
 
 
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) > _HIGHEST_PORT:
-        raise argparse.ArgumentTypeError(f"'{text}' is no port: 0 to {_HIGHEST_PORT}")
-    return int(text)
-
-
 def run(arguments: Namespace) -> int:
     """Serve until Ctrl-C."""
+    refuse_what_does_not_fit(arguments)
     if arguments.bag is not None:
         return _replay(arguments)
-    for name in ("rate", "run_id"):
-        if getattr(arguments, name) is not None:
-            option = "--rate" if name == "rate" else "--run"
-            raise ValueError(f"{option} is for a bag, and none is given")
     from stepdiag_ros.declaration import written
-    from stepdiag_ros.session.processes import ENCLAVE
 
     given = {
         "address": arguments.address,
         "port": arguments.port,
         "token_file": arguments.token_file,
     }
-    sys.argv = ["monitor", "--ros-args", "--enclave", f"{ENCLAVE}/monitor"]
+    sys.argv = ros_arguments("monitor", "monitor", arguments.namespace)
     for name, value in given.items():
         sys.argv += ["-p", f"{name}:={written(value)}"]
     from stepdiag_ros.nodes.monitor import main
@@ -91,7 +81,7 @@ def _replay(arguments: Namespace) -> int:
     try:
         server.start()
         say(f"the page is at {server.url}; Ctrl-C ends it")
-        count = replay.play(20.0 if arguments.rate is None else arguments.rate, stop)
+        count = replay.play(rate_of(arguments), stop)
         say(f"all of the recording is shown ({count} messages); Ctrl-C ends the page")
         while not stop.wait(3600.0):
             pass

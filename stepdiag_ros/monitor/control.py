@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 ACTIONS = ("start", "pause", "resume", "abort")
 """As the sequencer's services are called."""
+LEADERS = ("sequencer", "by_hand")
+"""Roles of who leads a run; a cell has one of them."""
 
 
 @dataclass(frozen=True)

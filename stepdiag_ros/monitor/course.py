@@ -4,10 +4,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from stepdiag_ros import topics
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.monitor.contact import QUIET_AFTER, Contact
+from stepdiag_ros.monitor.control import LEADERS
 from stepdiag_ros.monitor.items import MachineStatus, Place, RunBegin, RunStatus
 from stepdiag_ros.monitor.section import MILLI, Section, drawn, measured, time_left
+from stepdiag_ros.report.numbers import UNKNOWN
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.scene.progress_markers import Course, courses
 
@@ -30,13 +34,20 @@ class RunSection(Section):
 
     name: ClassVar[str] = "run"
 
+    def __init__(self) -> None:
+        self._contact: Contact | None = None
+        super().__init__()
+
     def begin(self, run: RunBegin | None) -> None:
         """Take up a run."""
         self._run = run
         self._status: RunStatus | None = None
 
     def take(self, item: object) -> bool:
-        """Take the run's own word on where it is."""
+        """Take the run's own word on where it is, and whether somebody is there to start one."""
+        if isinstance(item, Contact):
+            before, self._contact = self._refused_start(), item
+            return self._refused_start() != before
         if not isinstance(item, RunStatus):
             return False
         changed = self._status is None or item._replace(time=self._status.time) != self._status
@@ -53,6 +64,7 @@ class RunSection(Section):
             "simulated": bool(run and run.simulated),
             "state": status.state.name if status else None,
             "words": STATE_WORDS[status.state] if status else "no run is known yet",
+            "refused_start": self._refused_start(),
         }
         if status is None:
             return document
@@ -75,9 +87,20 @@ class RunSection(Section):
             "stops_total": total,
             "share": status.stops_done / total if total else None,
             "remaining_s": drawn(status.remaining_time) if under_way else None,
-            "remaining": time_left(status.remaining_time) if under_way else "",
+            "remaining": self._remaining(status.remaining_time) if under_way else "",
             "text": status.text,
         }
+
+    def _remaining(self, seconds: float) -> str:
+        text = time_left(seconds)
+        simulated = self._run is not None and self._run.simulated and text != UNKNOWN
+        return f"{text} of simulated time" if simulated else text
+
+    def _refused_start(self) -> str:
+        """Return why no run can be started; nothing if one can, or if that is not known."""
+        if self._contact is None or self._contact.roles.intersection(LEADERS):
+            return ""
+        return "no sequencer is heard"
 
 
 class VolumeSection(Section):
@@ -145,6 +168,7 @@ class ProgressSection(Section):
             "courses": [
                 {
                     "done": sum(one in self._measured for one in course.passes),
+                    "incomplete": sum(not self._measured.get(one, True) for one in course.passes),
                     "look": self._look(course),
                 }
                 for course in self._courses
@@ -182,9 +206,13 @@ class PositionSection(Section):
         del run
         self._place: Place | None = None
         self._trouble = ""
+        self._silence = ""
 
     def take(self, item: object) -> bool:
-        """Take positions and the machine's state."""
+        """Take positions, the machine's state, and whether positions still come."""
+        if isinstance(item, Contact):
+            before, self._silence = self._silence, _silence(item)
+            return self._silence != before
         if isinstance(item, Place):
             changed = self._place is None or item.position != self._place.position
             self._place = item
@@ -196,16 +224,27 @@ class PositionSection(Section):
         return False
 
     def document(self) -> dict[str, Any]:
-        """Return X, Y, Z in mm, and each with its unit."""
-        place = self._place.position if self._place else (np.nan,) * 3
+        """Return X, Y, Z in mm, and each with its unit; not known where they come no more."""
+        known = self._place if not self._silence else None
+        place = known.position if known else (np.nan,) * 3
+        silence = self._silence or ("no position has come yet" if known is None else "")
         return {
-            "at": [drawn(value, MILLI) for value in place] if self._place else None,
+            "at": [drawn(value, MILLI) for value in place] if known else None,
+            "words": f"not known: {silence}" if silence else "",
             "texts": {
                 axis: measured(float(value), "mm", 3, MILLI)
                 for axis, value in zip(AXES, place, strict=True)
             },
             "trouble": self._trouble,
         }
+
+
+def _silence(contact: Contact) -> str:
+    if contact.misses("cnc_bridge"):
+        return "the bridge to the machine is silent"
+    if topics.JOINT_STATES.name in contact.quiet:
+        return f"no position has come for {QUIET_AFTER:g} s"
+    return ""
 
 
 def _path(stops: Vector) -> Vector:

@@ -77,12 +77,6 @@ class Said(NamedTuple):
     message: str
 
 
-class Silent(NamedTuple):
-    """The nodes that have fallen silent: full name of each, and a sentence that says so."""
-
-    nodes: tuple[tuple[str, str], ...]
-
-
 @dataclass(frozen=True)
 class Source:
     """A topic that the page hears.

@@ -6,15 +6,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from stepdiag_ros import topics
 from stepdiag_ros.devices.interferometer import STATUS_LOW_SIGNAL, STATUS_OK
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, SettledStop
 from stepdiag_ros.metrology.plan import FORWARD, Line
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.monitor.contact import QUIET_AFTER, Contact
 from stepdiag_ros.monitor.expectation import expected_displacement, nominal_displacement
 from stepdiag_ros.monitor.items import RunBegin
 from stepdiag_ros.monitor.section import MICRO, MILLI, Section, drawn, measured, micrometres
 from stepdiag_ros.report.content import short_title
+from stepdiag_ros.report.numbers import UNKNOWN
 from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
 from stepdiag_ros.scene.error_markers import chosen_results
 
@@ -36,9 +39,13 @@ class BeamSection(Section):
         """Know nothing yet."""
         del run
         self._reading: Reading | None = None
+        self._silence = ""
 
     def take(self, item: object) -> bool:
-        """Take the newest reading."""
+        """Take the newest reading, and whether readings still come."""
+        if isinstance(item, Contact):
+            before, self._silence = self._silence, _silence(item)
+            return self._silence != before
         if not isinstance(item, Reading):
             return False
         self._reading = item
@@ -47,8 +54,9 @@ class BeamSection(Section):
     def document(self) -> dict[str, Any]:
         """Return strength, state and reading."""
         reading = self._reading
-        if reading is None:
-            return {"state": None, "words": NO_READING_YET, "strength": None, "percent": "unknown"}
+        if reading is None or self._silence:
+            why = f"not known: {self._silence}" if self._silence else NO_READING_YET
+            return {"state": None, "words": why, "strength": None, "percent": UNKNOWN}
         strength = reading.signal_strength
         words = {STATUS_OK: GOOD, STATUS_LOW_SIGNAL: DIM} | NOW_LOST
         states = {STATUS_OK: "good", STATUS_LOW_SIGNAL: "dim"}
@@ -62,6 +70,14 @@ class BeamSection(Section):
             "reading": measured(reading.compensated_displacement, "mm", 5, MILLI),
             "sequence": reading.sequence,
         }
+
+
+def _silence(contact: Contact) -> str:
+    if contact.misses("interferometer"):
+        return "the interferometer is silent"
+    if topics.READING.name in contact.quiet:
+        return f"no reading has come for {QUIET_AFTER:g} s"
+    return ""
 
 
 class StopSection(Section):

@@ -28,6 +28,9 @@ class Replay:
 
     Raises:
         BagError: the bag cannot be read, or holds no run or several and none is named.
+
+    Attributes:
+        time: at which the message that was folded in last was recorded, ns.
     """
 
     def __init__(self, path: Path, state: State, run_id: str | None = None) -> None:
@@ -35,6 +38,7 @@ class Replay:
         self._run = choose_run(self._bag, run_id)
         description = self._run.description
         check_version(path, description.schema_version, description.software_version)
+        self.time = to_run_begin(description).time
         self._state = state
         by_name = {
             topics.absolute(source.topic, self._run.namespace): source
@@ -77,6 +81,7 @@ class Replay:
         return count + len(passed)
 
     def _fold_in(self, record: Record, message: Any) -> None:
+        self.time = record.log_time
         found = self._bag.decode(record) if message is None else message
         run_id = str(getattr(found, "run_id", ""))
         for item in self._sources[record.topic].convert(found):

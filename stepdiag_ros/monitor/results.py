@@ -1,10 +1,11 @@
 """Sections about what follows: error curves, squareness, the gap to the model, faults."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary, FoundEffect, GapFigures
+from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
 from stepdiag_ros.metrology.geometry import (
     AXES,
     SQUARENESS,
@@ -13,7 +14,9 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.monitor.items import MachineStatus, RunBegin, RunStatus, Said, Silent
+from stepdiag_ros.monitor.contact import BYSTANDERS, Contact, SilentNode
+from stepdiag_ros.monitor.course import ENDED
+from stepdiag_ros.monitor.items import MachineStatus, RunBegin, RunStatus, Said
 from stepdiag_ros.monitor.section import MICRO, MILLI, Section, drawn, micrometres
 from stepdiag_ros.report.content import short_title
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, UNKNOWN, plus_minus
@@ -54,6 +57,19 @@ class CurveSection(_ResultSection):
 
     name: ClassVar[str] = "curves"
 
+    def begin(self, run: RunBegin | None) -> None:
+        """Know no result, and none before it."""
+        super().begin(run)
+        self._before: dict[str, VolumetricErrors] = {}
+
+    def take(self, item: object) -> bool:
+        """Take the newest result of each method, and keep the one of fewer lines before it."""
+        if isinstance(item, VolumetricErrors):
+            last = self._results.get(item.method)
+            if last is not None and last.lines < item.lines:
+                self._before[item.method] = last
+        return super().take(item)
+
     def document(self) -> dict[str, Any]:
         """Return each curve over its axis: mm and µm."""
         result = self.result
@@ -67,23 +83,80 @@ class CurveSection(_ResultSection):
             "remarks": list(result.remarks),
         }
 
-    @staticmethod
-    def _curve(result: VolumetricErrors, name: str) -> dict[str, Any]:
+    def _curve(self, result: VolumetricErrors, name: str) -> dict[str, Any]:
         axis = moving_axis(name)
         nodes = result.nodes[axis]
         values = result.curves.get(name)
         spread = result.standard_uncertainty.get(name)
         nothing = [None] * len(nodes)
+        known = _known(values, spread)
+        if known == "none":
+            # What the frame fixes at its ends tells nothing of the curve.
+            values = spread = None
         return {
             "name": name,
             "axis": AXES[axis],
-            "known": _known(values, spread),
+            "known": known,
             "positions": [drawn(float(node), MILLI) for node in nodes],
             "values": nothing if values is None else [drawn(float(v), MICRO) for v in values],
             "uncertainty": nothing
             if spread is None
             else [drawn(float(u), MICRO * COVERAGE_FACTOR) for u in spread],
+            "worst": self._worst(result, name),
         }
+
+    def _worst(self, result: VolumetricErrors, name: str) -> dict[str, Any] | None:
+        """Return the value farthest from zero, and whether it grows from result to result."""
+        worst = _farthest(result, name)
+        if worst is None:
+            return None
+        before = self._before.get(result.method)
+        earlier = None if before is None else _farthest(before, name)
+        # Of a curve that is known in part, the farthest may be where nothing is known.
+        whole = _is_whole(result, name) and before is not None and _is_whole(before, name)
+        place = float(result.nodes[moving_axis(name)][worst.node])
+        return {
+            "text": micrometres(worst.value, worst.standard_uncertainty),
+            "at": drawn(place, MILLI),
+            "trend": _trend(earlier, worst) if earlier is not None and whole else None,
+        }
+
+
+class _Farthest(NamedTuple):
+    """The value of a curve that is farthest from zero: at which node, m, and its u, m."""
+
+    node: int
+    value: float
+    standard_uncertainty: float
+
+
+def _farthest(result: VolumetricErrors, name: str) -> _Farthest | None:
+    values = result.curves.get(name)
+    spread = result.standard_uncertainty.get(name)
+    if values is None or spread is None or _known(values, spread) == "none":
+        return None
+    node = int(np.nanargmax(np.abs(values)))
+    return _Farthest(node, float(values[node]), float(spread[node]))
+
+
+def _is_whole(result: VolumetricErrors, name: str) -> bool:
+    values, spread = result.curves.get(name), result.standard_uncertainty.get(name)
+    return _known(values, spread) == "all"
+
+
+def _trend(earlier: _Farthest, now: _Farthest) -> str | None:
+    """Say whether a value has left zero further behind; None if that cannot be told.
+
+    The later of two results holds the readings of the earlier one, so that u² of their difference
+    is the earlier u² less the later: more than the earlier U (95 %) is no chance.
+    """
+    allowed = COVERAGE_FACTOR * earlier.standard_uncertainty
+    if not np.isfinite(allowed):
+        return None
+    growth = abs(now.value) - abs(earlier.value)
+    if abs(growth) <= allowed:
+        return "steady"
+    return "grows" if growth > 0.0 else "shrinks"
 
 
 def _known(values: Vector | None, spread: Vector | None) -> str:
@@ -145,6 +218,11 @@ class VerdictSection(Section):
         told = self._summary
         if told is None:
             return {"verdict": None, "sentence": "no line has been compared with the model yet"}
+        if told.verdict == NOT_TESTABLE and not told.run_over and told.lines < told.lines_planned:
+            # The lines that are left may tell it; advice is for a plan that is measured.
+            lines = f"{told.lines} of {told.lines_planned} lines"
+            sentence = f"not yet: {lines} cannot tell whether model and run agree"
+            return {"verdict": None, "sentence": sentence}
         return {
             "verdict": told.verdict,
             "sentence": told.sentence,
@@ -183,29 +261,40 @@ class FaultSection(Section):
         """Know of no fault."""
         del run
         self._said: dict[str, Said] = {}
-        self._silent: tuple[tuple[str, str], ...] = ()
+        self._contact: Contact | None = None
+        self._status: RunStatus | None = None
         self._run = ""
         self._machine = ""
+        self._heard = False
 
     def take(self, item: object) -> bool:
         """Take what nodes, the run and the machine complain of."""
+        heard = isinstance(item, (Said, RunStatus, MachineStatus))
+        news = heard and not self._heard
+        self._heard = self._heard or heard
+        return self._fold(item) or news
+
+    def _fold(self, item: object) -> bool:
         if isinstance(item, Said):
             before = self._said.get(item.name)
             if item.level == Level.OK:
                 return self._said.pop(item.name, None) is not None
             self._said[item.name] = item
             return item != before
-        if isinstance(item, Silent):
-            changed, self._silent = item.nodes != self._silent, item.nodes
+        if isinstance(item, Contact):
+            told = self._missed(), self._note()
+            self._contact = item
             # What a node said before it fell silent holds no more.
-            gone = {name.lstrip("/") for name, _ in item.nodes}
-            for name in [one for one in self._said if one.partition(": ")[0] in gone]:
+            gone = {node.name.lstrip("/") for node in item.silent}
+            forgotten = [one for one in self._said if one.partition(": ")[0] in gone]
+            for name in forgotten:
                 del self._said[name]
-            return changed
+            return bool(forgotten) or (self._missed(), self._note()) != told
         if isinstance(item, RunStatus):
-            text = item.text if item.state is State.FAULT else ""
-            changed, self._run = text != self._run, text
-            return changed
+            shown = self._run, self._missed(), self._note()
+            self._status = item
+            self._run = item.text if item.state is State.FAULT else ""
+            return (self._run, self._missed(), self._note()) != shown
         if isinstance(item, MachineStatus):
             text = (item.reason or "the machine is stopped") if item.troubled else ""
             changed, self._machine = text != self._machine, text
@@ -219,11 +308,42 @@ class FaultSection(Section):
             found.append({"level": "fault", "who": "run", "text": self._run})
         if self._machine:
             found.append({"level": "fault", "who": "machine", "text": self._machine})
-        found += [{"level": "fault", "who": "nodes", "text": text} for _, text in self._silent]
+        found += [
+            {"level": "fault", "who": "nodes", "text": node.sentence} for node in self._missed()
+        ]
         worst_first = sorted(self._said.values(), key=lambda said: said.level != Level.ERROR)
         for said in worst_first:
             level = "fault" if said.level == Level.ERROR else "warning"
             node, _, task = said.name.rpartition(": ")
             who = node if task == HEARTBEAT else said.name
             found.append({"level": level, "who": who, "text": said.message})
-        return {"faults": found[:_MOST_FAULTS], "more": max(0, len(found) - _MOST_FAULTS)}
+        return {
+            "faults": found[:_MOST_FAULTS],
+            "more": max(0, len(found) - _MOST_FAULTS),
+            "note": self._note(),
+        }
+
+    @property
+    def _is_over(self) -> bool:
+        return self._status is not None and self._status.state in ENDED
+
+    def _missed(self) -> tuple[SilentNode, ...]:
+        """Return the silent nodes that are missed: not those that have ended with their run."""
+        if self._contact is None:
+            return ()
+        if not self._is_over:
+            return self._contact.silent
+        if not self._contact.at_work:
+            return ()
+        return tuple(node for node in self._contact.silent if node.role not in BYSTANDERS)
+
+    def _note(self) -> str:
+        """Return what is no fault, but tells how far it can be relied on that there is none."""
+        contact = self._contact
+        if contact is None:
+            # A bag has no contact; what it holds was heard when it was recorded.
+            return "" if self._heard else "nothing is heard yet"
+        if not contact.known:
+            return "no node is heard; start a run with 'stepdiag run' or the launch file"
+        gone = self._is_over and not contact.at_work and bool(contact.silent)
+        return "the run is over, and its nodes have ended" if gone else ""

@@ -3,6 +3,7 @@
 import json
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from stepdiag_ros.monitor.course import (
@@ -41,9 +42,14 @@ _EARLY = 2000
 
 
 class State:
-    """What the page shows. Safe to be used by two threads."""
+    """What the page shows. Safe to be used by two threads.
+
+    Attributes:
+        listener: called after each change, by the thread that has made it.
+    """
 
     def __init__(self) -> None:
+        self.listener: Callable[[], None] = lambda: None
         self._lock = threading.Lock()
         self._sections = {kind.name: kind() for kind in SECTIONS}
         self._revision = 1
@@ -65,6 +71,7 @@ class State:
             run_id: of the run that it belongs to; empty if to none. What belongs to a run that is
                 not described yet waits for its description.
         """
+        before = self._revision
         with self._lock:
             if isinstance(item, RunBegin):
                 self._begin(item)
@@ -72,6 +79,8 @@ class State:
                 self._early.append((run_id, item))
             else:
                 self._fold(item)
+        if self._revision != before:
+            self.listener()
 
     def _begin(self, run: RunBegin) -> None:
         self._run_id = run.run_id
@@ -109,6 +118,19 @@ class State:
                 if changed > known
             ]
             return self._revision, "{" + ",".join(parts) + "}"
+
+    def news(self, known: int = 0) -> tuple[int, dict[str, dict[str, Any]]]:
+        """Return the sections that changed after a revision.
+
+        Args:
+            known: revision that the reader has; 0 for none.
+
+        Returns:
+            the revision that the reader has then, and the documents by the names of the sections.
+        """
+        with self._lock:
+            changed = [name for name, when in self._changed.items() if when > known]
+            return self._revision, {name: self._sections[name].document() for name in changed}
 
     def document(self, name: str) -> dict[str, Any]:
         """Return one section as it is now."""

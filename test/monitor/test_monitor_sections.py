@@ -11,7 +11,8 @@ from stepdiag_ros.diagnosing import diagnose_lines
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.monitor.items import MachineStatus, Place, RunBegin, Said, Silent
+from stepdiag_ros.monitor.contact import Contact, SilentNode
+from stepdiag_ros.monitor.items import MachineStatus, Place, RunBegin, Said
 from stepdiag_ros.monitor.section import micrometres, time_left
 from stepdiag_ros.monitor.state import SECTIONS, State
 from stepdiag_ros.run.sequence import State as RunState
@@ -73,7 +74,7 @@ def test_where_the_run_is(state, small_run):
     told = state.document("run")
     assert told["state"] == "RUNNING" and told["words"] == "measuring"
     assert (told["block"], told["block_count"], told["line_number"]) == (2, 3, index + 1)
-    assert told["remaining"] == "12 min"
+    assert told["remaining"] == "12 min of simulated time"
     assert told["share"] == pytest.approx(21 / small_run.plan.stop_count)
     assert told["plan"] == "a small box" and told["simulated"] is True
     state.take(small_run.status(state=RunState.FINISHED, line_index=len(small_run.plan.lines) - 1))
@@ -204,7 +205,10 @@ def test_curves_that_are_not_known_are_null_and_not_zero(state, small_run):
     ends = np.array([0.0, np.nan, np.nan, 0.0])
     spread = dict(result.standard_uncertainty, E_YX=ends)
     state.take(replace(result, curves=dict(result.curves, E_YX=ends), standard_uncertainty=spread))
-    assert state.document("curves")["curves"][1]["known"] == "none"
+    told = state.document("curves")["curves"][1]
+    assert told["known"] == "none" and told["worst"] is None
+    # Nothing of it is drawn, and it is in no number.
+    assert told["values"] == told["uncertainty"] == [None] * 4
 
 
 def test_squareness_has_its_unit_and_uncertainty(state, small_run):
@@ -255,7 +259,9 @@ def test_faults_come_and_go(state, small_run):
     state.take(Said("recorder: disk", 0, "enough is free"))
     state.take(MachineStatus(1, True, "the door is open"))
     # What a node complained of holds no more when it is gone; that it is gone does.
-    state.take(Silent((("/cnc_bridge", "cnc_bridge node /cnc_bridge is silent for 2.1 s"),)))
+    sentence = "cnc_bridge node /cnc_bridge is silent for 2.1 s"
+    silent = (SilentNode("/cnc_bridge", "cnc_bridge", sentence),)
+    state.take(Contact(True, frozenset({"recorder"}), silent, True, frozenset()))
     state.take(small_run.status())
     texts = [one["text"] for one in state.document("faults")["faults"]]
     assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent for 2.1 s"]

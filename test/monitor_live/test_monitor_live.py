@@ -217,6 +217,16 @@ def test_a_lost_node_and_a_lost_server_are_said(cell, page, pages):
         ),
         "the page says that the node is silent",
     )
+    # Who would have to start a run is gone too.
+    assert text(page, "#refused-start") == "" and not page.is_disabled("[data-action=start]")
+    process = cell.processes.running["sequencer"]
+    process.kill()
+    process.wait()
+    cell.wait(
+        lambda: text(page, "#refused-start") == "Nothing can be started: no sequencer is heard.",
+        "the page says that nobody starts a run",
+    )
+    assert page.is_disabled("[data-action=start]")
     assert pages.errors == []
     monitor = cell.processes.running["monitor"]
     monitor.terminate()

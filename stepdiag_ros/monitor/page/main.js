@@ -15,6 +15,7 @@ let hello = {};
 let pending = {}; // sections to be painted with the next frame
 let painting = false;
 let state = null; // of the run
+let refusedStart = ""; // why no run can be started
 
 function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");
@@ -99,13 +100,16 @@ function paint() {
   for (const [name, told] of Object.entries(changed)) {
     if (SECTIONS[name]) SECTIONS[name](told);
   }
-  if (changed.run) state = changed.run.state;
+  if (changed.run) {
+    state = changed.run.state;
+    refusedStart = changed.run.refused_start;
+  }
   contact("good", "connected");
 }
 
 function enableControls() {
   const can = {
-    start: state === null || ["IDLE", "FINISHED", "ABORTED"].includes(state),
+    start: !refusedStart && (state === null || ["IDLE", "FINISHED", "ABORTED"].includes(state)),
     pause: state === "RUNNING",
     resume: ["PAUSED", "WAITING_FOR_SETUP", "FAULT"].includes(state),
     // Never taken away while anything may go on.

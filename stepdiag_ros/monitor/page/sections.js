@@ -57,6 +57,7 @@ function run(told) {
   say("run-block", told.line ? where : "–");
   say("run-plan", told.plan + (told.simulated ? " (simulated machine)" : ""));
   say("run-id", told.run_id);
+  say("refused-start", told.refused_start && `Nothing can be started: ${told.refused_start}.`);
   document.title = told.share == null ? "stepdiag" : `${Math.floor(told.share * 100)} % ${told.words} – stepdiag`;
 }
 
@@ -66,7 +67,8 @@ let saidFaults = "";
 function faults(told) {
   const rows = told.faults.map((one) => [`${SIGNS[one.level]}${one.who}: ${one.text}`, one.level]);
   if (told.more) rows.push([`and ${told.more} more`, "warning"]);
-  if (!rows.length) rows.push(["✔ nobody complains", ""]);
+  if (told.note) rows.push([`– ${told.note}`, "note"]);
+  else if (!rows.length) rows.push(["✔ nobody complains", ""]);
   // A list that is written anew is read out anew.
   const said = JSON.stringify(rows);
   if (said !== saidFaults) list("fault-list", rows);
@@ -75,7 +77,7 @@ function faults(told) {
 
 function position(told) {
   const text = Object.entries(told.texts).map(([axis, where]) => `${axis} ${where}`).join(", ");
-  say("position", told.at ? text : "position unknown");
+  say("position", told.at ? text : `position ${told.words}`);
   drawTool(told.at);
 }
 

@@ -1,0 +1,242 @@
+"""``stepdiag watch``: a run, or a bag as if it were one, in the terminal."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepdiag_ros.commands.arguments import add_namespace_option
+from stepdiag_ros.commands.onlooking import (
+    add_rate_option,
+    rate_of,
+    refuse_what_does_not_fit,
+    ros_arguments,
+)
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option
+
+if TYPE_CHECKING:
+    from stepdiag_ros.monitor.state import State
+    from stepdiag_ros.nodes.onlooker import ViewerNode
+    from stepdiag_ros.watch.journal import Journal
+    from stepdiag_ros.watch.screen import Screen
+
+_ONCE_LIMIT = 10.0
+"""Real seconds that --once waits for a run to be heard of."""
+_ONCE_MORE = 1.5
+"""Real seconds in which all that holds comes to whoever joins late, once the state is known."""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "watch",
+        help="show a run, or a bag as if it were one, in the terminal (over ssh)",
+        description="Show where the run is, what is wrong, the beam, the last stop and blocks, the"
+        " largest errors with their uncertainty, squareness, the gap to the model and the air, in a"
+        " terminal of 80 x 24 or more. It looks on and controls nothing. Where the output is no"
+        " terminal, it is a log: a line, with the time (UTC), for each change of what matters."
+        " Without a bag it shows what runs on this ROS domain; with a bag it plays that. Ctrl-C"
+        " ends it (docs/watch.md).",
+        epilog="examples:\n"
+        "  stepdiag watch                       the run that goes on\n"
+        "  stepdiag watch | tee watch.log       the same as a log\n"
+        "  stepdiag watch --once                where it stands now; 1 if no run is known\n"
+        "  stepdiag watch RUN.mcap --rate 50    a recorded run, 50 times as fast",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
+    add_rate_option(parser)
+    add_run_option(parser)
+    parser.add_argument("--once", action="store_true", help="print the whole view once and end")
+    add_namespace_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Show until the bag or the user ends it."""
+    refuse_what_does_not_fit(arguments)
+    return _replay(arguments) if arguments.bag is not None else _live(arguments)
+
+
+def _is_screen() -> bool:
+    """Say whether the output is a terminal that can be drawn on."""
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
+
+
+def _make_screen(
+    state: "State", source: Callable[[], str], clock: Callable[[], datetime]
+) -> "Screen":
+    from stepdiag_ros.report.tables import PlainConsole
+    from stepdiag_ros.watch.page import Heading
+    from stepdiag_ros.watch.screen import Screen
+
+    console = PlainConsole(file=sys.stdout, markup=False, highlight=False, emoji=False)
+    return Screen(state, console, lambda: Heading(source(), f"{clock():%H:%M:%S} UTC"))
+
+
+def _make_journal(state: "State", clock: Callable[[], datetime]) -> "Journal":
+    from stepdiag_ros.watch.glyphs import glyphs_for
+    from stepdiag_ros.watch.journal import Journal
+
+    journal = Journal(
+        state,
+        glyphs_for(sys.stdout.encoding or "ascii"),
+        clock,
+        lambda text: print(text, flush=True),
+    )
+    state.listener = journal.look
+    return journal
+
+
+def _replay(arguments: Namespace) -> int:
+    from stepdiag_ros.monitor.replay import Replay
+    from stepdiag_ros.monitor.state import State
+
+    state = State()
+    replay = Replay(arguments.bag, state, arguments.run_id)
+    rate = 0.0 if arguments.once else rate_of(arguments)
+    pace = f"{rate:g} x" if rate else "at once"
+
+    def recorded() -> datetime:
+        return datetime.fromtimestamp(replay.time * 1e-9, timezone.utc)
+
+    screen = _make_screen(state, lambda: f"{arguments.bag.name}, {pace}", recorded)
+    drawn = _is_screen() or arguments.once
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        if not drawn:
+            _make_journal(state, recorded)
+        elif not arguments.once:
+            state.listener = screen.look
+            screen.begin()
+        replay.play(rate, threading.Event())
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        screen.end()
+        replay.close()
+        signal.signal(signal.SIGTERM, before)
+    if drawn:
+        # The screen is given back; where the run ended is left on it.
+        screen.print()
+    return 0
+
+
+def _live(arguments: Namespace) -> int:
+    from stepdiag_ros.monitor.state import State
+    from stepdiag_ros.nodes.base import spin
+    from stepdiag_ros.nodes.onlooker import ViewerNode
+    from stepdiag_ros.watch.screen import RATE
+
+    sys.argv = ros_arguments("watch", "viewer", arguments.namespace)
+    state = State()
+    view: _Once | _Drawn | _Logged
+    if arguments.once:
+        view = _Once(state)
+    elif _is_screen():
+        view = _Drawn(state)
+    else:
+        view = _Logged(state)
+    if not isinstance(view, _Logged):
+        # What a node logs would be written across the view; its warnings are among the faults.
+        sys.argv.append("--disable-stdout-logs")
+    code = spin(lambda: ViewerNode(state, RATE, view.look, view.close))
+    return code or view.finish()
+
+
+def _now() -> datetime:
+    return datetime.now(timezone.utc)
+
+
+class _Drawn:
+    """The live view on a terminal."""
+
+    def __init__(self, state: "State") -> None:
+        self._screen = _make_screen(state, lambda: self._contact, _now)
+        self._contact = ""
+
+    def look(self, node: "ViewerNode") -> bool:
+        """Draw; the first time, take the terminal."""
+        if not self._contact:
+            self._screen.begin()
+        self._contact = node.contact()
+        self._screen.look()
+        return False
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        self._screen.end()
+
+    def finish(self) -> int:
+        """Return the exit code."""
+        return 0
+
+
+class _Logged:
+    """The live view as a log."""
+
+    def __init__(self, state: "State") -> None:
+        self._journal = _make_journal(state, _now)
+        self._contact = ""
+
+    def look(self, node: "ViewerNode") -> bool:
+        """Say how many nodes are heard, where that has changed; all else is said as it comes."""
+        if node.watch.peers and node.contact() != self._contact:
+            self._contact = node.contact()
+            self._journal.write(self._contact)
+        return False
+
+    def close(self) -> None:
+        """Leave all as it is."""
+
+    def finish(self) -> int:
+        """Return the exit code."""
+        return 0
+
+
+class _Once:
+    """The live view, printed once."""
+
+    def __init__(self, state: "State") -> None:
+        self._state = state
+        self._screen = _make_screen(state, lambda: self._contact, _now)
+        self._contact = ""
+        self._begun = time.monotonic()
+        self._known = 0.0
+
+    def look(self, node: "ViewerNode") -> bool:
+        """Say whether all is there that will come, or nothing comes."""
+        self._contact = node.contact()
+        now = time.monotonic()
+        run = self._state.document("run")
+        # Whoever leads says that nothing is measured; else its description is still to come.
+        if run["state"] and (run["run_id"] or run["state"] == "IDLE"):
+            self._known = self._known or now
+            return now - self._known > _ONCE_MORE
+        return now - self._begun > _ONCE_LIMIT
+
+    def close(self) -> None:
+        """Leave all as it is."""
+
+    def finish(self) -> int:
+        """Print the view.
+
+        Raises:
+            ValueError: no run is known.
+        """
+        run = self._state.document("run")
+        if run["run_id"]:
+            self._screen.print()
+            return 0
+        if run["state"]:
+            raise ValueError(f"no run has begun: {run['words']} ({self._contact})")
+        raise ValueError(
+            f"no run was heard of within {_ONCE_LIMIT:g} s ({self._contact}): check ROS_DOMAIN_ID"
+            " and --namespace"
+        )

@@ -1,0 +1,155 @@
+"""Nodes that only look on: what is heard of a run is folded into the sections of its view."""
+
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+from stepdiag_ros import topics
+from stepdiag_ros.monitor.contact import contact_of
+from stepdiag_ros.monitor.items import SOURCES, Said, Source, to_run_begin, to_run_status
+from stepdiag_ros.monitor.state import State
+from stepdiag_ros.nodes.base import StepdiagNode
+from stepdiag_ros.nodes.links import Outlet, message_class
+from stepdiag_ros.topics import Topic
+
+
+class Onlooker(StepdiagNode):
+    """Hears all that a view of a run shows, and folds it into its sections.
+
+    Args:
+        name: default name of the node.
+        state: sections of the view.
+        rate: looks in a real second at what comes too often to be looked at each time.
+    """
+
+    def __init__(self, name: str, state: State, rate: float) -> None:
+        super().__init__(name)
+        self.state = state
+        self._newest: dict[str, bytes] = {}
+        # Topic → when its newest message was taken up.
+        self._taken: dict[str, float] = {}
+        self.follow_run()
+        for source in SOURCES:
+            if source.topic not in (topics.RUN_DESCRIPTION, topics.RUN_STATE):
+                self._hear(source)
+        self.every(1.0 / rate, self.on_look, real=True)
+
+    def on_run(self, description: Any) -> None:
+        """Begin anew with the plan of the run."""
+        self.state.take(to_run_begin(description))
+
+    def on_run_state(self, state: Any) -> None:
+        """Say where the run is."""
+        self.state.take(to_run_status(state), str(state.run_id))
+
+    def on_look(self) -> None:
+        """Take up the newest of what comes too often to be looked at each time."""
+        for source in SOURCES:
+            data = self._newest.pop(source.topic.name, None)
+            if data is not None:
+                self._taken[source.topic.name] = self.real_time()
+                self.take(source, deserialize_message(data, message_class(source.topic)))
+        self.state.take(contact_of(self.watch, self._taken, self.real_time()))
+
+    def take(self, source: Source, message: Any) -> None:
+        """Fold in a message.
+
+        Args:
+            source: whose it is.
+            message: what was heard.
+        """
+        try:
+            items = tuple(source.convert(message))
+        except ValueError as error:
+            self.unwell(f"a message on {source.topic.name} cannot be shown: {error}")
+            return
+        for item in items:
+            if not isinstance(item, Said) or self._is_of_this_cell(item.name):
+                self.state.take(item, str(getattr(message, "run_id", "")))
+
+    def _hear(self, source: Source) -> None:
+        topic = source.topic
+        if source.newest:
+            # Whoever only shows must never hold up those who measure.
+            newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+            def keep(data: bytes, name: str = topic.name) -> None:
+                self._newest[name] = data
+
+            self.create_subscription(message_class(topic), topic.name, keep, newest, raw=True)
+        else:
+            self.listen(topic, partial(self.take, source))
+
+    def _is_of_this_cell(self, name: str) -> bool:
+        """Say whether a status on /diagnostics is of a node of this measurement."""
+        node = "/" + name.partition(": ")[0]
+        own = node == self.get_fully_qualified_name()
+        return own or (node in self.watch.peers and node not in self.watch.lost)
+
+
+class ViewerNode(Onlooker):
+    """Looks on from a terminal, comes and goes as it likes, and is missed by nobody.
+
+    It has no heartbeat: the nodes of a run would take its end for the loss of a node. What it has
+    to say of itself it shows to its own viewer only.
+
+    Args:
+        state: sections of the view.
+        rate: looks in a real second.
+        look: called after each; returns whether the node is to end.
+        close: called once when the node ends.
+    """
+
+    role = "viewer"
+
+    def __init__(
+        self,
+        state: State,
+        rate: float,
+        look: Callable[["ViewerNode"], bool],
+        close: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._show, self._end = look, close
+        # Several may look on at the same time, and nodes of one name are an error.
+        super().__init__(f"stepdiag_viewer_{os.getpid()}", state, rate)
+        self._domain = self.context.get_domain_id()
+
+    def announce(self, topic: Topic, keep_all: bool = False) -> Outlet:
+        """Return an outlet to this node's own view."""
+        del keep_all
+        (source,) = (one for one in SOURCES if one.topic is topic)
+        return _Inward(partial(self.take, source))
+
+    def contact(self) -> str:
+        """Say how many nodes of the measurement are heard."""
+        known, silent = len(self.watch.peers), len(self.watch.lost)
+        if not known:
+            return f"no node heard on ROS domain {self._domain}"
+        if silent:
+            return f"{known - silent} of {known} nodes heard"
+        return "1 node" if known == 1 else f"{known} nodes"
+
+    def on_look(self) -> None:
+        """Take up the newest, and show it."""
+        super().on_look()
+        if self._show(self):
+            rclpy.try_shutdown()
+
+    def close(self) -> None:
+        """Leave the terminal as it was."""
+        self._end()
+
+
+class _Inward(Outlet):
+    """Takes what a node says of itself to its own view, and to nobody else."""
+
+    def __init__(self, take: Callable[[Any], None]) -> None:
+        self._take = take
+
+    def publish(self, message: Any) -> None:
+        self._take(message)
