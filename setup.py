@@ -83,6 +83,7 @@ setup(
         "test": [
             *DOCS,
             "asyncua>=1.1.5,<3",
+            "foxglove-sdk>=0.30,<0.31",
             "hypothesis>=6,<7",
             "ipykernel>=6,<8",
             "jsonschema>=4,<5",
@@ -100,6 +101,7 @@ setup(
             "types-pyserial",
         ],
         "docs": DOCS,
+        "foxglove": ["foxglove-sdk>=0.30,<0.31"],
         "opcua": ["asyncua>=1.1.5,<3"],
         "parquet": ["pyarrow>=15"],
     },

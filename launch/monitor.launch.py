@@ -1,7 +1,8 @@
 """What looks on, here or elsewhere: ros2 launch stepdiag_ros monitor.launch.py rviz:=true.
 
 Frames and markers of the run and of its errors, and RViz, which move and change nothing; with
-page:=true the live page too, from which whoever has its token may start and end a run.
+page:=true the live page too, from which whoever has its token may start and end a run, and with
+foxglove:=true a server for Foxglove viewers, which look on.
 """
 
 from launch import LaunchDescription
@@ -30,6 +31,14 @@ ARGUMENTS = {
     "page_address": Argument("that the page is served on", "127.0.0.1"),
     "page_port": Argument("that the page is served on; 0: any that is free", "8470"),
     "token_file": Argument("whose first line is the token of the page", ""),
+    "foxglove": Argument("serve Foxglove viewers", "false", TRUTHS),
+    "foxglove_address": Argument("that Foxglove viewers connect to", "127.0.0.1"),
+    "foxglove_port": Argument("that Foxglove viewers connect to; 0: any that is free", "8765"),
+    "foxglove_open_to_network": Argument(
+        "true: other computers may reach foxglove_address; everybody there may look on",
+        "false",
+        TRUTHS,
+    ),
     "rviz": Argument("start RViz", "false", TRUTHS),
     "rviz_config": Argument(
         "what RViz shows", str(resources.directory("config") / "rviz" / "stepdiag.rviz")
@@ -38,7 +47,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the scene, and page and RViz if they are wanted."""
+    """Return the scene, and page, Foxglove's server and RViz if they are wanted."""
 
     def start(values):
         simulated = values["use_sim_time"] == "true"
@@ -53,6 +62,13 @@ def generate_launch_description() -> LaunchDescription:
                 "token_file": values["token_file"],
             }
             nodes.append(NodeProcess("monitor", {"use_sim_time": simulated, **page}))
+        if values["foxglove"] == "true":
+            served = {
+                "address": values["foxglove_address"],
+                "port": int(number(values, "foxglove_port")),
+                "open_to_network": values["foxglove_open_to_network"] == "true",
+            }
+            nodes.append(NodeProcess("foxglove_server", {"use_sim_time": simulated, **served}))
         actions = started(nodes, namespace)
         if values["rviz"] == "true":
             # The names in RViz's configuration are those without a namespace.

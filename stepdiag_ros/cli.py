@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from stepdiag_ros.commands.arguments import CommandParser
 from stepdiag_ros.refusals import PREFIX, sentence
 
 COMMANDS = (
@@ -21,6 +22,8 @@ COMMANDS = (
     "run",
     "measure",
     "monitor",
+    "watch",
+    "foxglove",
     "replay",
     "solve",
     "compare",
@@ -73,7 +76,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="when a command fails, show where in the program (for a bug report)",
     )
     subparsers = parser.add_subparsers(
-        title="commands", metavar="COMMAND", dest="command", required=True
+        title="commands",
+        metavar="COMMAND",
+        dest="command",
+        required=True,
+        parser_class=CommandParser,
     )
     for name in COMMANDS:
         import_module(f"stepdiag_ros.commands.{name}").add_parser(subparsers)

@@ -272,6 +272,32 @@ NODES: tuple[DeclaredNode, ...] = (
         ),
     ),
     DeclaredNode(
+        "foxglove_server",
+        "foxglove_server",
+        "serves all topics to Foxglove and other viewers that speak its WebSocket protocol",
+        (
+            Declaration(
+                "address",
+                "127.0.0.1",
+                "that viewers connect to; one that other computers can reach wants open_to_network"
+                " too",
+            ),
+            Declaration(
+                "port",
+                8765,
+                "that viewers connect to; 0: any that is free, which the log tells",
+                low=0,
+                high=65535,
+            ),
+            Declaration(
+                "open_to_network",
+                False,
+                "other computers may reach the address; viewers do not log in, so that everybody"
+                " there may look on",
+            ),
+        ),
+    ),
+    DeclaredNode(
         "recorder",
         "recorder",
         "records each run into one MCAP file that survives a crash",

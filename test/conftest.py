@@ -4,6 +4,8 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import schemas
 
@@ -12,12 +14,14 @@ LIVE = (
     "conformance",
     "devices/cnc_peers",
     "embedded",
+    "foxglove_live",
     "interoperability",
     "linuxcnc",
     "monitor_live",
     "nodes",
     "test_example_node.py",
     "test_outside_effect.py",
+    "watch_live",
 )
 """Where tests run nodes, controllers or peers in real time.
 
@@ -33,6 +37,17 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if any(item.path.is_relative_to(place) for place in places):
             item.add_marker("live")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Calculate in one thread in this process, as the package does where it solves.
+
+    Small matrices gain nothing by more, and the threads of tests in several processes wait for each
+    other: that takes seven times the processor time.
+    """
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(scope="session")

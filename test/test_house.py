@@ -42,7 +42,12 @@ def test_every_node_is_started_the_same_three_ways():
 
     built = (ROOT / "CMakeLists.txt").read_text()
     simulated = simulated_cell("quick", "demo", "demo", Path(), 1.0, 0.0, 1)
-    launched = {process.name for process in simulated} | {"scene", "by_hand", "monitor"}
+    launched = {process.name for process in simulated} | {
+        "scene",
+        "by_hand",
+        "monitor",
+        "foxglove_server",
+    }
     for name in NODES:
         module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"
         assert module.read_text().startswith("#!/usr/bin/env python3\n"), name
@@ -94,6 +99,8 @@ def test_imports_point_inwards():
         "scene",
         "handover",
         "monitor",
+        "watch",
+        "foxglove_live",
         "nodes",
         "session",
         "commands",

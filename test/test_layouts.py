@@ -11,6 +11,7 @@ import yaml
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.nodes.foxglove_server import SHOWN
 from stepdiag_ros.scene.frames import FRAMES, MACHINE
 
 CONFIG = Path(__file__).parents[1] / "config"
@@ -74,6 +75,12 @@ def test_a_wrong_field_would_be_noticed():
     assert not leads_to_a_number(topics.READING, ["header"])
     assert not leads_to_a_number(topics.JOINT_STATES, ["position"])
     assert leads_to_a_number(topics.READING, ["header", "stamp", "sec"])
+
+
+def test_foxglove_is_served_every_topic_of_the_layout():
+    names = re.findall(r'"(/[\w/]+)', (CONFIG / "foxglove" / "stepdiag.json").read_text())
+    assert len(set(names)) > 6
+    assert {topic_called(name) for name in names} <= set(SHOWN)
 
 
 def panels_in(layout):

@@ -11,6 +11,7 @@ NODES = (
     "clock",
     "diagnosis",
     "evaluator",
+    "foxglove_server",
     "interferometer",
     "monitor",
     "recorder",

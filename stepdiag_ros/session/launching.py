@@ -19,7 +19,7 @@ from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, exit_words
 
 PACKAGE = "stepdiag_ros"
 TRUTHS = ("true", "false")
-DISPENSABLE = ("evaluator", "diagnosis", "scene", "monitor")
+DISPENSABLE = ("evaluator", "diagnosis", "scene", "monitor", "foxglove_server")
 """Nodes that a run goes on without."""
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be heard."""
-ONLOOKERS = ("monitor", "scene")
+ONLOOKERS = ("foxglove_server", "monitor", "scene")
 """Roles of nodes that show a run and have no part in it."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
@@ -83,7 +83,8 @@ class Session:
         if not all_up():
             peers = _of_a_measurement(operator)
             faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
-            raise RunFailed(f"only {len(peers)} of {count} nodes came up. {'; '.join(faults)}")
+            what = "all are up, but not ready" if len(peers) >= count else "not all came up"
+            raise RunFailed(f"{len(peers)} of {count} nodes: {what}. {'; '.join(faults)}")
         run = FollowedRun(operator, self._tell, lambda: _check(processes), _go_on)
         try:
             measured = run.measure()
@@ -110,5 +111,9 @@ def _check(processes: Processes) -> None:
 def _go_on(state: State, text: str) -> bool:
     """Pass a pause for a setup: the simulated cell is aligned already, nobody has to touch it."""
     if state is State.FAULT:
-        raise RunFailed(f"the run has stopped: {text}")
+        raise RunFailed(
+            f"the run has stopped: {text}. Everything is simulated here: where the cell's file asks"
+            " for no such fault, this computer was too busy; end what else it does, or give a"
+            " lower --factor"
+        )
     return state is State.WAITING_FOR_SETUP

@@ -16,7 +16,10 @@ import pytest
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.commands.node import NODES
+from stepdiag_ros.monitor.state import State as MonitorState
 from stepdiag_ros.nodes.base import StepdiagNode
+from stepdiag_ros.nodes.foxglove_server import STREAMS
+from stepdiag_ros.nodes.onlooker import ViewerNode
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
 
@@ -104,12 +107,22 @@ def endpoints(process: NodeProcess) -> set[Rule]:
     given = {**process.parameters, **({"use_sim_time": False} if process.parameters else {})}
     command = NodeProcess(process.name, given).command()
     rclpy.init(args=command[command.index("--ros-args") :])
-    node = class_of(process.name)()
+    return endpoints_of(class_of(process.name)(), process.name)
+
+
+def endpoints_of(node, role: str) -> set[Rule]:
+    """Return what a node has, and end it."""
+    import rclpy
+
     try:
         end = time.monotonic() + 10.0
         while getattr(node, "active", True) is False and time.monotonic() < end:
             rclpy.spin_once(node, timeout_sec=0.05)
-        assert getattr(node, "active", True), f"{process.name} did not open its device"
+        assert getattr(node, "active", True), f"{role} did not open its device"
+        if role == "foxglove_server":
+            # What it hears only while a viewer wants it.
+            for topic in STREAMS:
+                node.hear(topic, wanted=True)
         name, namespace = node.get_name(), node.get_namespace()
         questions = {
             "publish": node.get_publisher_names_and_types_by_node,
@@ -126,7 +139,12 @@ def endpoints(process: NodeProcess) -> set[Rule]:
 
 def processes(folder: Path) -> dict[str, NodeProcess]:
     cell = simulated_cell("quick", "demo", "demo", folder, 1.0, 0.0, 1)
-    others = [NodeProcess("scene"), NodeProcess("by_hand"), NodeProcess("monitor", {"port": 0})]
+    others = [
+        NodeProcess("scene"),
+        NodeProcess("by_hand"),
+        NodeProcess("monitor", {"port": 0}),
+        NodeProcess("foxglove_server", {"port": 0}),
+    ]
     return {process.name: process for process in [*cell, *others]}
 
 
@@ -213,6 +231,24 @@ def test_the_override_of_a_command_is_not_for_its_nodes(
 
 def test_who_looks_on_publishes_nothing_of_a_run() -> None:
     own = {"/rosout", "/parameter_events", "/diagnostics"}
-    for name in PEOPLE:
+    for name in (*PEOPLE, "foxglove_server"):
         published = {what for how, what in policy()[f"/stepdiag/{name}"] if how == "publish"}
         assert published == own
+    # Foxglove's viewers log in nowhere; whoever serves them must not be able to ask for anything.
+    requested = {what for how, what in policy()["/stepdiag/foxglove_server"] if how == "request"}
+    assert requested == {what for how, what in policy()["/stepdiag/scene"] if how == "request"}
+
+
+def test_who_watches_does_what_a_viewer_may() -> None:
+    import rclpy
+
+    rclpy.init(args=["--ros-args", "--enclave", "/stepdiag/viewer"])
+    done = endpoints_of(ViewerNode(MonitorState(), 4.0, lambda _: False), "watch")
+    allowed = policy()["/stepdiag/viewer"]
+    refused = {
+        (how, what)
+        for how, what in done
+        if not any(how == way and fnmatchcase(what, pattern) for way, pattern in allowed)
+    }
+    assert not refused
+    assert ("subscribe", "/run/state") in done and not any(how == "request" for how, _ in done)
