@@ -106,17 +106,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A terminal that cannot show µ shall show a question mark, not end the program.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    arguments = make_parser().parse_args(argv)
     try:
-        code: int = arguments.run(arguments)
-        sys.stdout.flush()
-        return code
+        return _run(argv)
     except KeyboardInterrupt:
         print("stepdiag: stopped", file=sys.stderr)
         return _EXIT_INTERRUPTED
     except BrokenPipeError:
         _leave_pipe()
         return _EXIT_BROKEN_PIPE
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = make_parser().parse_args(argv)
+    try:
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        raise
     except (ValueError, OSError) as error:
         if arguments.traceback:
             raise

@@ -523,6 +523,15 @@ def test_ctrl_c_ends_with_130(monkeypatch, capsys):
     assert (code, out, err) == (128 + signal.SIGINT, "", "stepdiag: stopped\n")
 
 
+def test_ctrl_c_while_commands_are_imported(monkeypatch, capsys):
+    def interrupted(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "import_module", interrupted)
+    code, out, err = stepdiag(capsys, "info", "a.mcap")
+    assert (code, out, err) == (128 + signal.SIGINT, "", "stepdiag: stopped\n")
+
+
 def test_a_reader_that_goes_away_is_no_error(bag):
     read, write = os.pipe()
     os.close(read)
