@@ -524,7 +524,7 @@ def test_ctrl_c_ends_with_130(monkeypatch, capsys):
 
 
 def test_ctrl_c_while_commands_are_imported(monkeypatch, capsys):
-    def interrupted(name):
+    def interrupted(_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "import_module", interrupted)
