@@ -14,6 +14,7 @@ import standard_runs
 from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import changes as command
 from stepdiag_ros.commands.solve import report_of
+from stepdiag_ros.handover import changes_page
 from stepdiag_ros.metrology.agreement import compare
 from stepdiag_ros.report.changes import ChangesReport, print_changes
 from stepdiag_ros.report.changes_words import verdict
@@ -107,12 +108,50 @@ def test_the_document_holds_what_both_results_say(capsys, before, after):
 def test_better_worse_and_no_change_are_told_apart(capsys, tmp_path, before, after):
     code, out, _ = stepdiag(capsys, "changes", after, before)
     assert code == 0 and "times WORSE" in out and "the machine has changed" in out
+    assert "Changed: squareness C0Y, B0Z, A0Z. Clearest: squareness " in out
     assert "E_XY changed most: -" in out and "squareness C0Y" in out and "arcsec" in out
     again = write(tmp_path / "again.mcap", 3, seed=9)
     code, out, _ = stepdiag(capsys, "changes", before, again)
     assert "no more of a change than these measurements can tell" in out
     assert "as chance has it" in out and "changed most:" not in out
     assert "no proof of a change" in out
+
+
+def test_a_reversal_that_changed_is_told_in_every_sentence(capsys, tmp_path, monkeypatch, before):
+    measured = standard_runs.measured
+
+    def unlike(*arguments, **options):
+        plan, measurement = measured(*arguments, **options)
+        lines = tuple(
+            replace(line, displacement=line.displacement + (-2e-6, 2e-6)[back] / 4.0)
+            if (line.line.kind, line.line.name) == ("linear", "x")
+            else line
+            for line in measurement.lines
+            for back in [line.line.direction == "backward"]
+        )
+        return plan, replace(measurement, lines=lines)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(standard_runs, "measured", unlike)
+        loose = write(tmp_path / "loose.mcap", 8, seed=9)
+    code, out, _ = stepdiag(capsys, "changes", before, loose)
+    assert code == 0 and "no proof of a change" not in out
+    assert "The volume's rms error was" in out and "Something else has changed." in out
+    assert "chance does not explain that: the machine has changed" in out
+    [told] = [line for line in out.splitlines() if line.startswith("Changed: reversal of X, from ")]
+    assert " to -1.0" in told and told.endswith(").") and "µm (E_n = -" in told
+    assert "Changed: the curves" not in out and "changed most: " not in out
+    report = compared(before, loose)
+    found = verdict(report.changes)
+    assert found.kind == "other" and found.headline.startswith("Changed, but neither better nor")
+    monkeypatch.setattr(changes_page, "_pictures", lambda _: {})
+    html = unescape(changes_page.Page(report).html())
+    # Beside the headline, and where it is told what changed.
+    assert found.headline in html and html.count(told) == 2
+    # A result without its lines tells no reversal, and so no change.
+    document = tmp_path / "loose.json"
+    document.write_text(report_json(report_of(loose)))
+    assert verdict(compared(before, document).changes).kind == "unknown"
 
 
 def test_what_is_left_may_be_nothing(tmp_path, monkeypatch, before):
@@ -136,7 +175,8 @@ def test_the_text_writes_every_figure_with_its_uncertainty(report):
         assert plus_minus(one.difference, one.difference_uncertainty, MICRO) in row
         cells = row.split()
         # How many times smaller is only said of a figure that is another one.
-        assert (cells[-2] == "-") == (abs(one.normalised_error) <= 1.0)
+        assert (cells[-3] == "-") == (not one.changed) == (cells[-1] == "no")
+    assert sum(one.changed for one in report.changes.figures) > 1
     assert "taken as independent" in text.getvalue()
 
 
@@ -151,9 +191,18 @@ def test_a_result_without_its_bag_tells_single_nodes(capsys, tmp_path, before, a
         known = [value for value in told["normalised_error"] if value is not None]
         expected = one.normalised_error[np.isfinite(one.normalised_error)]
         np.testing.assert_allclose(known, expected)
-        assert told["changed"] is None and told["joint"]["probability"] is None
+        # Of many nodes one is named by itself, without the covariance of the others.
+        assert told["changed"] is (True if one.name in ("E_XY", "E_XZ", "E_ZY") else None)
+        assert told["joint"]["probability"] is None
     assert document["volume"]["rms"]["normalised_error"] is None
+    assert document["verdict"] == "other"
+    assert [one["name"] for one in document["judgement"]["families"]] == ["single nodes"]
+    again = tmp_path / "again.json"
+    run = write(tmp_path / "again.mcap", 3, seed=9)
+    again.write_text(report_json(report_of(run)))
+    document = json.loads(stepdiag(capsys, "changes", before, again, "--json")[1])
     assert document["verdict"] == "unknown"
+    assert all(one["changed"] is None for one in document["curves"].values())
     for option in (("--instrument", "demo"), ("--expansion-per-K", "11.5e-6")):
         code, _, err = stepdiag(capsys, "changes", before, path, *option)
         assert code == 1 and "results.json holds no readings" in err

@@ -11,8 +11,11 @@ from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.report.changes import ChangesReport, curve_table, figure_table, node_table
 from stepdiag_ros.report.changes_words import (
     BETTER,
+    OTHER,
     WORSE,
+    changed_words,
     curve_words,
+    joint_words,
     meaning,
     moved_words,
     place_words,
@@ -24,6 +27,7 @@ from stepdiag_ros.report.tables import new_table
 
 _TONES = {BETTER: "good", WORSE: "bad"}
 _TITLE = "Two measurements of one machine"
+_UNBROKEN = "\N{NO-BREAK SPACE}"
 
 
 class Page:
@@ -50,8 +54,12 @@ class Page:
                 "What changed",
                 "figures",
                 {
-                    "sentences": [*curve_words(changes)[1:], *moved_words(changes)],
-                    "figures": table_view(figure_table(changes), ""),
+                    "sentences": [
+                        *changed_words(changes),
+                        *curve_words(changes),
+                        *moved_words(changes),
+                    ],
+                    "figures": table_view(figure_table(changes, _UNBROKEN), ""),
                 },
             ),
             (
@@ -109,7 +117,9 @@ def _pictures(report: ChangesReport) -> dict[str, Drawn]:
 def _lead(report: ChangesReport) -> Lead:
     changes = report.changes
     found = verdict(changes)
-    sentences = [found.sentence, *curve_words(changes)[:1]]
+    sentences = [found.sentence, *filter(None, [joint_words(changes)])]
+    if found.kind == OTHER:
+        sentences += changed_words(changes)
     shown = [("rms error in the volume", changes.rms, (None, None))]
     shown.append(("worst place", changes.worst, tuple(changes.worst_places)))
     facts = []

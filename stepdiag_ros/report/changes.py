@@ -8,13 +8,18 @@ from rich.table import Table
 
 from stepdiag_ros.compensation.identified import NO_REVERSAL, Identified
 from stepdiag_ros.metrology.agreement import Changes, CurveChange, FigureChange
-from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, moving_axis
+from stepdiag_ros.metrology.geometry import AXES, moving_axis
 from stepdiag_ros.report.changes_words import (
+    SQUARENESS_UNIT,
+    UNITS,
+    changed_words,
     curve_words,
+    joint_words,
     meaning,
     method_words,
     moved_words,
     ratio,
+    title,
     verdict,
 )
 from stepdiag_ros.report.diagnosis_words import chance
@@ -22,8 +27,7 @@ from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, plus
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
 _MILLI = 1e3
-UNITS = {"m": ("µm", MICRO), "rad": ("µrad", MICRO)}
-_SQUARENESS_UNITS = (("µm/m", MICRO), ("arcsec", ARC_SECONDS))
+_SQUARENESS_UNITS = ((SQUARENESS_UNIT, MICRO), ("arcsec", ARC_SECONDS))
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,11 @@ class ChangesReport:
     instruments: tuple[str, str] = ("", "")
 
     def sentences(self) -> list[str]:
-        """Return what a reader must know first: the volume, the curves, the nodes."""
+        """Return what a reader must know first: the volume, all together, what changed, where."""
         return [
             verdict(self.changes).sentence,
+            *filter(None, [joint_words(self.changes)]),
+            *changed_words(self.changes),
             *curve_words(self.changes),
             *moved_words(self.changes),
         ]
@@ -84,8 +90,8 @@ def print_changes(report: ChangesReport, console: PlainConsole) -> None:
     def sentence(text: str) -> None:
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
 
-    for title, one in (("before", report.before), ("after", report.after)):
-        sentence(f"{title}: {one.origin.file} (run {one.origin.run_id}, {one.origin.method})")
+    for when, one in (("before", report.before), ("after", report.after)):
+        sentence(f"{when}: {one.origin.file} (run {one.origin.run_id}, {one.origin.method})")
     console.print()
     for table in (figure_table(report.changes), curve_table(report.changes)):
         console.print(table)
@@ -99,23 +105,38 @@ def print_changes(report: ChangesReport, console: PlainConsole) -> None:
         sentence(f"- {remark}")
 
 
-def figure_table(changes: Changes) -> Table:
-    """Return the figures of both, with the change, its uncertainty and E_n."""
+def figure_table(changes: Changes, space: str = " ") -> Table:
+    """Return the figures of both, with the change, its uncertainty and E_n.
+
+    Args:
+        changes: between two measurements.
+        space: between the words of a name; one that does not break keeps them together where the
+            paper is narrow.
+    """
     table = new_table(
-        "Figures", "", "unit", "before ± U", "after ± U", "change ± U", "times smaller", "E_n"
+        "Figures",
+        "",
+        "unit",
+        "before ± U",
+        "after ± U",
+        "change ± U",
+        "times smaller",
+        "E_n",
+        "changed",
     )
-    for one in (changes.rms, changes.worst, *changes.figures):
-        title = f"squareness {one.name}" if one.name in SQUARENESS else one.name
-        units = _SQUARENESS_UNITS if one.name in SQUARENESS else (UNITS[one.unit],)
+    for one in changes.every_figure:
+        name, comma, taken = title(one).partition(",")
+        name = f"{name.replace(' ', space)}{comma}{taken}"
+        units = _SQUARENESS_UNITS if one.family == "squareness" else (UNITS[one.unit],)
         for row, (unit, scale) in enumerate(units):
-            last = (times(one), e_n(one.normalised_error)) if row == 0 else ("", "")
+            last = (times(one), e_n(one.normalised_error), whether(one.changed))
             table.add_row(
-                title if row == 0 else "",
+                name if row == 0 else "",
                 unit,
                 plus_minus(one.before, one.before_uncertainty, scale),
                 plus_minus(one.after, one.after_uncertainty, scale),
                 plus_minus(one.difference, one.difference_uncertainty, scale),
-                *last,
+                *(last if row == 0 else ("", "", "")),
             )
     return table
 
@@ -151,7 +172,7 @@ def curve_table(changes: Changes) -> Table:
             if one.joint.known
             else UNKNOWN,
             chance(one.joint.probability) if one.joint.known else UNKNOWN,
-            UNKNOWN if one.changed is None else ("yes" if one.changed else "no"),
+            whether(one.changed),
         )
     return table
 
@@ -179,11 +200,16 @@ def e_n(value: float) -> str:
     return plain(value)
 
 
+def whether(changed: bool | None) -> str:
+    """Write whether something has changed."""
+    return UNKNOWN if changed is None else ("yes" if changed else "no")
+
+
 def times(one: FigureChange) -> str:
-    """Write how many times smaller a figure is; a dash where it may be the same as before."""
+    """Write how many times smaller a figure is; a dash where chance may explain its change."""
     if not isfinite(one.before) or not isfinite(one.after):
         return UNKNOWN
-    if abs(one.normalised_error) <= 1.0 or not one.before:
+    if not one.changed or not one.before:
         return "-"
     return ratio(one.factor)
 

@@ -6,7 +6,13 @@ from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.compensation.identified import Origin
-from stepdiag_ros.metrology.agreement import CurveChange, FigureChange, JointTest, PlaceChange
+from stepdiag_ros.metrology.agreement import (
+    CurveChange,
+    Family,
+    FigureChange,
+    JointTest,
+    PlaceChange,
+)
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.report.changes import ChangesReport
 from stepdiag_ros.report.changes_words import meaning, verdict
@@ -33,6 +39,10 @@ def changes_json(report: ChangesReport) -> str:
             "instrument_after": report.instruments[1] or None,
             "shared": list(changes.shared),
             "lower_bound": changes.at_least,
+        },
+        "judgement": {
+            "probability": _number(changes.judgement.probability),
+            "families": [_family(one) for one in changes.judgement.families],
         },
         "joint": _joint(changes.joint),
         "volume": {
@@ -66,6 +76,18 @@ def _figure(one: FigureChange) -> dict[str, Any]:
         "difference": _number(one.difference),
         "difference_standard_uncertainty": _number(one.difference_uncertainty),
         "normalised_error": _number(one.normalised_error),
+        "probability": _number(one.probability),
+        "changed": one.changed,
+    }
+
+
+def _family(one: Family) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "members": len(one.probabilities),
+        "probability": one.probability,
+        "changed": one.changed,
+        "named": list(one.named),
     }
 
 

@@ -6,10 +6,14 @@ from math import isfinite
 import numpy as np
 
 from stepdiag_ros.metrology.agreement import (
+    FAMILIES,
+    OF_CURVES,
+    REVERSAL,
     SAME_INSTRUMENT,
     SIGNIFICANT,
     Changes,
     CurveChange,
+    FigureChange,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
 from stepdiag_ros.report.diagnosis_words import chance
@@ -19,7 +23,17 @@ SURE = 2.0
 """Standard uncertainties up to which an error may be nothing but the measurement's own."""
 BETTER, WORSE, SAME, OTHER, OPEN = "better", "worse", "same", "other", "unknown"
 _MILLI = 1e3
-_UNITS = {"m": "µm", "rad": "µrad"}
+UNITS = {"m": ("µm", MICRO), "rad": ("µrad", MICRO)}
+"""Unit of a value → the one it is shown in, with the factor."""
+SQUARENESS_UNIT = "µm/m"
+_TAKEN = {
+    "positioning": ", at the end of the travel",
+    "straightness": ", peak to peak",
+    "angular": ", peak to peak",
+}
+"""What of a curve a figure is."""
+_IN_FULL = 2
+"""Figures of a kind that are told one by one; of more, the one that changed most clearly."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +60,42 @@ def verdict(changes: Changes) -> Verdict:
     before = f"{plus_minus(rms.before, rms.before_uncertainty, MICRO)} µm"
     after = f"{plus_minus(rms.after, rms.after_uncertainty, MICRO)} µm"
     value = rms.normalised_error
+    changed = changes.judgement.significant
     if not isfinite(value):
+        told = f"The volume's rms error was {before} and is {after}."
+        if changed:
+            return Verdict(
+                OTHER,
+                "Changed; how much better or worse the volume is cannot be told",
+                f"{told} With an unknown uncertainty nobody can tell whether that is a change."
+                " Something else has changed.",
+            )
         return Verdict(
             OPEN,
             "Whether the machine has changed cannot be told: no uncertainty",
-            f"The volume's rms error was {before} and is {after}. With an unknown uncertainty"
-            " nobody can tell whether that is a change.",
+            f"{told} With an unknown uncertainty nobody can tell whether that is a change.",
         )
-    if abs(value) <= 1.0:
-        told = (
-            f"The volume's rms error was {before} and is {after}: no more of a change than these"
-            f" measurements can tell (E_n = {plain(value)})."
+    if not rms.changed:
+        chance_has_it = (
+            ""
+            if abs(value) <= 1.0
+            else f"; one of {changes.judgement.numbers} numbers may be beyond 1 by chance"
         )
-        if changes.joint.significant:
-            return Verdict(OTHER, "Changed, but neither better nor worse in the volume", told)
-        return Verdict(SAME, "No change that these measurements can tell", told)
+        same = (
+            f"{before} and is {after}: no more of a change than these measurements can tell"
+            f" (E_n = {plain(value)}{chance_has_it})."
+        )
+        if changed:
+            return Verdict(
+                OTHER,
+                "Changed, but neither better nor worse in the volume",
+                f"The volume's rms error was {same} Something else has changed.",
+            )
+        return Verdict(
+            SAME,
+            "No change that these measurements can tell",
+            f"The volume's rms error was {same}",
+        )
     went = f"The volume's rms error went from {before} to {after}"
     limit = SURE * changes.rms_noise[1]
     if value < 0.0 and rms.after <= limit:
@@ -87,35 +122,64 @@ def _without_volume(changes: Changes) -> Verdict:
         "How much better or worse the volume is cannot be told: not all of its error curves are"
         " determined by both measurements."
     )
-    if changes.joint.significant:
+    if changes.judgement.significant:
         return Verdict(OTHER, "Changed; how much in the volume is not known", told)
     if changes.joint.known:
         return Verdict(SAME, "No change that these measurements can tell", told)
     return Verdict(OPEN, "Whether the machine has changed cannot be told", told)
 
 
+def joint_words(changes: Changes) -> str:
+    """Say whether anything has changed, by all numbers together; empty if there are none."""
+    judgement = changes.judgement
+    if not judgement.known:
+        return ""
+    families = len(judgement.families)
+    kinds = f" of {families} kinds" if families > 1 else ""
+    bound = chance(judgement.probability)
+    text = f"p {bound if bound[0] in '<>' else f'≤ {bound}'}"
+    end = (
+        "chance does not explain that: the machine has changed"
+        if judgement.significant
+        else "as chance has it"
+    )
+    return f"All {judgement.numbers} numbers{kinds} together: {text}; {end}."
+
+
+def changed_words(changes: Changes) -> list[str]:
+    """Say of each kind of figures what changed, from what to what, then which curves and where."""
+    said = []
+    for family in FAMILIES:
+        named = [one for one in changes.every_figure if one.family == family and one.changed]
+        if len(named) > _IN_FULL:
+            most = max(named, key=lambda one: abs(one.normalised_error))
+            names = ", ".join(one.name.removeprefix(f"{family} ") for one in named)
+            said.append(f"Changed: {family} {names}. Clearest: {_from_to(most)}.")
+        elif named:
+            said.append(f"Changed: {'; '.join(_from_to(one) for one in named)}.")
+    curves = changes.changed
+    if curves:
+        said.append(f"Changed: the curves {', '.join(one.name for one in curves)}.")
+        for unit in ("m", "rad"):
+            largest = changes.most_changed(unit)
+            if largest is not None and largest.changed:
+                said.append(f"{largest.name} changed most: {_largest(largest)}.")
+    elif changes.judgement.changed(*OF_CURVES):
+        said.append("Changed: the curves together; chance may explain each by itself.")
+    return said
+
+
 def curve_words(changes: Changes) -> list[str]:
-    """Say whether the curves changed, which most and where, and how many nodes stand out."""
+    """Say what the nodes of all curves say together, and how many of them stand out."""
     said = []
     joint = changes.joint
     if joint.known:
-        end = (
-            "chance does not explain that: the machine has changed"
-            if joint.significant
-            else "as chance has it"
-        )
+        end = "" if changes.judgement.changed(*OF_CURVES) else ": by themselves, as chance has it"
         said.append(
-            f"All curves together: χ² = {plain(joint.chi_squared, 1)} for"
+            f"All nodes of the curves together: χ² = {plain(joint.chi_squared, 1)} for"
             f" {joint.degrees_of_freedom} independent differences, p"
-            f" {_relation(joint.probability)}: {end}."
+            f" {_relation(joint.probability)}{end}."
         )
-    named = changes.changed
-    if named:
-        said.append(f"Changed: {', '.join(one.name for one in named)}.")
-        for unit in ("m", "rad"):
-            most = changes.most_changed(unit)
-            if most is not None and most.changed:
-                said.append(f"{most.name} changed most: {_largest(most)}.")
     errors = changes.normalised_errors
     if errors.size:
         outside = int(np.count_nonzero(np.abs(errors) > 1.0))
@@ -125,6 +189,26 @@ def curve_words(changes: Changes) -> list[str]:
             " 5 %, by chance, and nodes of one curve go together."
         )
     return said
+
+
+def title(one: FigureChange) -> str:
+    """Write the name of a figure, with what is taken of a curve: its end, or peak to peak."""
+    if one.family == "squareness":
+        return f"squareness {one.name}"
+    return f"{one.name}{_TAKEN.get(one.family, '')}"
+
+
+def _from_to(one: FigureChange) -> str:
+    """Write what a figure was and is, with its E_n."""
+    unit, scale = UNITS[one.unit]
+    if one.family == "squareness":
+        unit = SQUARENESS_UNIT
+    name = title(one)
+    if one.family == REVERSAL:
+        name = f"reversal of {one.name.removeprefix(REVERSAL).strip()}"
+    before = plus_minus(one.before, one.before_uncertainty, scale)
+    after = plus_minus(one.after, one.after_uncertainty, scale)
+    return f"{name}, from {before} to {after} {unit} (E_n = {plain(one.normalised_error)})"
 
 
 def moved_words(changes: Changes) -> list[str]:
@@ -148,7 +232,9 @@ def moved_words(changes: Changes) -> list[str]:
         f" (X, Y, Z: {vector} µm)."
         + (
             ""
-            if changes.joint.significant
+            if changes.judgement.changed(*OF_CURVES)
+            else " The largest of many differences, as chance has it."
+            if changes.judgement.significant
             else " The largest of many differences; no proof of a change."
         ),
     ]
@@ -157,13 +243,17 @@ def moved_words(changes: Changes) -> list[str]:
 def meaning(changes: Changes) -> list[str]:
     """Say what the columns are."""
     return [
-        "positioning: error at the end of the travel; straightness: range off its least-squares"
-        " line; squareness: right-handed rotation; volume: length of the error vectors, counted"
-        f" from the first corner. Frame: {changes.before.frame}.",
+        "positioning: error at the end of the travel, not its range; straightness: range off its"
+        " least-squares line (peak to peak); squareness: right-handed rotation; volume: length of"
+        f" the error vectors, counted from the first corner. Frame: {changes.before.frame}.",
         f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %). E_n = (after - before) /"
         " (U_before² + U_after²)^½ with U = 2 u (ISO 13528): within ±1 both agree. p: probability"
-        " that chance alone makes the nodes of a curve, with their correlations, differ as much;"
-        f" below {SIGNIFICANT:g} (for one of many curves less: Holm) the curve has changed.",
+        " that chance alone makes the nodes of a curve, with their correlations, differ as much.",
+        "Changed: every number of the tables counts, since of many some are beyond ±1 by chance."
+        " Of each kind (all nodes together, single curves, single nodes, squareness, reversal …) p"
+        " is the smallest of its members times their number; a kind has changed where p times the"
+        f" number of kinds is below {SIGNIFICANT:g}, less for every kind already named (Holm), and"
+        " within it its members likewise.",
     ]
 
 
@@ -214,7 +304,7 @@ def _largest(one: CurveChange) -> str:
     change = plus_minus(one.difference[row], one.difference_uncertainty[row], MICRO)
     value = one.normalised_error[row]
     return (
-        f"{change} {_UNITS[one.unit]} at {AXES[moving_axis(one.name)]} ="
+        f"{change} {UNITS[one.unit][0]} at {AXES[moving_axis(one.name)]} ="
         f" {one.positions[row] * _MILLI:g} mm"
         + (f" (E_n = {plain(float(value))})" if isfinite(value) else "")
     )

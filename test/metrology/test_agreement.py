@@ -10,11 +10,13 @@ from stepdiag_ros.metrology.agreement import (
     SAME_INSTRUMENT,
     SAME_MACHINE,
     JointTest,
+    Judgement,
     Measured,
     compare,
     joint_test,
 )
 from stepdiag_ros.metrology.agreement.joint import significant_of_many
+from stepdiag_ros.metrology.agreement.reversal import reversals
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import ErrorCurves, in_result_frame
 from stepdiag_ros.metrology.simulation import simulate
@@ -75,7 +77,12 @@ def test_of_an_unchanged_machine_chi_squared_is_what_chance_makes(unchanged):
     assert abs(squares - freedom) < 3.5 * np.sqrt(2.0 * freedom)
     # No more than 9 of 60 at 5 % each: 99.9 % of the binomial distribution.
     assert sum(one.joint.significant for one in unchanged) <= 9
-    assert sum(bool(one.changed) for one in unchanged) <= 9
+    # Every number counts, and yet it holds the same limit.
+    assert all(one.judgement.numbers == 1 + 9 + 42 + 20 for one in unchanged)
+    assert sum(one.judgement.significant for one in unchanged) <= 9
+    for one in unchanged:
+        named = [*one.changed, *(figure for figure in one.every_figure if figure.changed)]
+        assert one.judgement.significant or not named
     figures = [
         [figure.normalised_error for figure in (*one.figures, one.rms, one.worst)]
         for one in unchanged
@@ -269,13 +276,168 @@ def test_differences_that_hang_together_count_once():
 
 
 def test_of_many_curves_only_what_is_improbable_among_many_is_named():
-    tests = {
-        "a": JointTest(9.0, 1, 0.004),
-        "b": JointTest(5.0, 1, 0.03),
-        "c": JointTest(30.0, 1, 1e-6),
-        "d": JointTest(),
-    }
+    tests = {"a": 0.004, "b": 0.03, "c": 1e-6, "d": np.nan}
     # Three are known: 1e-6 · 3 and 0.004 · 2 are below 0.05, and so is 0.03 · 1.
     assert significant_of_many(tests) == ("c", "a", "b")
-    tests["e"] = JointTest(1.0, 1, 0.5)
+    tests["e"] = 0.5
     assert significant_of_many(tests) == ("c", "a")
+
+
+def test_a_number_that_chance_does_not_make_among_so_many_is_always_named():
+    generator = np.random.default_rng(5)
+    hits = 0
+    for _ in range(200):
+        sizes = generator.integers(1, 40, generator.integers(1, 9))
+        members = {
+            str(row): {f"{row} {n}": float(p) for n, p in enumerate(generator.uniform(size=size))}
+            for row, size in enumerate(sizes)
+        }
+        row = str(generator.integers(len(sizes)))
+        limit = 0.05 / (len(sizes) * len(members[row]))
+        members[row][f"{row} 0"] = float(limit * generator.uniform(0.0, 2.0))
+        found = Judgement.of(members)
+        expected = min(1.0, min(len(sizes) * len(m) * min(m.values()) for m in members.values()))
+        assert found.probability == pytest.approx(expected)
+        assert found.significant == (expected < 0.05) == any(one.changed for one in found.families)
+        if members[row][f"{row} 0"] < limit:
+            assert found.significant and f"{row} 0" in found.named(row)
+            hits += 1
+    assert 60 < hits < 140
+    nothing = Judgement.of({"a": {"b": np.nan}})
+    assert not nothing.known and not nothing.significant and np.isnan(nothing.probability)
+
+
+def with_lost_motion(one: Measured, size: float, overrun: float) -> Measured:
+    """Return a measurement of a machine whose X stays behind by half of it, either way.
+
+    Without overrun the first stop of a run is where the run before, the other way, has ended.
+    """
+    lines = []
+    for line in one.measurement.lines:
+        displacement = line.displacement.copy()
+        if (line.line.kind, line.line.name) == ("linear", "x"):
+            behind = -0.5 * size if line.line.direction == "forward" else 0.5 * size
+            displacement += behind
+            if not overrun:
+                displacement[0] -= 2.0 * behind
+        lines.append(replace(line, displacement=displacement, overrun=overrun))
+    measurement = replace(one.measurement, lines=tuple(lines))
+    return Measured(solve(measurement, one.result.method), one.chain, measurement)
+
+
+def reversal_of(found, axis="X"):
+    return next(one for one in found.figures if one.name == f"mean reversal {axis}")
+
+
+def test_a_change_of_the_reversal_alone_is_a_change():
+    cell = make_cell(seed=1)
+    for overrun in (0.0, 0.002):
+        before, after = (
+            with_lost_motion(measured(cell, number), size, overrun)
+            for number, size in ((1, 0.8e-6), (2, 0.0))
+        )
+        found = compare(before, after)
+        assert found.judgement.significant
+        named = [one.name for one in found.every_figure if one.changed]
+        if overrun:
+            # The mean of both senses has no lost motion in it: the curves are as they were.
+            assert named == ["mean reversal X"] and not found.changed
+            assert not found.joint.significant
+        assert "mean reversal X" in named
+        row = reversal_of(found)
+        assert abs(row.before + 0.8e-6) < 3.0 * row.before_uncertainty
+        assert abs(row.after) < 3.0 * row.after_uncertainty
+        # Of six targets the four between the ends tell it where there is no overrun.
+        assert row.before_uncertainty == pytest.approx(0.1e-6 / np.sqrt(6 if overrun else 4))
+        assert any("without the end targets, in both" in one for one in found.remarks) != overrun
+
+
+def test_to_measure_with_and_without_overrun_is_no_change():
+    cell = make_cell(seed=1)
+    first, second = (measured(cell, number) for number in (1, 2))
+    for size in (2e-6, 0.0):
+        without, beyond = (
+            with_lost_motion(first, size, 0.0),
+            with_lost_motion(second, size, 0.002),
+        )
+        found = compare(without, beyond)
+        assert not found.judgement.significant and not found.changed
+        assert any("before do not begin beyond their ends" in one for one in found.remarks)
+        back = compare(beyond, without)
+        assert back.joint.chi_squared == pytest.approx(found.joint.chi_squared, rel=1e-6)
+        assert any("after do not begin beyond their ends" in one for one in back.remarks)
+        # If the overrun were the same in both, it would be a change where there is lost motion.
+        lines = tuple(replace(line, overrun=0.002) for line in without.measurement.lines)
+        told = replace(without, measurement=replace(without.measurement, lines=lines))
+        same = compare(told, beyond)
+        assert same.judgement.significant == (size > 0.0)
+        wide, narrow = (
+            next(one for one in each.figures if one.name == "positioning E_XX")
+            for each in (found, same)
+        )
+        assert wide.before_uncertainty > narrow.before_uncertainty
+        if not size:
+            # A reversal error near zero hides nothing.
+            assert wide.before_uncertainty < 2.0 * narrow.before_uncertainty
+
+
+def test_where_the_reversal_is_not_measured_the_overrun_may_be_all():
+    cell = make_cell(seed=1)
+    plan = make_plan(5, (0.012,) * 3)
+    one, other = (measured(cell, number, plan=plan) for number in (1, 2))
+    found = compare(with_lost_motion(one, 2e-6, 0.0), with_lost_motion(other, 2e-6, 0.002))
+    assert not found.judgement.significant
+    assert any("X, Y, Z it was not measured, and 10 µm is taken" in one for one in found.remarks)
+    assert not any(one.family == "mean reversal" for one in found.figures)
+    # The shape of the curve beyond its first node does not depend on it.
+    shape = next(one for one in found.figures if one.name == "straightness E_YX")
+    assert shape.difference_uncertainty < 1e-6
+
+
+def test_runs_that_do_not_repeat_are_no_change_of_the_reversal():
+    generator = np.random.default_rng(3)
+    one = measured(make_cell(seed=1), 1).measurement
+
+    def unsteady():
+        offsets = generator.normal(scale=1e-6, size=len(one.lines))
+        lines = tuple(
+            replace(line, displacement=line.displacement + offset, overrun=0.002)
+            for line, offset in zip(one.lines, offsets, strict=True)
+        )
+        return replace(one, lines=lines)
+
+    chances = []
+    for _ in range(100):
+        figures, remarks = reversals(unsteady(), unsteady())
+        assert len(figures) == 3 and not remarks
+        chances.extend(figure.probability for figure in figures)
+        assert all(2.0 <= figure.degrees_of_freedom <= 4.0001 for figure in figures)
+    # By the stops alone nine of ten would be beyond; 24 of 300 is 99 % of the binomial.
+    assert 2 <= np.count_nonzero(np.array(chances) < 0.05) <= 24
+
+
+def test_a_reversal_is_compared_at_the_targets_that_tell_it_in_both():
+    cell = make_cell(seed=1)
+    ways = ("forward", "backward")
+    fine = measured(cell, 1, plan=make_plan(6, (0.01,) * 3, directions=ways)).measurement
+    coarse = measured(cell, 2, plan=make_plan(3, (0.02,) * 3, directions=ways)).measurement
+    figures, remarks = reversals(fine, coarse)
+    assert [one.name for one in figures] == [
+        "mean reversal X",
+        "mean reversal Y",
+        "mean reversal Z",
+    ]
+    # At 20 and 40 mm: two targets, one run each way.
+    assert any("X, Y, Z: there is one run each way" in one for one in remarks)
+    assert figures[0].before_uncertainty == pytest.approx(0.1e-6)
+    assert any("X, Y, Z: at the targets that tell it in both" in one for one in remarks)
+    ends = measured(
+        cell, 3, plan=make_plan(1, (0.06,) * 3, directions=ways), method="least_squares"
+    )
+    figures, remarks = reversals(fine, ends.measurement)
+    assert figures == [] and any("no target tells it in both" in one for one in remarks)
+    figures, remarks = reversals(None, fine)
+    assert figures == [] and "the lines of both are needed" in remarks[0]
+    one_way = measured(cell, 4, plan=make_plan(6, (0.01,) * 3)).measurement
+    figures, remarks = reversals(fine, one_way)
+    assert figures == [] and "X, Y, Z: both ways in one measurement only" in remarks[0]

@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.agreement import Measured, compare
 from stepdiag_ros.metrology.discrepancy.findings import NAMED
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.visibility import visibility
+from stepdiag_ros.plots.style import legend_entries
 
 MODEL = "name: free\n"
 
@@ -177,11 +178,16 @@ def test_what_tables_leave_is_drawn_in_both_directions():
     panel = figure.axes[0]
     lines = {line.get_label(): line for line in panel.get_lines()}
     for label, values in (
-        ("before forward", before[0]),
-        ("before backward", before[1]),
-        ("after (computed) forward", before[0] / 10.0),
+        ("before", before[0]),
+        ("before, backward", before[1]),
+        ("after (computed)", before[0] / 10.0),
     ):
         np.testing.assert_allclose(lines[label].get_ydata(), values[:, 0] * 1e6)
     assert figure.axes[1].get_title().endswith("(no table)")
+    assert len(legend_entries(figure.axes)) == 4
+    alike = np.stack([before[0], before[0]])
+    axes = tuple(AxisRemainder(axis, place, alike, alike / 10.0) for axis in range(3))
+    single = plots.compensation(Remainder(axes, changes, 8, 8, float("nan")), control)
+    assert list(legend_entries(single.axes)) == ["before", "after (computed)"]
     said = [text.get_text() for text in figure.texts]
     assert "volume: rms 3.000 µm → 0.300 µm, largest 6.000 µm → unknown" in said

@@ -5,27 +5,32 @@
 (ISO 13528:2022, 9.7, for independent measurements, with what both share taken out). |E_n| <= 1:
 the two agree within what is known of them. Of many nodes one in twenty is outside by chance, and
 nodes of one curve hang together; so each curve, and all of them, are also judged at once
-(``joint``).
+(``joint``), and whether anything changed is judged by all numbers of all tables (``judgement``).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from stepdiag_ros.metrology.agreement.approach import by_their_approach
 from stepdiag_ros.metrology.agreement.joint import JointTest, joint_test, significant_of_many
+from stepdiag_ros.metrology.agreement.judgement import (
+    CURVES,
+    NODES,
+    OF_CURVES,
+    TOGETHER,
+    Judgement,
+    of_figures,
+)
 from stepdiag_ros.metrology.agreement.measured import Measured, Pair, figure_weights, pair
+from stepdiag_ros.metrology.agreement.reversal import reversals
 from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sources
-from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange
+from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange, chance_of
 from stepdiag_ros.metrology.agreement.volume import volume_changes
 from stepdiag_ros.metrology.comparison import normalised_error
 from stepdiag_ros.metrology.geometry import Vector, curve_unit, moving_axis
-from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.metrology.standards.axis_test import all_runs
-from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,8 @@ class CurveChange:
         after_uncertainty: of the second.
         difference_uncertainty: standard uncertainties of ``difference``, shape (n,).
         joint: of all nodes together.
-        changed: chance does not explain this curve's change, although there are many curves; None
-            where that cannot be told.
+        changed: chance does not explain this curve's change, or that of one of its nodes, although
+            there are many; None where that cannot be told.
     """
 
     name: str
@@ -56,7 +61,7 @@ class CurveChange:
     after_uncertainty: Vector
     difference_uncertainty: Vector
     joint: JointTest
-    changed: bool | None
+    changed: bool | None = None
 
     @property
     def difference(self) -> Vector:
@@ -93,6 +98,7 @@ class Changes:
         rms_noise: rms over the volume of the standard uncertainty of the error vectors, before
             and after, m: what a perfect machine would show; NaN where not known.
         joint: of all nodes of all curves together.
+        judgement: whether anything has changed, by every number that stands in a table.
         shared: names of the sources of uncertainty that are the same in both.
         at_least: a source that acts is not known, so that every uncertainty is a lower bound.
         remarks: what a reader must know, in words.
@@ -109,6 +115,7 @@ class Changes:
     worst_places: Vector
     rms_noise: tuple[float, float]
     joint: JointTest
+    judgement: Judgement = field(default=Judgement())
     shared: tuple[str, ...] = ()
     at_least: bool = False
     remarks: tuple[str, ...] = field(default=())
@@ -124,7 +131,12 @@ class Changes:
     def changed(self) -> tuple[CurveChange, ...]:
         """Return the curves that changed, the least explained by chance first."""
         named = [one for one in self.curves if one.changed]
-        return tuple(sorted(named, key=lambda one: one.joint.probability))
+        return tuple(sorted(named, key=lambda one: np.nan_to_num(one.joint.probability, nan=1.0)))
+
+    @property
+    def every_figure(self) -> tuple[FigureChange, ...]:
+        """Return those of the volume and all others, as a table shows them."""
+        return (self.rms, self.worst, *self.figures)
 
     def most_changed(self, unit: str = "m") -> CurveChange | None:
         """Return the curve with the largest difference; None where none is known.
@@ -150,28 +162,34 @@ def compare(before: Measured, after: Measured, same_instrument: bool = False) ->
     Raises:
         ValueError: they cannot be compared; see ``measured.pair``.
     """
+    before, after, approach = by_their_approach(before, after)
     shared = shared_sources(before.budget, after.budget, same_instrument)
     both = pair(before, after, cross_covariance(before, after, shared))
     combined = both.before.covariance + both.after.covariance - both.cross - both.cross.T
     curves, joint = _curves(both, combined)
     rms, worst, moved, places, noise = volume_changes(both)
+    told, remarks = reversals(before.measurement, after.measurement)
+    figures = (rms, worst, *_figures(both), *told)
+    judgement = Judgement.of({**_of_curves(curves, joint), **of_figures(figures)})
+    rms, worst, *others = (_judged_figure(one, judgement) for one in figures)
     return Changes(
         before=both.before,
         after=both.after,
         chain=both.chain,
-        curves=curves,
-        figures=(*_figures(both), *_reversals(before.measurement, after.measurement)),
+        curves=_judged_curves(curves, judgement),
+        figures=tuple(others),
         rms=rms,
         worst=worst,
         moved=moved,
         worst_places=places,
         rms_noise=noise,
         joint=joint,
+        judgement=judgement,
         shared=shared,
         at_least=any(
             one.budget is not None and bool(np.any(one.budget.at_least)) for one in (before, after)
         ),
-        remarks=both.remarks,
+        remarks=(*both.remarks, *approach, *remarks),
     )
 
 
@@ -182,14 +200,6 @@ def _curves(both: Pair, combined: Vector) -> tuple[tuple[CurveChange, ...], Join
     places = {name: slice(s, int(e)) for name, s, e in zip(names, starts, ends, strict=True)}
     difference = {name: both.after.curves[name] - both.before.curves[name] for name in names}
     joint = joint_test(np.concatenate(list(difference.values())), combined)
-    tests = {
-        name: joint_test(difference[name], combined[places[name], places[name]]) for name in names
-    }
-    # Where all curves together are as chance has them, none of them is called changed.
-    if joint.known and not joint.significant:
-        named: Sequence[str] = ()
-    else:
-        named = significant_of_many(tests)
     spread = np.sqrt(np.maximum(np.diag(combined), 0.0))
     made = [
         CurveChange(
@@ -201,12 +211,53 @@ def _curves(both: Pair, combined: Vector) -> tuple[tuple[CurveChange, ...], Join
             after=both.after.curves[name],
             after_uncertainty=both.after.standard_uncertainty[name],
             difference_uncertainty=spread[places[name]],
-            joint=tests[name],
-            changed=name in named if tests[name].known else None,
+            joint=joint_test(difference[name], combined[places[name], places[name]]),
         )
         for name in names
     ]
     return tuple(made), joint
+
+
+def _of_curves(curves: tuple[CurveChange, ...], joint: JointTest) -> dict[str, dict[str, float]]:
+    """Return the families that look at the curves with the probability of each member."""
+    nodes: dict[str, float] = {}
+    for one in curves:
+        chances = chance_of(one.normalised_error)
+        nodes.update({_node(one.name, row): float(p) for row, p in enumerate(chances)})
+    return {
+        TOGETHER: {TOGETHER: joint.probability},
+        CURVES: {one.name: one.joint.probability for one in curves},
+        NODES: nodes,
+    }
+
+
+def _node(curve: str, row: int) -> str:
+    return f"{curve} at {row}"
+
+
+def _judged_curves(
+    curves: tuple[CurveChange, ...], judgement: Judgement
+) -> tuple[CurveChange, ...]:
+    """Return the curves with whether each changed.
+
+    Where any of the three families of the curves has changed, the single ones are named by Holm's
+    method, and those of which a single node is named.
+    """
+    named = {member.partition(" ")[0] for member in judgement.named(NODES)}
+    single = judgement.family(CURVES)
+    if single is not None and judgement.changed(*OF_CURVES):
+        named.update(significant_of_many(single.probabilities))
+    return tuple(
+        replace(one, changed=one.name in named) if one.joint.known or one.name in named else one
+        for one in curves
+    )
+
+
+def _judged_figure(one: FigureChange, judgement: Judgement) -> FigureChange:
+    """Return a figure with whether it changed."""
+    if not np.isfinite(one.probability):
+        return one
+    return replace(one, changed=one.name in judgement.named(one.family))
 
 
 def _figures(both: Pair) -> list[FigureChange]:
@@ -231,43 +282,3 @@ def _figures(both: Pair) -> list[FigureChange]:
         )
         for figure, shared in zip(shown, covariance, strict=True)
     ]
-
-
-def _reversals(before: Measurement | None, after: Measurement | None) -> list[FigureChange]:
-    """Return the mean reversal errors of the axes (ISO 230-2, 3.15) that both tell."""
-    if before is None or after is None:
-        return []
-    first, second = _mean_reversals(before), _mean_reversals(after)
-    return [
-        FigureChange.of(
-            f"mean reversal {axis}",
-            "m",
-            (first[axis][0], second[axis][0]),
-            (first[axis][1], second[axis][1]),
-        )
-        for axis in first
-        if axis in second
-    ]
-
-
-def _mean_reversals(measurement: Measurement) -> dict[str, tuple[float, float]]:
-    """Return the mean reversal error of each axis, m, and its standard uncertainty by the stops.
-
-    B̄ is the mean of the forward stops less that of the backward ones, each with its uncertainty.
-    """
-    found: dict[str, tuple[float, float]] = {}
-    for runs in all_runs(measurement):
-        if runs.kind != LINEAR or not len(runs.forward) or not len(runs.backward):
-            continue
-        variance = 0.0
-        for direction, count in (("forward", len(runs.forward)), ("backward", len(runs.backward))):
-            used = [
-                line.standard_uncertainty
-                for line in measurement.lines
-                if (line.setup, line.line.kind, line.line.direction)
-                == (runs.setup, LINEAR, direction)
-                and np.all(np.isfinite(line.displacement))
-            ]
-            variance += float(np.sum(np.square(used))) / (count * len(runs.target)) ** 2
-        found[runs.name] = (evaluate(runs).parameters["mean B"], variance**0.5)
-    return found

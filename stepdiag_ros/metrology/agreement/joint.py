@@ -70,18 +70,19 @@ def joint_test(difference: Vector, covariance: Vector) -> JointTest:
     return JointTest(chi_squared, freedom, float(chdtrc(freedom, chi_squared)))
 
 
-def significant_of_many(tests: Mapping[str, JointTest]) -> tuple[str, ...]:
+def significant_of_many(probabilities: Mapping[str, float]) -> tuple[str, ...]:
     """Return which of many tests chance does not explain, although there are many (Holm 1979).
 
     The probability that any is named where nothing has changed is at most ``SIGNIFICANT``.
 
     Args:
-        tests: by name; those that tell nothing do not count.
+        probabilities: by name, those of large differences by chance; NaN tells nothing and does not
+            count.
 
     Returns:
         names, the least probable first.
     """
-    known = {name: test.probability for name, test in tests.items() if test.known}
+    known = {name: value for name, value in probabilities.items() if np.isfinite(value)}
     named: list[str] = []
     for place, name in enumerate(sorted(known, key=known.__getitem__)):
         if known[name] * (len(known) - place) >= SIGNIFICANT:

@@ -39,19 +39,26 @@ class Measured:
         chain: order of the machine's axes from workpiece to tool; empty if not known.
         measurement: the lines that it was solved from; None if they are not at hand.
         budget: uncertainty of the result by its sources; None: what the readings alone tell.
+        approach: covariance of all curves stacked that is added where the other measurement's stops
+            were approached in another way, shape (k, k); see ``approach``.
     """
 
     result: VolumetricErrors
     chain: str = ""
     measurement: Measurement | None = None
     budget: Budget | None = None
+    approach: Vector | None = None
 
     def covariance(self) -> Vector:
-        """Return the covariance of all curves stacked; NaN where not known.
+        """Return the covariance of all curves stacked, the approach in it; NaN where not known.
 
         Where only the standard uncertainties are at hand (a document), they are on the diagonal,
         and what is beside it is not known.
         """
+        known = self._by_readings_or_budget()
+        return known if self.approach is None else known + self.approach
+
+    def _by_readings_or_budget(self) -> Vector:
         values = np.concatenate(list(self.result.curves.values()))
         if self.budget is not None:
             places, rows = curve_rows(self.budget, self.result)
@@ -266,7 +273,8 @@ def _restricted(
         covariance=covariance,
     )
     whole = len(places) == sum(len(curve) for curve in result.curves.values())
-    if whole and one.budget is None and result.figures:
+    plain = one.budget is None and one.approach is None
+    if whole and plain and result.figures:
         # A figure may be known where the curves that it is made of are not.
         figures = result.figures
     else:
