@@ -4,6 +4,7 @@ import itertools
 import os
 import signal
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,11 +17,29 @@ _domains = itertools.count(os.getpid())
 
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Give each test a ROS domain of its own, and leave nothing there.
+
+    A node that is only forgotten goes on speaking, to the test that gets its domain next.
+    """
+    from rclpy.node import Node
+
     number = next(_domains) % 80 + 101
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    return number
+    made: list[weakref.ref[Node]] = []
+    begin = Node.__init__
+
+    def noted(self: Node, *arguments: object, **options: object) -> None:
+        begin(self, *arguments, **options)
+        made.append(weakref.ref(self))
+
+    monkeypatch.setattr(Node, "__init__", noted)
+    yield number
+    for one in made:
+        node = one()
+        if node is not None:
+            node.destroy_node()
 
 
 @pytest.fixture(autouse=True)
