@@ -1,4 +1,4 @@
-"""``stepdiag demo``: a complete measurement to look at, in under a minute."""
+"""``stepdiag demo``: a complete measurement to look at, in one to two minutes."""
 
 import argparse
 
@@ -11,7 +11,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the command to the command line."""
     parser = subparsers.add_parser(
         "demo",
-        help="see it work: a complete simulated measurement, solved and drawn, in under a minute",
+        help="see it work: a whole simulated measurement, solved and drawn, in one to two minutes",
         description="Measure a simulated machine with three linear axes and four step diagonals of "
         "12 blocks of 10 mm, both ways, twice, faster than real time; then show what "
         "each method makes of it beside the truth.",

@@ -98,12 +98,17 @@ def add_run_option(parser: ArgumentParser) -> None:
     )
 
 
-def add_result_options(parser: ArgumentParser, default_folder: str) -> None:
+def add_result_options(
+    parser: ArgumentParser,
+    default_folder: str,
+    holds: str = "pictures, results.json and report.txt",
+) -> None:
     """Add the options of every command that prints a result.
 
     Args:
         parser: of the command.
         default_folder: where results go if ``--output`` is not given, in words.
+        holds: what goes into the folder, in words.
     """
     parser.add_argument(
         "--json",
@@ -114,7 +119,7 @@ def add_result_options(parser: ArgumentParser, default_folder: str) -> None:
         "--output",
         type=Path,
         metavar="FOLDER",
-        help=f"folder for pictures, results.json and report.txt (default: {default_folder})",
+        help=f"folder for {holds} (default: {default_folder})",
     )
     parser.add_argument(
         "--pictures",

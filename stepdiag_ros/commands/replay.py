@@ -18,10 +18,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "replay",
         help="publish a recorded run to live nodes, with its clock",
         description="Publish what the devices and the sequencer said in a recorded run, with "
-        "/clock, so that assembler, solver and monitors that run now see it as if it "
-        "happened again. With --check the nodes that evaluate are started for it, and "
-        "their words are compared with the recorded ones to the last bit; of the diagnoses, the "
-        "one that was made when the run was over.",
+        "/clock, so that assembler, solver and diagnosis that run now see it as if it "
+        "happened again; to look at a run alone: stepdiag monitor RUN. With --check the "
+        "nodes that evaluate are started for it, and their words are compared with the "
+        "recorded ones to the last bit; of the diagnoses, the one that was made when the run "
+        "was over.",
         epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
     )
     parser.add_argument(

@@ -74,7 +74,11 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
         " --for generic' (default: targets are sent as they are)",
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of the noise of the readings")
-    add_result_options(parser, f"{DEFAULT_FOLDER}/RUN_results; the bag goes beside it")
+    add_result_options(
+        parser,
+        str(DEFAULT_FOLDER),
+        "the bag RUN.mcap and, in RUN_results inside it, pictures, results.json and report.txt",
+    )
 
 
 def _factor(text: str) -> float:

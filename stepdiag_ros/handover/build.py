@@ -94,20 +94,25 @@ def prepare(material: Material, atelier: Studio, tell: Callable[[str], None]) ->
     )
 
 
+def _known(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values without a number that is not finite."""
+    return {
+        name: value if isinstance(value, str) or isfinite(value) else None
+        for name, value in values.items()
+    }
+
+
 def report_document_of(material: Material) -> dict[str, Any]:
     """Return the report as a mapping that ``json`` can write: SI, unknown is null."""
     lead = lead_of(material)
-    judged = judge(material.accuracy, material.lower_bound, material.given.tolerance)
-    numbers = {
-        name: value if isinstance(value, str) or isfinite(value) else None
-        for name, value in asdict(judged).items()
-    }
+    judged = judge(material)
     content = {
         "run_id": material.recorded.run_id or None,
         "summary": {
             "headline": lead.headline,
             "sentences": list(lead.sentences),
-            **numbers,
+            **_known(asdict(judged)),
+            "single_errors": [_known(asdict(one)) for one in material.single_errors],
             "what_to_do": what_to_do(material, judged),
         },
         "sections": {

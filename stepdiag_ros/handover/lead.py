@@ -14,14 +14,12 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
-from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
-from stepdiag_ros.metrology.table_one import Row
 from stepdiag_ros.report.diagnosis import rivals_words
 from stepdiag_ros.report.diagnosis_words import sizes_words, two_digits
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.report.numbers import MICRO, OF_READINGS, UNKNOWN, plain, with_expanded
+from stepdiag_ros.report.summary import short_sentences
 
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
-_MOST_CAUSES = 3
 
 
 @dataclass(frozen=True)
@@ -44,16 +42,11 @@ class Judgement:
     tolerance: float
 
 
-def judge(accuracy: VolumetricAccuracy | None, lower_bound: bool, tolerance: float) -> Judgement:
-    """Judge the longest error vector in the volume.
-
-    Args:
-        accuracy: None if nothing was solved.
-        lower_bound: its uncertainty is a lower bound.
-        tolerance: m; NaN: none is known.
-    """
+def judge(material: Material) -> Judgement:
+    """Judge the longest error vector in the volume."""
+    accuracy, tolerance = material.accuracy, material.given.tolerance
     value = math.nan if accuracy is None else accuracy.value
-    expanded = COVERAGE_FACTOR * (math.nan if accuracy is None else accuracy.standard_uncertainty)
+    expanded = material.expanded_uncertainty
     if not math.isfinite(tolerance):
         verdict = NOT_ASKED
     elif value + expanded <= tolerance:
@@ -62,25 +55,22 @@ def judge(accuracy: VolumetricAccuracy | None, lower_bound: bool, tolerance: flo
         verdict = EXCEEDS
     else:
         verdict = OPEN
-    return Judgement(verdict, value, expanded, lower_bound, tolerance)
+    return Judgement(verdict, value, expanded, material.lower_bound, tolerance)
 
 
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
-    accuracy = material.accuracy
-    judged = judge(accuracy, material.lower_bound, material.given.tolerance)
+    judged = judge(material)
     tone, headline = _headline(material, judged)
     verdict = "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
     if verdict in (NAMED, AMBIGUOUS) and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
         tone = "open"
     sentences = _incomplete(material)
-    if accuracy is not None and math.isfinite(accuracy.value):
-        sentences.append(_worst(accuracy))
+    sentences += short_sentences(
+        material.report, material.accuracy, judged.expanded_uncertainty, material.single_errors
+    )
     sentences += _judged(judged)
-    causes = largest_rows(material.rows)
-    if causes:
-        sentences.append(f"The largest single errors: {'; '.join(map(_row_words, causes))}.")
     sentences.append(_how_sure(material))
     sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
     return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
@@ -104,28 +94,12 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
         OPEN: ("open", f"Whether the machine keeps its limit of {limit} cannot be told"),
     }
     if judged.verdict not in words:
-        size = plus_minus(judged.value, judged.expanded_uncertainty / COVERAGE_FACTOR, MICRO)
+        size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
         return "neutral", f"Largest error in the measured volume: {size} µm"
     tone, text = words[judged.verdict]
     if judged.lower_bound and judged.verdict != OPEN:
         text += ", as far as the uncertainty is known"
     return tone, text
-
-
-def _worst(accuracy: VolumetricAccuracy) -> str:
-    place = ", ".join(
-        f"{letter} {plain(value * 1e3, 1)}"
-        for letter, value in zip("XYZ", accuracy.position, strict=True)
-    )
-    vector = ", ".join(
-        f"{plain(value * MICRO, 2)} in {letter}"
-        for letter, value in zip("XYZ", accuracy.vector, strict=True)
-    )
-    size = plus_minus(accuracy.value, accuracy.standard_uncertainty, MICRO)
-    return (
-        f"At its worst place in the measured box, {place} mm, the tool stands {size} µm from where"
-        f" it should ({vector} µm, counted from the box's first corner)."
-    )
 
 
 def _incomplete(material: Material) -> list[str]:
@@ -147,7 +121,10 @@ def _judged(judged: Judgement) -> list[str]:
         nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {limit} µm"
         return [f"How large the largest error in the volume is these lines do not tell{nor}."]
     if judged.verdict == NOT_ASKED:
-        return ["Whether that is good enough was not asked: no limit was given (--tolerance)."]
+        return [
+            "Whether the largest error is good enough was not asked: no limit was given"
+            " (--tolerance)."
+        ]
     limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
     reason = {
         KEEPS: f"Even with its uncertainty the largest error is within {limit} (ISO 14253-1).",
@@ -158,40 +135,24 @@ def _judged(judged: Judgement) -> list[str]:
     return [reason[judged.verdict]]
 
 
-def largest_rows(rows: tuple[Row, ...]) -> list[Row]:
-    """Return the largest errors over the travel, largest first."""
-
-    def size(row: Row) -> float:
-        return max(abs(entry.value) for entry in row.estimated.values())
-
-    known = [row for row in rows if math.isfinite(size(row))]
-    return sorted(known, key=size, reverse=True)[:_MOST_CAUSES]
-
-
-def _row_words(row: Row) -> str:
-    entry = next(iter(row.estimated.values()))
-    size = plus_minus(entry.value, entry.standard_uncertainty, MICRO)
-    return f"{row.label[:1].lower()}{row.label[1:]} {size} µm over {row.travel * 1e3:.0f} mm"
-
-
 def _basis(material: Material) -> str:
     """Say what the ± hold."""
-    if material.accuracy is None or not math.isfinite(material.accuracy.value):
+    if not any(math.isfinite(one.value) for one in material.single_errors):
         return "The ± in the sections are those of the readings."
     known = material.given.instrument_source
     if not known:
         basis = (
-            "is what the readings tell of themselves, so the least that is possible: how well"
+            "are what the readings tell of themselves, so the least that is possible: how well"
             " laser, air and setup are known was not told."
         )
     elif material.lower_bound:
         basis = (
-            f"has what {known} tells of laser, air and setup; not all of it is known, so it is a"
-            " lower bound."
+            f"have what {known} tells of laser, air and setup in them; not all of it is known, so"
+            " they are lower bounds."
         )
     else:
-        basis = f"has what {known} tells of laser, air and setup in it."
-    return f"The ± of the largest error {basis} The other ± are those of the readings."
+        basis = f"have what {known} tells of laser, air and setup in them."
+    return f"The ± on this page {basis} Tables headed '{OF_READINGS}' have the readings alone."
 
 
 def _how_sure(material: Material) -> str:
@@ -257,7 +218,7 @@ def _facts(material: Material, judged: Judgement) -> list[Fact]:
     accuracy, report = material.accuracy, material.report
     rms = math.nan if accuracy is None else accuracy.rms
     verdict = UNKNOWN if material.diagnosis is None else material.diagnosis.diagnosis.verdict
-    size = plus_minus(judged.value, judged.expanded_uncertainty / COVERAGE_FACTOR, MICRO)
+    size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
     facts = [
         Fact("Largest error in the volume", UNKNOWN if size == UNKNOWN else f"{size} µm"),
         Fact(

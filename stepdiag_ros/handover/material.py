@@ -28,7 +28,6 @@ from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
-from stepdiag_ros.metrology.table_one import Row, table_one
 from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.budget import BudgetReport
@@ -38,7 +37,9 @@ from stepdiag_ros.report.content import METHODS, Report
 from stepdiag_ros.report.diagnosis import DiagnosisReport
 from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, sha256_of, with_proposal
 from stepdiag_ros.report.experiment import Experiment, experiment_of
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 from stepdiag_ros.report.positioning import PositioningReport, positioning_of
+from stepdiag_ros.report.single_errors import SingleError, single_errors
 
 _Made = TypeVar("_Made")
 _PARTS = (
@@ -162,17 +163,6 @@ class Material:
         return found
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
-        """Return the rows of that table by the method to rely on alone; empty where unknown."""
-        preferred = self.report.preferred()
-        if preferred is None:
-            return ()
-        try:
-            return table_one({preferred.method: preferred})
-        except KeyError:
-            return ()
-
-    @cached_property
     def repeats(self) -> Repeats:
         """Return scatter and drift of repeated passes; NaN without repeats."""
         try:
@@ -196,14 +186,35 @@ class Material:
 
     @cached_property
     def accuracy(self) -> VolumetricAccuracy | None:
-        """Return the longest error vector by the method to rely on; None where none was solved.
+        """Return the longest error vector by the method to rely on; None where none was solved."""
+        preferred = self.report.preferred()
+        return None if preferred is None else self.accuracies[preferred.method]
 
-        Its uncertainty is that of all sources that the budget knows; see ``lower_bound``.
+    @cached_property
+    def expanded_uncertainty(self) -> float:
+        """Return that of the longest error vector (95 %), m; NaN where not known.
+
+        The larger of two: of what the readings tell alone, and of all sources that the budget
+        knows, with the largest coverage factor that it has for a curve; see ``lower_bound``.
         """
         preferred = self.report.preferred()
-        if preferred is None or self.budget is None:
-            return None if preferred is None else self.accuracies[preferred.method]
-        return of_result(_with_sources(preferred, self.budget.budget), self.report.chain)
+        if preferred is None:
+            return nan
+        alone = COVERAGE_FACTOR * self.accuracies[preferred.method].standard_uncertainty
+        if self.budget is None:
+            return alone
+        budget = self.budget.budget
+        found = of_result(_with_sources(preferred, budget), self.report.chain)
+        factor = _largest_coverage_factor(budget)
+        return float(np.fmax(alone, factor * found.standard_uncertainty))
+
+    @cached_property
+    def single_errors(self) -> tuple[SingleError, ...]:
+        """Return the errors over the travel by the method to rely on; empty where unknown."""
+        preferred = self.report.preferred()
+        if preferred is None:
+            return ()
+        return single_errors(preferred, None if self.budget is None else self.budget.budget)
 
     @property
     def lower_bound(self) -> bool:
@@ -272,6 +283,18 @@ def _sentence(error: Exception, recorded: RecordedRun) -> str:
     """Return why a part is not there, without the name of the file that the whole report is of."""
     text = " ".join(str(error).split()).removeprefix(f"{recorded.path}: ")
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def _largest_coverage_factor(budget: Budget) -> float:
+    """Return the largest coverage factor that a budget has for a value of a curve."""
+    of_curves = [
+        factor
+        for factor, quantity in zip(
+            budget.coverage_factor, budget.sensitivity.quantities, strict=True
+        )
+        if quantity.curve
+    ]
+    return float(max(of_curves, default=COVERAGE_FACTOR))
 
 
 def _with_sources(result: VolumetricErrors, budget: Budget) -> VolumetricErrors:

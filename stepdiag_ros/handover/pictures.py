@@ -6,6 +6,7 @@ own while this one goes on.
 """
 
 import base64
+import signal
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -123,6 +124,21 @@ class Studio:
 
 
 @contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while a process is started, which then never gets it.
+
+    A terminal sends it to both. The other process ends when this one ends the pool; by itself it
+    would tell its own end in a traceback. What is blocked stays so in a new process from its first
+    instruction on, which no function that it runs could bring about.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def studio(beside: bool = True) -> Iterator[Studio]:
     """Return a place to have pictures drawn while the block runs.
 
@@ -134,7 +150,8 @@ def studio(beside: bool = True) -> Iterator[Studio]:
         return
     # A new interpreter: what was forked from a process with threads may hang.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        pool.submit(_get_ready)
+        with _interrupts_held():
+            pool.submit(_get_ready)
         try:
             yield Studio(pool)
         except BaseException:

@@ -14,6 +14,7 @@ from stepdiag_ros.report.compensation import COMPUTED
 from stepdiag_ros.report.numbers import MICRO, plain
 
 _DECIMALS = 3
+_BOTH_WAYS = "Positioning: full line forward, dashed backward; straightness: mean of both."
 
 
 def compensation(
@@ -26,7 +27,8 @@ def compensation(
 ) -> Figure:
     """Draw the nine translations before and after, positioning in both directions of approach.
 
-    Columns are the axis that moves, rows the direction of the error.
+    Without any reversal error both are one curve. Columns are the axis that moves, rows the
+    direction of the error.
 
     Args:
         remainder: what the tables leave.
@@ -35,6 +37,7 @@ def compensation(
         stamp: what the figure was made from.
         axes: nine to draw in instead of a new figure.
     """
+    reverses = _reverses(remainder)
     names = [translation(error, axis) for error in range(3) for axis in range(3)]
     sheet = curve_sheet(names, axes)
     for number, panel in enumerate(sheet.panels):
@@ -47,10 +50,10 @@ def compensation(
             (one.after, AFTER, "after (computed)"),
         ):
             own = error == axis
-            curves = values[..., error] if own else np.mean(values, axis=0)[None, :, error]
+            both = own and reverses
+            curves = values[..., error] if both else np.mean(values, axis=0)[None, :, error]
             for way, values_of_way in enumerate(curves):
                 known |= bool(np.any(np.isfinite(values_of_way)))
-                direction = (" forward", " backward")[way] if own else ""
                 panel.plot(
                     one.positions * MILLI,
                     values_of_way * MICRO,
@@ -61,7 +64,7 @@ def compensation(
                     markevery=max(1, len(one.positions) // 6),
                     # What no table corrects is the same after: it must not hide what was before.
                     linewidth=2.4 if style is BEFORE else 1.1,
-                    label=f"{label}{direction}",
+                    label=label if way == 0 else f"{label}, backward",
                 )
         if not known:
             say_unknown(panel)
@@ -75,8 +78,17 @@ def compensation(
     return sheet.finish(
         f"What remains with tables for {control.title}" if title is None else title,
         under=[volume],
-        small_print=[COMPUTED],
+        small_print=[_BOTH_WAYS, COMPUTED] if reverses else [COMPUTED],
         stamp=stamp,
+    )
+
+
+def _reverses(remainder: Remainder) -> bool:
+    """Say whether an axis errs otherwise on its way back."""
+    return any(
+        not np.array_equal(part[0, :, one.axis], part[1, :, one.axis], equal_nan=True)
+        for one in remainder.axes
+        for part in (one.before, one.after)
     )
 
 

@@ -229,7 +229,8 @@ def _draw_shares(axes: Axes, name: str, shares: Sequence[Share], noise: float) -
     if len(labels) <= _FEW_PARTS:
         labels = [label.replace(" ", "\n") for label in labels]
     longest = max(len(line) for label in labels for line in label.split("\n"))
-    upright = longest * len(labels) > _LETTERS_OF_A_PANEL
+    # Between two labels there is room for a letter.
+    upright = (longest + 1) * len(labels) > _LETTERS_OF_A_PANEL
     axes.set_xticks(range(len(labels)), labels)
     axes.tick_params(axis="x", labelsize=SMALL_SIZE - 0.5, labelrotation=90 if upright else 0)
     panel_title(axes, f"by {name}")

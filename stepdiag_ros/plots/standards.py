@@ -24,8 +24,8 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.numbers import MICRO
-from stepdiag_ros.report.positioning import decimals_of, written
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN
+from stepdiag_ros.report.positioning import cell_below, decimals_of, head_of, written
 
 _WIDTH_OF_BAND = 2.0
 """The standards draw x̄ ± 2 s."""
@@ -74,17 +74,19 @@ def iso230_2(
     _graph(panel, test)
     scales(panel, f"{test.name} / mm", "positional deviation / µm, 0 at the first target")
     decimals = decimals_of([test])
-    words = [
-        f"{name} = {written(test.parameters[name], test.expanded_uncertainty[name], decimals)}"
-        for name in _SHOWN
-    ]
+    head = head_of(test.expanded_uncertainty[name] for name in _SHOWN)
+    words = []
+    for name in _SHOWN:
+        value, uncertainty = test.parameters[name], test.expanded_uncertainty[name]
+        words.append(f"{name} = {cell_below(value, uncertainty, decimals, head)}")
+    of_what = f"U {UNKNOWN}" if UNKNOWN in head else "U for k = 2"
     heading = (
         f"ISO 230-2: positioning of {test.name}, {test.runs[0]} runs forward,"
         f" {test.runs[1]} backward"
     )
     return sheet.finish(
         heading if title is None else title,
-        small_print=["µm, U for k = 2:  " + ";  ".join(words)],
+        small_print=[f"µm, {of_what}:  " + ";  ".join(words)],
         stamp=stamp,
     )
 

@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
 from stepdiag_ros.metrology.uncertainty.source import Source
 from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
+from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
@@ -53,7 +53,7 @@ class BudgetReport:
 
 _KINDS = {
     "squareness": "Squareness",
-    "positioning": "Positioning error over the travel",
+    "positioning": "Positioning error at the end of the travel",
     "diagonal": "Displacement error over body diagonals",
     "straightness": "Straightness",
     "angular": "Angular error motions",
@@ -133,6 +133,7 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
         "",
         *(short_name(quantities[row].name) for row in rows),
     )
+    table.min_width = len(str(table.title))
     for number, source in enumerate(budget.sources):
         table.add_row(source.name, *(_size(budget.contributions[number, row]) for row in rows))
     table.add_section()
@@ -144,7 +145,9 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
         f"expanded U ({budget.coverage:.4g})",
         *(_bound(lower[row]) + _size(expanded[row]) for row in rows),
     )
-    table.add_row("result", *(_size(budget.sensitivity.values[row]) for row in rows))
+    table.add_row(
+        "result", *(_result(budget.sensitivity.values[row], expanded[row]) for row in rows)
+    )
     return table
 
 
@@ -364,6 +367,11 @@ def _freedom(freedom: float) -> str:
 
 def _bound(lower: bool) -> str:
     return "≥ " if lower else ""
+
+
+def _result(value: float, expanded_uncertainty: float) -> str:
+    """Write a result in millionths of SI to the digits that its uncertainty leaves."""
+    return with_uncertainty(value * MICRO, expanded_uncertainty * MICRO)[0]
 
 
 def _size(value: float, decimals: int = 4) -> str:

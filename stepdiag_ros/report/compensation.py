@@ -52,7 +52,7 @@ class CompensationReport:
     def uncorrected(self) -> list[str]:
         """Say what the tables do not correct, sentence by sentence, in numbers where known."""
         said = [
-            f"{one.name} stays: {_value(one.after, one.unit)}"
+            f"{_words(one)} stays: {_value(one.after, one.unit)}"
             for one in self.remainder.changes
             if not one.corrected and not one.name.startswith("volume")
         ]
@@ -127,8 +127,17 @@ def change_table(title: str, changes: Sequence[Change], with_tables: bool = True
     for one in changes:
         told = ["yes" if one.corrected else "no"] if with_tables else []
         before, after = _value(one.before, one.unit), _value(one.after, one.unit)
-        table.add_row(one.name, before, after, _times(one), *told)
+        table.add_row(_words(one), before, after, _times(one), *told)
     return table
+
+
+def _words(one: Change) -> str:
+    """Return what a figure is; that of positioning is not the error at the end of the travel."""
+    return (
+        f"{one.name}, peak to peak with reversal"
+        if one.name.startswith("positioning ")
+        else one.name
+    )
 
 
 def _value(value: float, unit: str) -> str:

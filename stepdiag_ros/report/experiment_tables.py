@@ -7,7 +7,14 @@ from stepdiag_ros.metrology.comparison import DirectComparison
 from stepdiag_ros.metrology.table_one import Row
 from stepdiag_ros.report.content import method_title, short_title
 from stepdiag_ros.report.experiment import Experiment, angle_of
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.report.numbers import (
+    COVERAGE_FACTOR,
+    MICRO,
+    OF_READINGS,
+    UNKNOWN,
+    plain,
+    plus_minus,
+)
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, SignDefinition, sign
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
@@ -19,7 +26,9 @@ def table_one_table(experiment: Experiment) -> Table:
     """Return Table 1: over the travel, in µm, with expanded uncertainties."""
     methods = list(experiment.table[0].estimated)
     columns = [*(["Measured"] if experiment.direct else []), *map(short_title, methods)]
-    table = new_table("Table 1 (Ibaraki & Hata 2010), over the travel, in µm", "", *columns)
+    table = new_table(
+        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {OF_READINGS}", "", *columns
+    )
     for row in experiment.table:
         cells = []
         if experiment.direct:
@@ -41,7 +50,7 @@ def _short_label(row: Row) -> str:
     if row.name[0] != "E":
         return row.label.replace("of ", "")
     error, axis = row.name[2], row.name[3]
-    return f"Positioning {axis}" if error == axis else f"Straightness {axis} in {error}"
+    return f"Positioning {axis}, at end" if error == axis else f"Straightness {axis} in {error}"
 
 
 def squareness_by_definition_table(experiment: Experiment) -> Table:
@@ -216,9 +225,10 @@ def print_experiment(
 
 def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:
     lines = [
-        "Table 1: straightness is the largest variation from the least-squares line; squareness is "
-        "the sum of the slopes of the two least-squares lines over the travel, positive where the "
-        "angle between the positive axes is smaller than 90°.",
+        "Table 1: positioning is the error at the end of the travel; straightness is the largest "
+        "variation from the least-squares line; squareness is the sum of the slopes of the two "
+        "least-squares lines over the travel, positive where the angle between the positive axes "
+        "is smaller than 90°.",
         *(f"Sign '{name}': {text}." for name, text in SIGN_DEFINITIONS.items()),
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the "
         "readings' noise; that of the conventional formulation holds no setup errors.",

@@ -12,6 +12,9 @@ UNKNOWN = "unknown"
 COVERAGE_FACTOR = 1.96
 """U = 1.96 u holds the true value with a probability of 95 % (normal distribution)."""
 
+OF_READINGS = "± of the readings"
+"""In the head of tables whose ± hold the scatter of the readings alone, not the whole budget."""
+
 MICRO = 1e6
 """Metres to µm, and rad to µm/m."""
 ARC_SECONDS = 180.0 * 3600.0 / math.pi
@@ -73,9 +76,20 @@ def plus_minus(value: float, standard_uncertainty: float, scale: float = 1.0) ->
         standard_uncertainty: in SI; NaN if unknown.
         scale: from SI to the unit that is shown.
     """
+    return with_expanded(value, COVERAGE_FACTOR * standard_uncertainty, scale)
+
+
+def with_expanded(value: float, expanded_uncertainty: float, scale: float = 1.0) -> str:
+    """Write a value with its expanded uncertainty, whatever its coverage factor is.
+
+    Args:
+        value: in SI; NaN if unknown.
+        expanded_uncertainty: in SI; NaN if unknown.
+        scale: from SI to the unit that is shown.
+    """
     if not math.isfinite(value):
         return UNKNOWN
-    expanded = COVERAGE_FACTOR * standard_uncertainty * scale
+    expanded = expanded_uncertainty * scale
     if abs(expanded) < _ROUNDING:
         expanded = 0.0
         value = 0.0 if abs(value * scale) < _ROUNDING else value

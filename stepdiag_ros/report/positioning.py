@@ -5,7 +5,7 @@ state it.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
@@ -200,20 +200,35 @@ def written(value: float, uncertainty: float, decimals: int) -> str:
     return f"{value_text} ± {uncertainty_text}"
 
 
+def head_of(uncertainties: Iterable[float]) -> str:
+    """Return the head of a column of values; it says once what would else stand in each row."""
+    known = any(math.isfinite(one) for one in uncertainties)
+    return "value ± U / µm" if known else f"value / µm, U {UNKNOWN}"
+
+
+def cell_below(value: float, uncertainty: float, decimals: int, head: str) -> str:
+    """Write a value (m) in µm as the head of its column says; see ``head_of``."""
+    if UNKNOWN in head:
+        return plain(value * MICRO, decimals)
+    return written(value, uncertainty, decimals)
+
+
 def parameter_table(test: PositioningTest, published: Published | None, decimals: int) -> Table:
     """Return the parameters of a test; beside published figures, if there are any."""
+    head = head_of(test.expanded_uncertainty.values())
     more = () if published is None else ("published / µm", "")
     table = new_table(
         f"{test.standard}, {_subject(test)}: {test.runs[0]} runs forward, {test.runs[1]} backward",
         "",
         "",
-        "value ± U / µm",
+        head,
         *more,
     )
     table.columns[1].justify = "left"
     for name in PARAMETERS:
         value = test.parameters[name]
-        cells = [name, MEANINGS[name], written(value, test.expanded_uncertainty[name], decimals)]
+        shown = cell_below(value, test.expanded_uncertainty[name], decimals, head)
+        cells = [name, MEANINGS[name], shown]
         if published is not None and name in published.values:
             cells.append(plain(published.values[name] * MICRO, decimals))
             cells.append("agrees" if published.agrees(name, value) else "DIFFERS")
@@ -251,20 +266,23 @@ def target_table(test: PositioningTest, decimals: int) -> Table:
 
 def group_tables(group: DiagonalGroup, decimals: int) -> list[Table]:
     """Return the two tables of the ISO 230-6 report page (RL, "final report")."""
-    result = new_table(f"ISO 230-6: {group.place}", "Name", "value ± U / µm")
+    head = head_of([group.systematic_uncertainty, group.reversal_uncertainty])
+    result = new_table(f"ISO 230-6: {group.place}", "Name", head)
     result.add_row(
         "Sys dev (E_d)",
-        written(group.systematic_deviation, group.systematic_uncertainty, decimals),
+        cell_below(group.systematic_deviation, group.systematic_uncertainty, decimals, head),
     )
     result.add_row(
-        "Reversal (B_d)", written(group.reversal_value, group.reversal_uncertainty, decimals)
+        "Reversal (B_d)",
+        cell_below(group.reversal_value, group.reversal_uncertainty, decimals, head),
     )
     each = new_table("", "Test", "Reversal (B) / µm", "Sys dev (E) / µm")
+    every = head_of(test.expanded_uncertainty[name] for test in group.tests for name in ("B", "E"))
     for label, test in zip(group.labels, group.tests, strict=True):
         each.add_row(
             f"{test.setup or test.name} ({label})",
             *(
-                written(test.parameters[name], test.expanded_uncertainty[name], decimals)
+                cell_below(test.parameters[name], test.expanded_uncertainty[name], decimals, every)
                 for name in ("B", "E")
             ),
         )

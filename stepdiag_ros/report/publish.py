@@ -16,6 +16,7 @@ from stepdiag_ros.report.tables import make_console, print_report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
+_ELSEWHERE = "name another one with --output FOLDER"
 PICTURE_FORMATS = ("png", "svg", "pdf")
 
 
@@ -35,9 +36,11 @@ def make_folder(folder: Path) -> Path:
     except FileExistsError:
         raise ValueError(f"{folder} is a file; results need a folder") from None
     except OSError as error:
-        raise ValueError(f"the folder {folder} cannot be made: {error.strerror}") from None
+        raise ValueError(
+            f"the folder {folder} cannot be made: {error.strerror}; {_ELSEWHERE}"
+        ) from None
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ValueError(f"the folder {folder} cannot be written to; choose another one")
+        raise ValueError(f"the folder {folder} cannot be written to; {_ELSEWHERE}")
     return folder
 
 

@@ -24,11 +24,14 @@ from stepdiag_ros.report.numbers import (
     ARC_SECONDS,
     COVERAGE_FACTOR,
     MICRO,
+    OF_READINGS,
     UNKNOWN,
     plain,
     plus_minus,
 )
+from stepdiag_ros.report.single_errors import PEAK_TO_PEAK, with_ranges
 from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
+from stepdiag_ros.report.summary import in_short, next_commands
 
 _LEAST_WIDTH = 150
 
@@ -98,7 +101,7 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table("Squareness", "", "unit", *columns)
+    table = new_table(f"Squareness, {OF_READINGS}", "", "unit", *columns)
     for name in SQUARENESS:
         reference, other = AXES_OF[name]
         for number, (unit, scale) in enumerate((("µm/m", MICRO), ("arcsec", ARC_SECONDS))):
@@ -140,7 +143,7 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table(title, "", "unit", *columns)
+    table = new_table(f"{title}, {OF_READINGS}", "", "unit", *columns)
     for name in names:
         cells = []
         unit = "µm"
@@ -158,6 +161,17 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
             cells.append(UNKNOWN if true is None else plain(true.value * MICRO))
         table.add_row(_words(name), unit, *cells)
     return table
+
+
+def translation_tables(report: Report) -> list[Table | None]:
+    """Return positioning peak to peak and at the end of the travel, and straightness."""
+    ranged = with_ranges(report)
+    kinds = (
+        (PEAK_TO_PEAK, "Positioning error, peak to peak over the travel"),
+        ("positioning", "Positioning error at the end of the travel"),
+        ("straightness", "Straightness, peak to peak off the least-squares line"),
+    )
+    return [figure_table(ranged, prefix, title) for prefix, title in kinds]
 
 
 def _all_named(result: VolumetricErrors, prefix: str) -> list[str]:
@@ -391,7 +405,8 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
         lines.extend(visibility_sentences(report.visibility, report.ordered_results()))
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
     lines.append(
-        f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %)."
+        f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of what the"
+        " readings tell alone; stepdiag budget adds laser, air and setup."
         " Errors are motions of the tool relative to the workpiece."
     )
     lines.extend(f"Run: {remark}" for remark in report.remarks)
@@ -446,10 +461,7 @@ def print_report(
     if report.results:
         console.print()
         tables: list[Table | None] = [fit_table(report), squareness_table(report, definition)]
-        tables.append(figure_table(report, "positioning", "Positioning error over the travel"))
-        tables.append(
-            figure_table(report, "straightness", "Straightness (largest minus smallest deviation)")
-        )
+        tables += translation_tables(report)
         tables.append(figure_table(report, "diagonal", "Displacement error over body diagonals"))
         for prefix, title in (
             ("angular", "Angular errors (largest minus smallest)"),
@@ -471,3 +483,8 @@ def print_report(
                 console.print()
     for line in _sentences(report, definition):
         sentence(line)
+    short = in_short(report)
+    if short:
+        console.print()
+        for line in ("In short:", *short, *next_commands(report)):
+            sentence(line)

@@ -17,7 +17,14 @@ from stepdiag_ros.metrology.standards.volumetric import (
     volumetric_accuracy,
 )
 from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.report.numbers import (
+    COVERAGE_FACTOR,
+    MICRO,
+    OF_READINGS,
+    UNKNOWN,
+    plain,
+    plus_minus,
+)
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
 if TYPE_CHECKING:
@@ -54,7 +61,7 @@ def _vector(values: Sequence[float], scale: float, decimals: int) -> str:
 def accuracy_table(report: VolumetricReport) -> Table:
     """Return the volumetric accuracy by every method."""
     table = new_table(
-        "Volumetric accuracy",
+        f"Volumetric accuracy, {OF_READINGS}",
         "",
         "value ± U / µm",
         "at X, Y, Z / mm",
@@ -125,7 +132,8 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
         sentence(f"Frame: {frame}.")
     if report.accuracies:
         sentence(
-            f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place."
+            f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
+            " what the readings tell alone; stepdiag report adds what the budget knows."
         )
     else:
         sentence(f"Warning: {DIAGONALS_ALONE}.")

@@ -155,9 +155,16 @@ def test_an_effect_that_the_run_names_is_told_on_the_first_page_and_drawn(tmp_pa
     ],
 )
 def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, tolerance, verdict):
-    accuracy = SimpleNamespace(value=value, standard_uncertainty=u)
-    assert judge(accuracy, False, tolerance).verdict == verdict
-    assert judge(None, True, 1.0).verdict == OPEN
+    given = SimpleNamespace(tolerance=tolerance)
+    found = SimpleNamespace(
+        accuracy=SimpleNamespace(value=value),
+        expanded_uncertainty=COVERAGE_FACTOR * u,
+        lower_bound=False,
+        given=given,
+    )
+    assert judge(found).verdict == verdict
+    found.accuracy, found.expanded_uncertainty, given.tolerance = None, float("nan"), 1.0
+    assert judge(found).verdict == OPEN
 
 
 def _refused(capsys, *arguments):
@@ -173,6 +180,18 @@ def test_what_is_no_bag_is_refused_in_a_sentence_and_nothing_is_written(tmp_path
     text.write_text("no bag\n")
     assert "text.mcap" in _refused(capsys, text)
     assert [path.name for path in tmp_path.iterdir()] == ["text.mcap"]
+
+
+def test_a_folder_without_permission_is_refused_with_what_to_do(tmp_path, capsys, monkeypatch):
+    bag = tmp_path / "run.mcap"
+    write_bag(bag, HEAD + PARTS["one axis, once"])
+
+    def forbidden(self, **_):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "mkdir", forbidden)
+    said = _refused(capsys, bag, "--json")
+    assert said.endswith("cannot be made: Permission denied; name another one with --output FOLDER")
 
 
 def test_a_folder_that_is_a_file_is_refused(tmp_path, capsys):

@@ -1,10 +1,15 @@
 """``stepdiag report``: what is in its files is what the evaluation returns."""
 
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
-from contextlib import contextmanager
+import sys
+import time
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,10 +24,18 @@ from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.configuration import load_instrument
 from stepdiag_ros.handover import pictures
 from stepdiag_ros.handover.sections import sections
+from stepdiag_ros.handover.sections.measurement import _words_of
 from stepdiag_ros.handover.sections.readings import _few_stops
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
-from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plus_minus
+from stepdiag_ros.report.numbers import (
+    ARC_SECONDS,
+    COVERAGE_FACTOR,
+    MICRO,
+    plus_minus,
+    with_expanded,
+)
+from stepdiag_ros.report.single_errors import single_errors
 
 PLAN = """\
 name: small run
@@ -103,7 +116,7 @@ def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
 
 
 def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
-    rows = page.tables["Squareness"]
+    rows = page.tables["Squareness, ± of the readings"]
     heads, first, second = rows[:3]
     for result in solved.results:
         short = {"setup_robust": "Setup-robust", "least_squares": "Least squares"}
@@ -116,16 +129,16 @@ def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, sol
 
 
 def test_table_one_is_that_of_the_result(page, solved):
-    rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm"]
+    rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings"]
     found = solved.preferred().figure("positioning E_XX")
     expected = plus_minus(found.value, found.standard_uncertainty, MICRO)
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
-    assert rows[1][0] == "Positioning X"
+    assert rows[1][0] == "Positioning X, at end"
     assert len(rows) == 1 + 12
 
 
 def uncertainty_of_the_worst_point(solved, worst):
-    """Return the standard uncertainty of its length by the sources in the demo instrument."""
+    """Return U of its length by the sources in the demo instrument."""
     instrument = load_instrument("demo")[0]
     budget = make_budget(solved.measurement, instrument, "least_squares")
     direction = np.array(worst.vector) / worst.value
@@ -136,14 +149,16 @@ def uncertainty_of_the_worst_point(solved, worst):
             nodes = solved.preferred().nodes[axis]
             if np.isclose(nodes[quantity.node], worst.position[axis]):
                 weights[row] = direction["XYZ".index(quantity.curve[2])]
-    return float(np.sqrt(weights @ budget.covariance @ weights))
+    curves = [bool(one.curve) for one in budget.sensitivity.quantities]
+    factor = float(np.max(budget.coverage_factor[curves]))
+    return factor * float(np.sqrt(weights @ budget.covariance @ weights))
 
 
 def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
     worst = of_result(solved.preferred(), solved.chain)
-    u = uncertainty_of_the_worst_point(solved, worst)
-    assert u > worst.standard_uncertainty
-    size = plus_minus(worst.value, u, MICRO)
+    expanded = uncertainty_of_the_worst_point(solved, worst)
+    assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
+    size = with_expanded(worst.value, expanded, MICRO)
     assert page.headings[0] == (
         "The machine keeps its limit of 50.0 µm in the measured volume, as far as the uncertainty"
         " is known"
@@ -152,7 +167,71 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "What to do: compensation could bring the largest error" in page.text
     assert document["summary"]["lower_bound"] is True
-    assert document["summary"]["expanded_uncertainty"] == pytest.approx(COVERAGE_FACTOR * u)
+    assert document["summary"]["expanded_uncertainty"] == pytest.approx(expanded)
+    volume = document["sections"]["volume"]
+    assert volume["expanded_uncertainty"] == document["summary"]["expanded_uncertainty"]
+    in_json = {one["name"]: one for one in document["summary"]["single_errors"]}
+    assert len(in_json) == 12
+    assert in_json["E_XX"]["value"] == np.ptp(solved.preferred().curves["E_XX"])
+
+
+def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertainty(page, solved):
+    budget = make_budget(solved.measurement, load_instrument("demo")[0], "least_squares")
+    found = single_errors(solved.preferred(), budget)
+    largest = max(found, key=lambda one: one.value)
+    size = with_expanded(largest.value, largest.expanded_uncertainty, MICRO)
+    said = page.text.split("The largest single errors")[1]
+    assert said.split(": ", 1)[1].startswith(f"{largest.words} {size} µm over")
+    for name in ("E_XX", "E_YY", "E_ZZ"):
+        (one,) = [one for one in found if one.name == name]
+        curve = solved.preferred().curves[name]
+        assert one.value == np.ptp(curve)
+    rows = page.tables["Positioning error, peak to peak over the travel, ± of the readings"]
+    of_readings = single_errors(solved.preferred())[0]
+    assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
+        of_readings.value, of_readings.expanded_uncertainty, MICRO
+    )
+    assert "Taken as zero in these figures: pitch, yaw and roll of all axes" in page.text
+
+
+def test_a_simulated_clock_is_called_one():
+    told = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
+    assert _words_of(told, True) == "2026-01-02 03:04:05 UTC (simulated clock)"
+    assert _words_of(told, None) == "2026-01-02 03:04:05 UTC"
+    assert _words_of(None, True) == "unknown"
+
+
+def _child_that_draws(process):
+    """Wait for the process that draws; None if the command ends before."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None:
+        for child in children.read_text().split():
+            with suppress(OSError):
+                if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
+        time.sleep(0.002)
+    return None
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+def test_ctrl_c_ends_the_command_in_one_line_and_leaves_nothing(tmp_path):
+    """A terminal sends it to all processes of the command, here while the second one begins."""
+    command = [sys.executable, "-m", "stepdiag_ros.cli", "report", str(RUN_WITH_READINGS)]
+    process = subprocess.Popen(
+        [*command, "--output", str(tmp_path / "new")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    child = _child_that_draws(process)
+    assert child is not None, process.communicate()
+    os.killpg(process.pid, signal.SIGINT)
+    said, complaint = process.communicate(timeout=60)
+    assert (said, complaint) == ("", "stepdiag: stopped\n")
+    assert process.returncode == 130
+    assert not Path(f"/proc/{child}").exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_the_user_told_is_text_never_markup(page, folder):
@@ -262,9 +341,9 @@ def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
 @needs_poppler
 def test_no_page_parts_a_table_from_its_title_or_from_its_first_rows(folder):
     titles = (
-        "Table 1 (Ibaraki & Hata 2010), over the travel, in µm",
+        "Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings",
         "What is known of the inputs",
-        "Volumetric accuracy",
+        "Volumetric accuracy, ± of the readings",
         "Methods",
     )
     found = 0

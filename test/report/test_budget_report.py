@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.uncertainty.instrument import Spread
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
 from stepdiag_ros.report.budget import BudgetReport, budget_document, budget_json, print_budget
 from stepdiag_ros.report.budget_figures import draw_budget
+from stepdiag_ros.report.numbers import with_uncertainty
 from stepdiag_ros.report.tables import make_console
 
 
@@ -43,7 +44,7 @@ def test_tables_say_what_is_known_and_what_it_makes(report):
     assert "unknown" in row_of(text, "What is known", "air pressure")
     expansion = row_of(text, "What is known", "expansion coefficient")
     assert expansion[2:6] == ["0.577", "µm/(m", "K)", "B"]
-    table = "Positioning error over the travel: standard uncertainty by source, µm"
+    table = "Positioning error at the end of the travel: standard uncertainty by source, µm"
     budget = report.budget
     place = budget.row("positioning E_XX")
     temperature = [source.name for source in budget.sources].index("air temperature")
@@ -55,6 +56,8 @@ def test_tables_say_what_is_known_and_what_it_makes(report):
         "≥",
         f"{budget.standard_uncertainty[place] * 1e6:.4f}",
     ]
+    value, expanded = budget.sensitivity.values[place] * 1e6, budget.expanded[place] * 1e6
+    assert row_of(text, table, "result")[1] == with_uncertainty(value, expanded)[0]
     assert "lower bounds: air pressure" in text
     assert "Squareness sign: right-handed rotation" in text
     assert "run 1" in text

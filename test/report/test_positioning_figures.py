@@ -1,5 +1,7 @@
 """Pictures and pages of tests by standards: what stands on them, and that they can be printed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,8 @@ from stepdiag_ros.report.positioning import (
     PositioningReport,
     Published,
     decimals_of,
+    group_tables,
+    parameter_table,
     same_test,
     written,
 )
@@ -101,6 +105,25 @@ def test_numbers_are_written_to_their_uncertainty():
     assert written(np.nan, 1e-6, 3) == "unknown"
 
 
+def test_an_uncertainty_that_no_row_knows_is_said_unknown_once(report):
+    test = report.tests[-1]
+    table = parameter_table(test, None, 3)
+    assert table.columns[2].header == "value / µm, U unknown"
+    assert not any("±" in cell for cell in table.columns[2].cells)
+    known = replace(test, expanded_uncertainty={**test.expanded_uncertainty, "E": 1e-7})
+    table = parameter_table(known, None, 3)
+    cells = dict(zip(table.columns[0].cells, table.columns[2].cells, strict=True))
+    assert table.columns[2].header == "value ± U / µm"
+    assert cells["E"].endswith("± 0.10") and cells["A"].endswith("± unknown")
+    small = " ".join(texts_of(plots.iso230_2(test)))
+    assert "µm, U unknown:" in small and "±" not in small.split("U unknown:")[1]
+    assert "µm, U for k = 2:" in " ".join(texts_of(plots.iso230_2(known)))
+    (group,) = report.groups
+    result, each = group_tables(group, 3)
+    assert result.columns[1].header == "value / µm, U unknown"
+    assert not any("±" in cell for cell in [*result.columns[1].cells, *each.columns[2].cells])
+
+
 def test_a_published_figure_agrees_to_its_last_printed_digit():
     published = Published.from_numbers("theirs", {"E": 3.68e-05, "R": 6.29e-05}, 1e-3)
     assert published.agrees("E", 3.6849e-08)
@@ -110,8 +133,6 @@ def test_a_published_figure_agrees_to_its_last_printed_digit():
 
 
 def test_one_bit_makes_a_test_another(report):
-    from dataclasses import replace
-
     test = report.tests[0]
     assert same_test(test, replace(test))
     parameters = {**test.parameters, "E": np.nextafter(test.parameters["E"], 1.0)}

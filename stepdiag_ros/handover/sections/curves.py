@@ -8,8 +8,8 @@ from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.report.content import Report, frame_sentences, method_title, short_title
 from stepdiag_ros.report.documents import report_document
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
-from stepdiag_ros.report.tables import curve_tables, figure_table, fit_table, setup_table
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, OF_READINGS
+from stepdiag_ros.report.tables import curve_tables, fit_table, setup_table, translation_tables
 
 _BESIDE = ("conventional", "setup_robust")
 """Methods that are drawn beside the one to rely on."""
@@ -47,15 +47,14 @@ def _tell(material: Material) -> Content | str:
             {"title": ""},
         )
     tables = [
-        figure_table(report, "positioning", "Positioning error over the travel"),
-        figure_table(report, "straightness", "Straightness (largest minus smallest deviation)"),
+        *translation_tables(report),
         fit_table(report),
     ]
     return Content(
         {
             "tables": table_views(tables),
             "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
-            "nodes_title": f"All nodes, {method_title(preferred.method)}",
+            "nodes_title": f"All nodes, {method_title(preferred.method)}, {OF_READINGS}",
             "setups": table_views([setup_table(preferred)]),
             "frames": _frames(report),
             "remarks": _remarks(report),
@@ -68,7 +67,8 @@ def _frames(report: Report) -> list[str]:
     return [
         "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
         f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
-        " (95 %), of what the readings tell; what laser, air and setup add is in the budget.",
+        " (95 %), of what the readings tell alone; the budget has all known sources, and the first"
+        " page the larger of the two.",
         *frame_sentences(report.ordered_results()),
     ]
 

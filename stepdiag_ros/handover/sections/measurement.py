@@ -45,8 +45,11 @@ def _date(nanoseconds: int) -> datetime | None:
     return datetime.fromtimestamp(seconds, timezone.utc) if seconds > _ANY_DATE else None
 
 
-def _words_of(date: datetime | None) -> str:
-    return UNKNOWN if date is None else f"{date:%Y-%m-%d %H:%M:%S} UTC"
+def _words_of(date: datetime | None, simulated: bool | None) -> str:
+    if date is None:
+        return UNKNOWN
+    # A simulated cell may run faster than time goes by, and its clock then ahead of any other.
+    return f"{date:%Y-%m-%d %H:%M:%S} UTC{' (simulated clock)' if simulated else ''}"
 
 
 def _end(material: Material) -> int:
@@ -102,6 +105,7 @@ def _run_facts(material: Material) -> list[Fact]:
     duration = ""
     if begin is not None and end is not None:
         duration = f"{(end - begin).total_seconds() / 60.0:.0f} min"
+        duration += " (simulated clock)" if report.simulated else ""
     simulated = "a simulated machine" if report.simulated else ""
     facts = [
         ("Customer", given.customer or UNKNOWN),
@@ -113,8 +117,8 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Uncertainty of the instrument", given.instrument.name),
         ("Place", given.place or UNKNOWN),
         ("Measured by", given.operator or UNKNOWN),
-        ("Begun", _words_of(begin)),
-        ("Last line ended", _words_of(end)),
+        ("Begun", _words_of(begin, report.simulated)),
+        ("Last line ended", _words_of(end, report.simulated)),
         ("Duration", duration or UNKNOWN),
         ("End of the run", end_of_run(material) or UNKNOWN),
         ("Remark", given.remark),
@@ -186,8 +190,9 @@ def _weather_table(material: Material) -> TableView:
         numbers = (plain(value * factor, decimals) for value in (mean, low, high))
         rows.append((words, unit, *numbers, str(count)))
     heads = ("", "unit", "mean", "lowest", "highest", "values")
+    # The heading above it says what it is.
     return TableView(
-        "Weather", tuple(Column(head, place > 1) for place, head in enumerate(heads)), tuple(rows)
+        "", tuple(Column(head, place > 1) for place, head in enumerate(heads)), tuple(rows)
     )
 
 

@@ -9,7 +9,8 @@ from stepdiag_ros.report.experiment import experiment_document
 from stepdiag_ros.report.experiment_tables import table_one_table
 
 ABOUT = (
-    "By the definitions of Ibaraki & Hata 2010, section 4.1: straightness is the largest variation"
+    "By the definitions of Ibaraki & Hata 2010, section 4.1: positioning is the error at the end of"
+    " the travel, not peak to peak; straightness is the largest variation"
     " from the least-squares line; squareness is the angle over the travel of the axis that is out"
     " of square, positive where the angle between the positive axes is smaller than 90°."
 )

@@ -9,7 +9,7 @@ from stepdiag_ros.handover.page import Fact, table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, plus_minus
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, with_expanded
 from stepdiag_ros.report.volumetric import (
     DEFINITION,
     VolumetricReport,
@@ -30,9 +30,9 @@ def _tell(material: Material) -> Content | str:
         return "The errors in the volume are unknown: the lines are not enough for any method."
     said = [
         DEFINITION,
-        f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) at that place; in the table of what"
-        " the readings tell, above it with all sources that the budget knows"
-        f"{', so at least that' if material.lower_bound else ''}.",
+        f"± (95 %) at that place: in the table {COVERAGE_FACTOR:g} standard uncertainties of what"
+        " the readings tell alone; above it, as on the first page, the larger of that and of all"
+        f" sources that the budget knows{', so at least that' if material.lower_bound else ''}.",
     ]
     said += [
         f"{method_title(method)}: {remark}."
@@ -43,7 +43,7 @@ def _tell(material: Material) -> Content | str:
     if math.isfinite(found.value):
         place = ", ".join(plain(value * 1e3, 1) for value in found.position)
         vector = ", ".join(plain(value * MICRO, 2) for value in found.vector)
-        size = plus_minus(found.value, found.standard_uncertainty, MICRO)
+        size = with_expanded(found.value, material.expanded_uncertainty, MICRO)
         facts = [
             Fact("Largest error", f"{size} µm"),
             Fact("at X, Y, Z", f"{place} mm"),
@@ -81,8 +81,8 @@ def _document(material: Material) -> dict[str, Any] | None:
         "worst": json.loads(volumetric_json(_volumetric(material))),
         "method": None if found is None else _method(material),
         "expanded_uncertainty": None
-        if found is None or not math.isfinite(found.standard_uncertainty)
-        else COVERAGE_FACTOR * found.standard_uncertainty,
+        if not math.isfinite(material.expanded_uncertainty)
+        else material.expanded_uncertainty,
     }
 
 

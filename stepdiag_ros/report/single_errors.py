@@ -1,0 +1,174 @@
+"""The single errors of a machine over the travel, by one definition: positioning peak to peak.
+
+Positioning, ISO 230-1: the largest less the smallest error over the travel. The figure
+``positioning E_XX`` of a result is another quantity, the error at the end of the travel (Ibaraki &
+Hata 2010, Table 1): an error that comes back to zero at the end is nothing there. Straightness is
+the range off the least-squares line (Ibaraki & Hata 2010, section 4.1), so peak to peak as well.
+Squareness counts by what it makes over the travel of the axis that is out of square.
+"""
+
+from dataclasses import dataclass, replace
+from math import isfinite, nan, sqrt
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.uncertainty.budget import Budget
+from stepdiag_ros.report.content import Report
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR
+from stepdiag_ros.report.squareness import AXES_OF
+
+PEAK_TO_PEAK = "positioning-range"
+"""First word of the figures that ``with_ranges`` adds."""
+
+
+@dataclass(frozen=True)
+class SingleError:
+    """One error over the travel of its axis.
+
+    Attributes:
+        name: ISO 230-1 name of the curve or the squareness.
+        value: m, never negative; NaN if not determined.
+        expanded_uncertainty: of it (95 %), m; NaN if not known.
+        travel: m.
+    """
+
+    name: str
+    value: float
+    expanded_uncertainty: float
+    travel: float
+
+    @property
+    def words(self) -> str:
+        """Return what it is, for people."""
+        if self.name in AXES_OF:
+            reference, other = AXES_OF[self.name]
+            return f"squareness {self.name} of {other} to {reference}"
+        error, axis = self.name[2], self.name[3]
+        if error == axis:
+            return f"positioning {self.name} of {axis}"
+        return f"straightness {self.name} of {axis} in {error}"
+
+
+def single_errors(
+    result: VolumetricErrors, budget: Budget | None = None
+) -> tuple[SingleError, ...]:
+    """Return positioning, straightness and squareness over the travel, as far as a result has them.
+
+    Args:
+        result: of a solver.
+        budget: of this result. The larger expanded uncertainty counts, that of the readings alone
+            or that of the budget; None: that of the readings.
+    """
+    travel = [float(nodes[-1] - nodes[0]) for nodes in result.nodes]
+    figures = {figure.name: figure for figure in result.figures}
+    made = []
+    for name in TRANSLATIONS:
+        length = travel[moving_axis(name)]
+        if name[2] != name[3]:
+            figure = figures.get(f"straightness {name}")
+            if figure is not None:
+                wide = _larger(figure, _expanded(budget, figure.name))
+                made.append(SingleError(name, figure.value, wide, length))
+        elif name in result.curves:
+            figure = _range(result, name)
+            wide = _larger(figure, _expanded_range(budget, name, result.curves[name]))
+            made.append(SingleError(name, figure.value, wide, length))
+    for name in SQUARENESS:
+        figure, length = figures.get(name), travel[AXES.index(name[2])]
+        if figure is not None:
+            wide = _larger(figure, _expanded(budget, name)) * length
+            made.append(SingleError(name, abs(figure.value) * length, wide, length))
+    return tuple(made)
+
+
+def _larger(figure: Figure, of_budget: float) -> float:
+    """Return the larger of two expanded uncertainties, of which one may be NaN."""
+    return float(np.fmax(COVERAGE_FACTOR * figure.standard_uncertainty, of_budget))
+
+
+def _expanded(budget: Budget | None, name: str) -> float:
+    """Return the expanded uncertainty of a figure by a budget; NaN where it has none."""
+    if budget is not None:
+        for row, quantity in enumerate(budget.sensitivity.quantities):
+            if quantity.name == name:
+                return float(budget.expanded[row])
+    return nan
+
+
+def _ends_of_range(values: Vector) -> tuple[int, int]:
+    """Return the nodes where a curve is largest and smallest."""
+    return int(np.argmax(values)), int(np.argmin(values))
+
+
+def _range(result: VolumetricErrors, name: str) -> Figure:
+    """Return the largest less the smallest value of a curve, with the covariance of both nodes."""
+    values = np.asarray(result.curves[name])
+    label = f"{PEAK_TO_PEAK} {name}"
+    if not np.all(np.isfinite(values)):
+        return Figure(label, nan, nan, "m")
+    high, low = _ends_of_range(values)
+    begin = sum(len(result.curves[one]) for one in _before(result, name))
+    spread = nan
+    if result.covariance.shape[0] >= begin + len(values):
+        places = [begin + high, begin + low]
+        spread = _of_difference(result.covariance[np.ix_(places, places)])
+    return Figure(label, float(values[high] - values[low]), spread, "m")
+
+
+def _before(result: VolumetricErrors, name: str) -> list[str]:
+    names = list(result.curves)
+    return names[: names.index(name)]
+
+
+def _of_difference(covariance: Vector) -> float:
+    """Return the standard uncertainty of the first less the second of two quantities."""
+    variance = covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
+    return sqrt(max(float(variance), 0.0)) if isfinite(variance) else nan
+
+
+def _expanded_range(budget: Budget | None, name: str, values: Vector) -> float:
+    """Return the expanded uncertainty of a range, with the larger coverage factor of its nodes."""
+    if budget is None or not np.all(np.isfinite(values)):
+        return nan
+    rows = {
+        quantity.node: row
+        for row, quantity in enumerate(budget.sensitivity.quantities)
+        if quantity.curve == name
+    }
+    ends = _ends_of_range(values)
+    # What the frame fixes is no quantity of the budget, and has no uncertainty.
+    known = [place for place, node in enumerate(ends) if node in rows]
+    if not known:
+        return nan
+    at = [rows[ends[place]] for place in known]
+    covariance = np.zeros((2, 2))
+    covariance[np.ix_(known, known)] = budget.covariance[np.ix_(at, at)]
+    return float(np.max(budget.coverage_factor[at])) * _of_difference(covariance)
+
+
+def with_ranges(report: Report) -> Report:
+    """Return a report whose results, and whose truth, have the peak to peak positioning as figures.
+
+    They are for tables: a result as it is recorded and published does not hold them.
+
+    Args:
+        report: as it was solved.
+    """
+    names = [f"E_{letter}{letter}" for letter in AXES]
+    results = tuple(
+        replace(
+            one,
+            figures=(*one.figures, *(_range(one, name) for name in names if name in one.curves)),
+        )
+        for one in report.results
+    )
+    truth = report.truth
+    if truth is not None:
+        exact = [
+            Figure(f"{PEAK_TO_PEAK} {name}", float(np.ptp(truth.curves[name])), 0.0, "m")
+            for name in names
+        ]
+        truth = replace(truth, figures=(*truth.figures, *exact))
+    return replace(report, results=results, truth=truth)

@@ -1,0 +1,169 @@
+"""What is said in short: the largest errors by one definition, what was zero, what comes next."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
+
+from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import Figure
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.report.documents import report_json
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, plus_minus
+from stepdiag_ros.report.single_errors import single_errors, with_ranges
+from stepdiag_ros.report.summary import in_short, next_commands
+from stepdiag_ros.report.tables import make_console, print_report
+
+U_NODE = 5e-8
+COMMON = 3e-8
+"""Standard uncertainty, m, that all nodes of a curve but the first share."""
+
+
+def returning(size=4e-6):
+    """Return a result whose Z goes to -size and comes back to nothing at the end."""
+    there_and_back = np.zeros(BLOCKS + 1)
+    there_and_back[1], there_and_back[2] = 0.25 * size, -0.75 * size
+    result = make_result()
+    values = BLOCKS + 1
+    free = np.tile(np.r_[0.0, np.ones(BLOCKS)], len(TRANSLATIONS))
+    blocks = np.kron(np.eye(len(TRANSLATIONS)), np.ones((values, values)))
+    covariance = np.diag(free * (U_NODE**2 - COMMON**2)) + COMMON**2 * blocks * np.outer(free, free)
+    return replace(result, curves={**result.curves, "E_ZZ": there_and_back}, covariance=covariance)
+
+
+def named(errors):
+    return {one.name: one for one in errors}
+
+
+def test_positioning_is_peak_to_peak_though_it_ends_at_nothing():
+    found = named(single_errors(returning()))["E_ZZ"]
+    assert found.value == pytest.approx(4e-6)
+    assert found.travel == pytest.approx(0.03 * BLOCKS)
+    # What both nodes share leaves their difference.
+    expected = COVERAGE_FACTOR * np.sqrt(2.0 * (U_NODE**2 - COMMON**2))
+    assert found.expanded_uncertainty == pytest.approx(expected)
+
+
+def test_straightness_is_the_figure_and_squareness_what_it_makes_over_the_travel():
+    result = make_result()
+    found = named(single_errors(result))
+    straight = result.figure("straightness E_YX")
+    assert found["E_YX"].value == straight.value
+    assert np.isnan(found["E_YX"].expanded_uncertainty)
+    square = result.figure("C0Y")
+    assert found["C0Y"].value == pytest.approx(square.value * 0.02 * BLOCKS)
+    assert found["C0Y"].expanded_uncertainty == pytest.approx(
+        COVERAGE_FACTOR * square.standard_uncertainty * 0.02 * BLOCKS
+    )
+    turned = replace(result, figures=(Figure("C0Y", -square.value, 2.5e-7, "rad"),))
+    assert named(single_errors(turned))["C0Y"].value == found["C0Y"].value
+
+
+def test_a_curve_with_a_gap_tells_no_range():
+    result = returning()
+    curve = result.curves["E_ZZ"].copy()
+    curve[-1] = np.nan
+    gap = replace(result, curves={**result.curves, "E_ZZ": curve})
+    assert np.isnan(named(single_errors(gap))["E_ZZ"].value)
+    assert "E_ZZ" not in " ".join(in_short(make_report(results=(gap,))))
+
+
+def _budget(u, factor):
+    """Return a budget of node 1 and 2 of E_ZZ, independent, and of C0Y."""
+    quantities = (
+        SimpleNamespace(name="E_ZZ at 1", curve="E_ZZ", node=1),
+        SimpleNamespace(name="E_ZZ at 2", curve="E_ZZ", node=2),
+        SimpleNamespace(name="C0Y", curve="", node=-1),
+    )
+    factors = np.array([1.96, factor, factor])
+    return SimpleNamespace(
+        sensitivity=SimpleNamespace(quantities=quantities),
+        covariance=np.eye(3) * u**2,
+        coverage_factor=factors,
+        expanded=factors * u,
+    )
+
+
+def test_of_two_uncertainties_the_larger_one_counts():
+    result = returning()
+    alone = named(single_errors(result))
+    wide = named(single_errors(result, _budget(1e-6, 2.5)))
+    assert wide["E_ZZ"].expanded_uncertainty == pytest.approx(2.5 * np.sqrt(2.0) * 1e-6)
+    assert wide["C0Y"].expanded_uncertainty == pytest.approx(2.5e-6 * 0.02 * BLOCKS)
+    narrow = named(single_errors(result, _budget(1e-9, 2.5)))
+    for name in ("E_ZZ", "C0Y"):
+        assert narrow[name].expanded_uncertainty == alone[name].expanded_uncertainty
+
+
+def test_the_largest_come_first_and_three_are_named():
+    said = in_short(make_report(results=(returning(),)))
+    (largest,) = [text for text in said if "largest single errors" in text]
+    size = plus_minus(4e-6, np.sqrt(2.0 * (U_NODE**2 - COMMON**2)), 1e6)
+    first, second, third = largest.split(": ", 1)[1].split("; ")
+    travel = 0.03 * BLOCKS * 1e3
+    assert first == f"positioning E_ZZ of Z {size} µm over {travel:.0f} mm"
+    assert second.startswith("squareness B0Z of Z to X") or second.startswith("squareness A0Z")
+    assert third.startswith("squareness")
+    assert "peak to peak over the travel" in largest
+
+
+def test_the_worst_place_is_that_of_the_volume():
+    report = make_report(results=(returning(),))
+    found = of_result(report.preferred(), report.chain)
+    size = plus_minus(found.value, found.standard_uncertainty, 1e6)
+    assert f"the tool stands {size} µm from where it should" in in_short(report)[0]
+
+
+def zero_words(*results):
+    return [text for text in in_short(make_report(results=results)) if "as zero" in text]
+
+
+def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
+    result = make_result()
+    assert "the measured lines cannot tell them" in zero_words(result)[0]
+    part = with_rotations(result, unknown=("E_BY",))
+    assert zero_words(part, result)[0].endswith("cannot tell E_BY.")
+    whole = with_rotations(result, unknown=())
+    assert set(true_rotations()) == set(ROTATIONS)
+    assert "another method tells them" in zero_words(whole, result)[0]
+    assert not zero_words(whole), "it holds them itself"
+
+
+def test_a_run_that_was_not_solved_says_nothing_in_short():
+    report = make_report(results=())
+    assert in_short(report) == [] and next_commands(report) == []
+
+
+def test_the_last_lines_say_it_in_short_and_what_to_run_next():
+    report = make_report(bag=Path("my runs/one.mcap"), refused={"soons": "too little"})
+    stream = io.StringIO()
+    print_report(report, make_console(stream))
+    lines = [line.rstrip() for line in stream.getvalue().splitlines()]
+    place = lines.index("In short:")
+    assert lines[place + 1 :] == [*in_short(report), *next_commands(report)]
+    assert any("not solved, too little" in line for line in lines[:place])
+    commands = [line.split("  ")[1] for line in lines[-4:]]
+    assert commands == [
+        "stepdiag report 'my runs/one.mcap'",
+        "stepdiag diagnose 'my runs/one.mcap'",
+        "stepdiag monitor 'my runs/one.mcap'",
+        "stepdiag compensate 'my runs/one.mcap' --for generic",
+    ]
+
+
+def test_both_quantities_called_positioning_have_tables_of_their_own():
+    report = make_report(results=(returning(),))
+    stream = io.StringIO()
+    print_report(report, make_console(stream))
+    text = " ".join(stream.getvalue().split())
+    ranges = text[text.index("Positioning error, peak to peak") :]
+    size = plus_minus(4e-6, np.sqrt(2.0 * (U_NODE**2 - COMMON**2)), 1e6)
+    assert f"E_ZZ of Z µm {size}" in ranges.split("Straightness")[0]
+    assert "E_ZZ of Z µm -1.20 ± 0.12" in ranges[ranges.index("at the end of the travel") :]
+    truth = with_ranges(report).truth
+    assert truth.figures[-1].value == pytest.approx(np.ptp(report.truth.curves["E_ZZ"]))
+    assert "positioning-range" not in report_json(report), "results.json is that of the solvers"
