@@ -15,6 +15,7 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -109,7 +110,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(arguments: Namespace) -> int:
     """Make and show the budget; see the module."""
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.configuration import load_instrument
     from stepdiag_ros.metrology.uncertainty.budget import make_budget
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 
 if TYPE_CHECKING:
@@ -165,7 +165,6 @@ def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
 
 def _solved_bag(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.report.changes_build import side_of_report
     from stepdiag_ros.report.compensation_build import identified_of
     from stepdiag_ros.report.recorded_run import report_of_run

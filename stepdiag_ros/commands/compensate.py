@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
+from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 
 if TYPE_CHECKING:
@@ -187,7 +187,6 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     if not is_bag(path):
         return from_results_file(path, method, sha256_of(path))
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:

@@ -15,6 +15,7 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
+    warn,
 )
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 
@@ -222,7 +223,6 @@ def _run_of(path: Path, progress: Progress, run_id: str | None) -> _Run:
 
         return _Run(load_table(path).measurement)
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.configuration import machine_from_text
     from stepdiag_ros.report.recorded_run import measurement_of
 

@@ -43,6 +43,11 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+def warn(text: str) -> None:
+    """Tell the user what is not as it should be, and yet no refusal."""
+    say(f"stepdiag: warning: {text}")
+
+
 class Progress(Protocol):
     """Told how far a piece of work has come."""
 
@@ -171,8 +176,8 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
         raise ValueError("the measured lines are not enough for any method; the reasons are above")
     differing = [method for method, same in report.equals_recorded.items() if not same]
     if differing:
-        say(
-            f"stepdiag: warning: {', '.join(differing)}: not the same numbers as the result that"
+        warn(
+            f"{', '.join(differing)}: not the same numbers as the result that"
             " is recorded in the bag"
         )
     return 0

@@ -14,6 +14,7 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
+    warn,
 )
 from stepdiag_ros.refusals import sentence
 
@@ -124,7 +125,6 @@ def run(arguments: Namespace) -> int:
 
 def _material(arguments: Namespace, given: "Given") -> "Material":
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.solve import warn
     from stepdiag_ros.handover.material import Material, unsolved
     from stepdiag_ros.report.recorded_run import report_of_run
 

@@ -11,8 +11,8 @@ from stepdiag_ros.commands.output import (
     add_result_options,
     add_run_option,
     progress_bar,
-    say,
     show_report,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -115,8 +115,3 @@ def report_of(
         return report_of_run(
             recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn
         )
-
-
-def warn(text: str) -> None:
-    """Tell the user what is not as it should be, and yet no refusal."""
-    say(f"stepdiag: warning: {text}")

@@ -182,4 +182,4 @@ def test_it_ends_in_order(cell):
     process = cell.processes.running["foxglove_server"]
     process.send_signal(signal.SIGINT)
     assert process.wait(20) == 0
-    assert "Traceback" not in cell.log()
+    assert "Traceback" not in cell.log("foxglove_server")

@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from shown_cell import ShownCell, in_domain
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
-from stepdiag_ros.run.sequence import State
 
 _domains = itertools.count(os.getpid())
 KEPT = (
@@ -27,12 +26,7 @@ KEPT = (
 
 @pytest.fixture(scope="module", autouse=True)
 def domain():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 30 + 201))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    yield from in_domain(next(_domains) % 30 + 201)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -77,58 +71,19 @@ def pages(browser):
     return Pages(browser)
 
 
-class ShownCell:
-    """All nodes of the simulated cell and the monitor; what was said and what is on the page."""
+class CellOnAPage(ShownCell):
+    """The cell with the monitor; what was said and what is on the page."""
 
     def __init__(self, folder):
-        import rclpy
+        super().__init__(folder, KEPT, [("monitor", {"port": 0})])
 
-        from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.cell import simulated_cell
-        from stepdiag_ros.session.processes import NodeProcess, Processes
-
-        self.folder = folder
-        cell = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
-        nodes = [*cell, NodeProcess("monitor", {"use_sim_time": True, "port": 0})]
-        self.count = len(nodes)
-        self.processes = Processes(nodes, folder / "logs")
-        rclpy.init(args=[])
-        self.operator = OperatorNode()
-        self.said = {topic: [] for topic in KEPT}
-        for topic, kept in self.said.items():
-            self.operator.listen(topic, kept.append)
-
-    def __enter__(self):
-        self.processes.__enter__()
-        peers = self.operator.watch.peers
-        self.wait(
-            lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
-            "all nodes are up",
-            120.0,
-        )
-        return self
-
-    def __exit__(self, *_):
-        import rclpy
-
-        self.processes.end()
-        rclpy.try_shutdown()
-
-    def wait(self, condition, what, limit=90.0):
-        if not self.operator.spin_until(condition, limit):
-            raise AssertionError(f"not in {limit} s: {what}\n{self.log('monitor')[-3000:]}")
-
-    def log(self, name):
-        return (self.folder / "logs" / f"{name}.log").read_text(errors="replace")
+    def last_words(self):
+        return self.log("monitor")[-3000:]
 
     @property
     def url(self):
         """The address with the token, as it was printed."""
         return re.search(r"open (http://127\.0\.0\.1:\d+/#token=\w+)", self.log("monitor")).group(1)
-
-    def state(self):
-        states = self.said[topics.RUN_STATE]
-        return State(states[-1].state) if states else None
 
     def last(self, topic, **fields):
         found = [
@@ -136,13 +91,10 @@ class ShownCell:
         ]
         return found[-1]
 
-    def bag(self):
-        return next(iter(self.folder.glob("*.mcap")))
-
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
-    with ShownCell(tmp_path_factory.mktemp("cell")) as made:
+    with CellOnAPage(tmp_path_factory.mktemp("cell")) as made:
         yield made
 
 

@@ -7,8 +7,8 @@ import subprocess
 import sys
 
 import pytest
+from shown_cell import ShownCell, in_domain
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
 
@@ -19,33 +19,16 @@ WATCH = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
 
 @pytest.fixture(scope="module", autouse=True)
 def domain():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 30 + 201))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    yield from in_domain(next(_domains) % 30 + 201)
 
 
-class WatchedCell:
-    """All nodes of the simulated cell; what was said, and what a watch has written of it."""
+class WatchedCell(ShownCell):
+    """The cell; what was said, and what a watch has written of it."""
+
+    patience = 60.0
 
     def __init__(self, folder):
-        import rclpy
-
-        from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.cell import simulated_cell
-        from stepdiag_ros.session.processes import Processes
-
-        self.folder = folder
-        nodes = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
-        self.count = len(nodes)
-        self.processes = Processes(nodes, folder / "logs")
-        rclpy.init(args=[])
-        self.operator = OperatorNode()
-        self.said = {topic: [] for topic in KEPT}
-        for topic, kept in self.said.items():
-            self.operator.listen(topic, kept.append)
+        super().__init__(folder, KEPT)
         self._log = (folder / "watch.log").open("w")
         self.watch = subprocess.Popen(
             WATCH,
@@ -56,38 +39,21 @@ class WatchedCell:
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
-    def __enter__(self):
-        self.processes.__enter__()
-        peers = self.operator.watch.peers
-        self.wait(
-            lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
-            "all nodes are up",
-            120.0,
-        )
-        return self
-
-    def __exit__(self, *_):
-        import rclpy
-
+    def __exit__(self, *arguments):
         self.processes.end()
         if self.watch.poll() is None:
             self.watch.kill()
         self.watch.communicate()
         self._log.close()
-        rclpy.try_shutdown()
+        super().__exit__(*arguments)
 
-    def wait(self, condition, what, limit=60.0):
-        if not self.operator.spin_until(condition, limit):
-            raise AssertionError(f"not in {limit} s: {what}\n" + "\n".join(self.logged()[-20:]))
+    def last_words(self):
+        return "\n".join(self.logged()[-20:])
 
     def logged(self):
         """Return the lines of the watch, without the time."""
         lines = (self.folder / "watch.log").read_text().splitlines()
         return [line.partition(" ")[2] for line in lines]
-
-    def state(self):
-        states = self.said[topics.RUN_STATE]
-        return State(states[-1].state) if states else None
 
     def measure(self):
         """Start the run and follow it to the end of all that is evaluated."""

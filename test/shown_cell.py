@@ -1,0 +1,78 @@
+"""A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
+
+import signal
+
+import pytest
+
+import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros import topics
+from stepdiag_ros.run.sequence import State
+
+
+def in_domain(number):
+    """Run in a ROS domain on this computer alone; a generator for a fixture."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, signal.default_int_handler)
+
+
+class ShownCell:
+    """All nodes of a simulated cell and those that show it; what was said on some topics."""
+
+    patience = 90.0
+
+    def __init__(self, folder, kept, shown=()):
+        import rclpy
+
+        from stepdiag_ros.nodes.operator import OperatorNode
+        from stepdiag_ros.session.cell import simulated_cell
+        from stepdiag_ros.session.processes import NodeProcess, Processes
+
+        self.folder = folder
+        cell = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
+        more = [NodeProcess(name, {"use_sim_time": True, **given}) for name, given in shown]
+        self.count = len(cell) + len(more)
+        self.processes = Processes([*cell, *more], folder / "logs")
+        rclpy.init(args=[])
+        self.operator = OperatorNode()
+        self.said = {topic: [] for topic in kept}
+        for topic, heard in self.said.items():
+            self.operator.listen(topic, heard.append)
+
+    def __enter__(self):
+        self.processes.__enter__()
+        peers = self.operator.watch.peers
+        self.wait(
+            lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
+            "all nodes are up",
+            120.0,
+        )
+        return self
+
+    def __exit__(self, *_):
+        import rclpy
+
+        self.processes.end()
+        rclpy.try_shutdown()
+
+    def wait(self, condition, what, limit=None):
+        limit = limit or self.patience
+        if not self.operator.spin_until(condition, limit):
+            raise AssertionError(f"not in {limit} s: {what}\n{self.last_words()}")
+
+    def last_words(self):
+        """Return what is to be read where something does not come."""
+        return ""
+
+    def log(self, name):
+        return (self.folder / "logs" / f"{name}.log").read_text(errors="replace")
+
+    def state(self):
+        states = self.said[topics.RUN_STATE]
+        return State(states[-1].state) if states else None
+
+    def bag(self):
+        return next(iter(self.folder.glob("*.mcap")))
