@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import rclpy
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
@@ -161,34 +161,35 @@ def spin(node_class: Callable[[], StepdiagNode]) -> int:
 
     A node that cannot start says why in one sentence. Signals are ignored afterwards.
     """
+    node = executor = None
     begun = False
     try:
         _begin()
         begun = True
+        # Before the node: nothing may be made for a context that has been ended meanwhile.
+        executor = SingleThreadedExecutor()
         node = node_class()
-    except KeyboardInterrupt:
-        rclpy.try_shutdown()
-        return 0
-    except Exception as error:
-        # What is made after the process was told to end cannot be a part of the graph any more.
-        if begun and not rclpy.ok():
-            return 0
-        # RuntimeError is what the middleware raises, for example about ROS_DOMAIN_ID.
-        if isinstance(error, (ValueError, OSError, RuntimeError, NameValidationException)):
-            return _refuse(error)
-        raise
-    try:
-        rclpy.spin(node)
+        rclpy.spin(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RuntimeError:
-        # A callback that was at work when the process was told to end can publish no more.
-        if rclpy.ok():
+    except Exception as error:
+        told_to_end = begun and not rclpy.ok()
+        if node is None and not told_to_end:
+            # RuntimeError is what the middleware raises, for example about ROS_DOMAIN_ID.
+            if isinstance(error, (ValueError, OSError, RuntimeError, NameValidationException)):
+                return _refuse(error)
+            raise
+        # What is made after the process was told to end cannot be a part of the graph any more,
+        # and a callback that was at work then can publish no more.
+        if node is not None and not (told_to_end and isinstance(error, RuntimeError)):
             raise
     finally:
         _ignore_signals()
-        node.close()
-        node.destroy_node()
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        if executor is not None:
+            executor.shutdown()
         rclpy.try_shutdown()
         # The client library has given the signals back.
         _ignore_signals()
@@ -213,5 +214,4 @@ def _begin() -> None:
 
 def _refuse(error: Exception) -> int:
     print(f"{PREFIX}{sentence(error)}", file=sys.stderr)
-    rclpy.try_shutdown()
     return 1

@@ -121,3 +121,37 @@ def test_jump_callbacks() -> None:
     handle.unregister()
     clock.set_ros_time_override(Time(seconds=100))
     assert len(jumps) == 3
+
+
+def test_ctrl_c_waits_until_a_pool_has_taken_up_its_work(peer: Start) -> None:
+    # Python's pools fail with other errors, or never end, if Ctrl-C comes inside of them.
+    other = peer(
+        """
+        import os, signal
+        from rclpy.executors import MultiThreadedExecutor
+        rclpy.init()
+        node = rclpy.create_node('spinner')
+        node.create_timer(0.01, lambda: None)
+        executor = MultiThreadedExecutor()
+        executor.add_node(node)
+        submit = executor._pool.submit
+
+        def interrupted(*arguments):
+            os.kill(os.getpid(), signal.SIGINT)
+            for _ in range(1000):
+                pass
+            submit(*arguments)
+            print('taken up', flush=True)
+
+        executor._pool.submit = interrupted
+        try:
+            executor.spin()
+        except KeyboardInterrupt:
+            print('interrupted', rclpy.ok())
+        executor.shutdown()
+        node.destroy_node()
+        """
+    )
+    code, out, err = other.finish()
+    assert code == 0, err
+    assert out.split("\n") == ["taken up", "interrupted False", ""]

@@ -62,6 +62,32 @@ def test_to_be_told_to_end_while_starting_is_no_failure(monkeypatch: pytest.Monk
     rclpy.try_shutdown()
 
 
+class _ToldBeforeItSpins(base.StepdiagNode):
+    """Is told to end between its making and its first callback."""
+
+    role = "solver"
+    number = signal.SIGTERM
+
+    def __init__(self) -> None:
+        super().__init__("before")
+        self.closed = False
+        _ToldBeforeItSpins.last = self
+        os.kill(os.getpid(), self.number)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_to_be_told_to_end_before_it_spins_is_no_failure(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    monkeypatch.setattr(_ToldBeforeItSpins, "number", number)
+    # Ctrl-C raises at once, in the middle of the making; SIGTERM ends the context alone.
+    assert base.spin(_ToldBeforeItSpins) == 0
+    assert _ToldBeforeItSpins.last.closed == (number == signal.SIGTERM)
+
+
 class _ToldTwice(base.StepdiagNode):
     """Is told to end again while it closes, as by ros2 launch after the terminal's own Ctrl-C."""
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy._source import Source
 from rclpy.context import Context
+from rclpy.signals import _uninterrupted
 from rclpy.task import Future, Task
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context, timeout_sec_to_nsec
@@ -431,7 +432,8 @@ class MultiThreadedExecutor(Executor):
         # As in rclpy, spinning on several threads returns when the context is shut down.
         with suppress(ExternalShutdownException):
             work = self._wait(timeout_ns, condition)
-            self._pool.submit(self._execute_in_pool, work)
+            with _uninterrupted():
+                self._pool.submit(self._execute_in_pool, work)
 
     def _execute_in_pool(self, work: _Work) -> None:
         try:

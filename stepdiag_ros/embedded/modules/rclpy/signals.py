@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
 from typing import Any
@@ -21,6 +23,8 @@ class SignalHandlerOptions(IntEnum):
 
 _previous: dict[int, Any] = {}
 _watcher: _Watcher | None = None
+#: What came while the main thread could not be interrupted; ``None`` while it can.
+_put_off: list[tuple[int, FrameType | None]] | None = None
 
 
 class _Watcher:
@@ -86,11 +90,38 @@ def get_current_signal_handlers_options() -> SignalHandlerOptions:
     return SignalHandlerOptions(handled)
 
 
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put off what Ctrl-C raises in the main thread to the end of a block.
+
+    Python's thread pools fail, or wait for ever at the exit, if it comes while they take up work.
+    """
+    global _put_off
+    if threading.current_thread() is not threading.main_thread() or _put_off is not None:
+        yield
+        return
+    came = _put_off = []
+    try:
+        yield
+    finally:
+        _put_off = None
+    for number, frame in came:
+        _pass_on(number, frame)
+
+
 def _handle(number: int, frame: FrameType | None) -> None:
     from rclpy.context import _contexts
 
     for context in list(_contexts):
         context.try_shutdown()
+    if _put_off is not None:
+        _put_off.append((number, frame))
+    else:
+        _pass_on(number, frame)
+
+
+def _pass_on(number: int, frame: FrameType | None) -> None:
+    """Call whoever handled a signal before."""
     previous = _previous.get(number)
     if callable(previous):
         previous(number, frame)
