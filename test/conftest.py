@@ -1,5 +1,6 @@
-"""Which tests are live, and: every JSON document that a command makes in a test fits its schema."""
+"""Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
 
+import signal
 from pathlib import Path
 
 import jsonschema
@@ -48,6 +49,24 @@ def one_thread():
     """
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c():
+    """Let Ctrl-C end what tests start, as in a terminal.
+
+    A shell lets what it starts in the background ignore it, and all of its children too.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def signals():
+    """Handle signals as before, whatever a test did in this process."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
 
-import signal
-
 import pytest
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
@@ -15,8 +13,6 @@ def in_domain(number):
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signal_number, signal.default_int_handler)
 
 
 class ShownCell:

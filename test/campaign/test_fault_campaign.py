@@ -5,7 +5,6 @@
 
 import itertools
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -23,12 +22,9 @@ def campaign(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     import fault_campaign
 
-    yield fault_campaign
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return fault_campaign
 
 
 def test_a_dozen_faults_are_borne(campaign, tmp_path):

@@ -200,8 +200,6 @@ def test_the_command_serves_a_bag_until_it_is_told_to_end(bag):
         [sys.executable, "-m", "stepdiag_ros.cli", "foxglove", str(bag), "--port", "0"],
         stderr=subprocess.PIPE,
         text=True,
-        # A shell lets what it starts in the background ignore Ctrl-C, and its children too.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         said = process.stderr.readline()

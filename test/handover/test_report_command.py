@@ -223,8 +223,6 @@ def test_ctrl_c_ends_the_command_in_one_line_and_leaves_nothing(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # A shell lets what it starts in the background ignore Ctrl-C, and its children too.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     child = _child_that_draws(process)
     assert child is not None, process.communicate()

@@ -4,7 +4,6 @@ import itertools
 import os
 import re
 import shutil
-import signal
 import sys
 from pathlib import Path
 
@@ -111,8 +110,6 @@ def replay(cell):
                 *("--rate", "0", "--port", "0"),
             ],
             stderr=out,
-            # A shell lets what it starts in the background ignore Ctrl-C, and its children too.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
     cell.wait(
         lambda: "all of the recording is shown" in path.read_text(), "the bag is played", 180.0

@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import signal
 import time
 import weakref
 from collections.abc import Callable, Iterator
@@ -40,15 +39,6 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         node = one()
         if node is not None:
             node.destroy_node()
-
-
-@pytest.fixture(autouse=True)
-def signals() -> Iterator[None]:
-    """Handle signals as before, whatever a node did that ended in this process."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
 
 
 class CellUnderTest:

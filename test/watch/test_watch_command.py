@@ -116,8 +116,6 @@ def on_a_terminal(arguments, end=False, **given):
         stdout=follower,
         stderr=follower,
         env=environment(**given),
-        # A shell lets what it starts in the background ignore Ctrl-C, and its children too.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     os.close(follower)
     written, deadline = b"", time.monotonic() + 60.0
