@@ -11,16 +11,8 @@ from stepdiag_ros.conversion import (
     to_nanoseconds,
     to_volumetric_errors,
 )
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.scene.error_markers import Options, chosen_results, picture
-from stepdiag_ros.scene.frames import (
-    Triple,
-    setup_placements,
-    tool_placement,
-    workpiece_placement,
-)
-from stepdiag_ros.scene.progress_markers import Progress, progress_markers
+from stepdiag_ros.scene.run_picture import RunPicture, View
 from stepdiag_ros.scene_conversion import from_placements, from_shapes
 from stepdiag_ros.topics import Topic
 
@@ -33,6 +25,7 @@ SOURCES = (
 """What the picture is made of, besides the run's description."""
 MADE = (topics.FRAMES, topics.FIXED_FRAMES, topics.RUN_MARKERS, topics.ERROR_MARKERS)
 """What is made."""
+_VIEW = View()
 
 
 class RecordedScene:
@@ -49,47 +42,30 @@ class RecordedScene:
 
     def begin_anew(self) -> None:
         """Go back to before the first message of the run."""
-        self._results: dict[str, VolumetricErrors] = {}
-        self._measured: dict[int, bool] = {}
-        self._line_index = 0
-        self._present: int | None = None
-        self._position: Triple | None = None
+        self._picture = RunPicture()
+        self._picture.begin(self._plan, self._chain)
         self._position_time = 0
-        self._changed = {topics.FIXED_FRAMES, topics.RUN_MARKERS, topics.ERROR_MARKERS}
 
     def take(self, topic: Topic, message: Any) -> None:
         """Take note of a message of one of ``SOURCES``."""
         if topic is topics.JOINT_STATES:
             position = axis_positions(message)
             if position is not None:
-                self._position = position
+                self._picture.take_position(position)
                 self._position_time = to_nanoseconds(message.header.stamp)
-                self._changed |= {topics.FRAMES, topics.RUN_MARKERS}
         elif topic is topics.LINE:
-            line = to_measured_line(message)
-            self._measured[line.line_index] = line.complete
-            self._changed.add(topics.RUN_MARKERS)
+            self._picture.take_line(to_measured_line(message))
         elif topic is topics.VOLUMETRIC_ERRORS:
-            result = to_volumetric_errors(message)
-            self._results[result.method] = result
-            self._changed.add(topics.ERROR_MARKERS)
+            self._picture.take_result(to_volumetric_errors(message))
         elif topic is topics.RUN_STATE:
-            self._follow(message)
-
-    def _follow(self, state: Any) -> None:
-        over = State(state.state) in (State.FINISHED, State.ABORTED)
-        present = None if over else int(state.line_index)
-        if present != self._present and (present or 0) < len(self._plan.lines):
-            self._present = present
-            self._line_index = self._line_index if present is None else present
-            self._changed |= {topics.FIXED_FRAMES, topics.RUN_MARKERS}
+            over = State(message.state) in (State.FINISHED, State.ABORTED)
+            self._picture.take_present(None if over else int(message.line_index))
 
     def tool(self) -> bytes | None:
         """Return where the tool is, if it has moved: CDR of a TFMessage."""
-        if topics.FRAMES not in self._changed or self._position is None:
+        placements = self._picture.tool()
+        if placements is None:
             return None
-        self._changed.discard(topics.FRAMES)
-        placements = [tool_placement(self._position)]
         message = from_placements(placements, self._position_time)
         return own_types().encode(topics.FRAMES.type_name, message)
 
@@ -100,25 +76,14 @@ class RecordedScene:
             time: of the recording, ns.
         """
         made: dict[Topic, Any] = {}
-        if topics.FIXED_FRAMES in self._changed:
-            made[topics.FIXED_FRAMES] = from_placements(self._fixed(), time)
-        if topics.RUN_MARKERS in self._changed:
-            progress = Progress(dict(self._measured), self._present, self._position)
-            made[topics.RUN_MARKERS] = from_shapes(progress_markers(self._plan, progress), time)
-        if topics.ERROR_MARKERS in self._changed:
-            chosen = chosen_results(self._results, "preferred")
-            shapes = picture(chosen, self._plan, Options(chain=self._chain))
-            made[topics.ERROR_MARKERS] = from_shapes(shapes, time)
-        self._changed &= {topics.FRAMES}
+        setup = self._picture.setup(_VIEW)
+        if setup is not None:
+            made[topics.FIXED_FRAMES] = from_placements(setup, time)
+        for topic, shapes in (
+            (topics.RUN_MARKERS, self._picture.progress(_VIEW)),
+            (topics.ERROR_MARKERS, self._picture.errors(_VIEW)),
+        ):
+            if shapes is not None:
+                made[topic] = from_shapes(shapes, time)
         types = own_types()
         return {topic: types.encode(topic.type_name, one) for topic, one in made.items()}
-
-    def _fixed(self) -> tuple[Any, ...]:
-        plan, like_live = self._plan, Progress()
-        setup = setup_placements(
-            plan.lines[self._line_index],
-            plan.volume,
-            like_live.laser_distance,
-            like_live.mirror_offset,
-        )
-        return (workpiece_placement(plan.volume), *setup)
