@@ -39,21 +39,33 @@ NewMessage = Callable[[str], Any]
 """Makes an empty message of a full type name such as ``stepdiag_ros/msg/RunState``."""
 
 
-def new_message(type_name: str) -> Any:
-    """Return an empty message of the ROS client that runs here (rclpy's class or the embedded one).
+def message_type(type_name: str) -> Any:
+    """Return a message's class of the ROS client that runs here, rclpy's or the embedded one.
 
     Args:
         type_name: for example ``stepdiag_ros/msg/RunState``.
 
     Raises:
-        ImportError: there is no such package or message.
+        ValueError: there is no such package or message, as where a ROS 2 is sourced and the package
+            is run from its sources.
     """
     package, _, name = type_name.split("/")
-    module = importlib.import_module(f"{package}.msg")
     try:
-        return getattr(module, name)()
+        module = importlib.import_module(f"{package}.msg")
+    except ModuleNotFoundError:
+        raise ValueError(
+            f"the ROS 2 that is sourced has no messages of package {package}: build the workspace "
+            "with colcon, source its install/setup.bash and start outside of the source folder"
+        ) from None
+    try:
+        return getattr(module, name)
     except AttributeError:
-        raise ImportError(f"package {package} has no message {name}") from None
+        raise ValueError(f"package {package} has no message {name}") from None
+
+
+def new_message(type_name: str) -> Any:
+    """Return an empty message of a type; see ``message_type``."""
+    return message_type(type_name)()
 
 
 def to_nanoseconds(stamp: Any) -> int:

@@ -9,7 +9,6 @@ topics is named, in the log and on /diagnostics.
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -17,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
+from stepdiag_ros.conversion import message_type
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
 from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
@@ -64,8 +64,7 @@ def quality(topic: Topic, keep_all: bool = False) -> QoSProfile:
 
 def message_class(topic: Topic) -> Any:
     """Return the message class of a topic."""
-    package, _, name = topic.type_name.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
+    return message_type(topic.type_name)
 
 
 class Outlet:
