@@ -18,27 +18,27 @@ class Qos(Enum):
         depth: how many messages are kept, at least, for a slow subscriber (or, where it is
             transient local, for a late one).
         transient_local: a late subscriber receives what was published before it came.
+        repeated: what still holds is said again slowly, for late subscribers over a bridge.
     """
 
-    STREAM = (10, False)
+    STREAM = (10, False, False)
     """Many messages a second, none of which may be lost; the rate tells how many are kept."""
-    COMMAND = (100, False)
+    COMMAND = (100, False, False)
     """Single events; a late subscriber must not receive an old one."""
-    LATCHED = (1, True)
+    EVENTS = (1000, True, False)
+    """What has happened, one thing after another. Whoever acts on it hears what happens from now
+    on; whoever looks on asks for what was before, too."""
+    LATCHED = (1, True, True)
     """What takes the place of all before: descriptions, states, whole pictures for viewers."""
-    RESULTS = (20, True)
+    RESULTS = (20, True, True)
     """What holds side by side, each in place of the one of its kind before."""
-    HISTORY = (1000, True)
+    HISTORY = (1000, True, True)
     """Lines and their tests: a solver that is started again during a run needs all of them."""
 
-    def __init__(self, depth: int, transient_local: bool) -> None:
+    def __init__(self, depth: int, transient_local: bool, repeated: bool) -> None:
         self.depth = depth
         self.transient_local = transient_local
-
-    @property
-    def repeated(self) -> bool:
-        """Say whether what still holds is said again slowly, for late subscribers over a bridge."""
-        return self.transient_local
+        self.repeated = repeated
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ AIR_PRESSURE = Topic(
 RELATIVE_HUMIDITY = Topic(
     "weather/relative_humidity", "sensor_msgs/msg/RelativeHumidity", Qos.STREAM, highest_rate=1000.0
 )
-STOP = Topic("measurement/stop", "stepdiag_ros/msg/SettledStop", Qos.COMMAND, derived=True)
-BLOCK = Topic("measurement/block", "stepdiag_ros/msg/BlockDisplacement", Qos.COMMAND, derived=True)
+STOP = Topic("measurement/stop", "stepdiag_ros/msg/SettledStop", Qos.EVENTS, derived=True)
+BLOCK = Topic("measurement/block", "stepdiag_ros/msg/BlockDisplacement", Qos.EVENTS, derived=True)
 LINE = Topic(
     "measurement/line",
     "stepdiag_ros/msg/MeasuredLine",

@@ -12,6 +12,7 @@ PAGE = (ROOT / "docs" / "integration.md").read_text(encoding="utf-8")
 WORDS = {
     Qos.STREAM: "stream",
     Qos.COMMAND: "command",
+    Qos.EVENTS: "events",
     Qos.LATCHED: "latched",
     Qos.RESULTS: "latched",
     Qos.HISTORY: "latched",

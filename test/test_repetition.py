@@ -95,14 +95,16 @@ def test_what_holds_is_told_apart_by_fields_that_the_messages_have():
 @pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.name)
 def test_quality_of_service_follows_from_meaning(topic):
     kinds = {
-        topics.Qos.STREAM: (False, topic.highest_rate > 0.0),
-        topics.Qos.COMMAND: (False, True),
-        topics.Qos.LATCHED: (True, True),
-        topics.Qos.RESULTS: (True, True),
-        topics.Qos.HISTORY: (True, True),
+        topics.Qos.STREAM: (False, False, topic.highest_rate > 0.0),
+        topics.Qos.COMMAND: (False, False, True),
+        topics.Qos.EVENTS: (True, False, True),
+        topics.Qos.LATCHED: (True, True, True),
+        topics.Qos.RESULTS: (True, True, True),
+        topics.Qos.HISTORY: (True, True, True),
     }
-    transient_local, fits = kinds[topic.qos]
-    assert topic.qos.transient_local == topic.qos.repeated == transient_local
+    assert len(set(topics.Qos)) == len(kinds), "two kinds of the same values are one"
+    transient_local, repeated, fits = kinds[topic.qos]
+    assert (topic.qos.transient_local, topic.qos.repeated) == (transient_local, repeated)
     assert fits, "a stream must say how many messages come in a second"
     assert topic.depth >= topic.highest_rate * topics.KEPT_SECONDS
 

@@ -20,6 +20,8 @@ from stepdiag_ros.report.numbers import MICRO, OF_READINGS, UNKNOWN, plain, with
 from stepdiag_ros.report.summary import short_sentences
 
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
+_MORE_ACTS = (NAMED, AMBIGUOUS, UNEXPLAINED)
+"""Verdicts of the workflow by which the error curves are not all that acts."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +30,13 @@ class Judgement:
 
     Attributes:
         verdict: ``keeps``: value + U is within the tolerance; ``exceeds``: value - U is beyond it;
-            ``open``: neither, or value or U is unknown; ``not asked``: no tolerance was given.
+            ``open``: neither, or value or U is unknown, or more acts than value and U contain;
+            ``not asked``: no tolerance was given.
         value: longest error vector, m; NaN if unknown.
         expanded_uncertainty: of it (95 %), m; NaN if unknown.
         lower_bound: the uncertainty is a lower bound: a source that acts is not known.
         tolerance: m; NaN if none was given.
+        more_acts: the run itself shows more than the error curves contain.
     """
 
     verdict: str
@@ -40,6 +44,12 @@ class Judgement:
     expanded_uncertainty: float
     lower_bound: bool
     tolerance: float
+    more_acts: bool
+
+    @property
+    def limit(self) -> str:
+        """Write the tolerance as exactly as it was given."""
+        return f"{self.tolerance * MICRO:.10g} µm"
 
 
 def judge(material: Material) -> Judgement:
@@ -47,23 +57,29 @@ def judge(material: Material) -> Judgement:
     accuracy, tolerance = material.accuracy, material.given.tolerance
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
+    more_acts = _verdict(material) in _MORE_ACTS
     if not math.isfinite(tolerance):
         verdict = NOT_ASKED
+    elif more_acts:
+        verdict = OPEN
     elif value + expanded <= tolerance:
         verdict = KEEPS
     elif value - expanded > tolerance:
         verdict = EXCEEDS
     else:
         verdict = OPEN
-    return Judgement(verdict, value, expanded, material.lower_bound, tolerance)
+    return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts)
+
+
+def _verdict(material: Material) -> str:
+    return "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
 
 
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
     judged = judge(material)
     tone, headline = _headline(material, judged)
-    verdict = "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
-    if verdict in (NAMED, AMBIGUOUS) and tone != "bad":
+    if judged.more_acts and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
         tone = "open"
     sentences = _incomplete(material)
@@ -77,13 +93,12 @@ def lead_of(material: Material) -> Lead:
 
 
 def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
-    limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
+    limit = judged.limit
     if material.report.preferred() is None:
         return "open", "This run does not tell the machine's errors"
     if not math.isfinite(judged.value):
         return "open", "This run tells only a part of the machine's errors"
-    verdict = "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
-    if verdict == UNEXPLAINED:
+    if _verdict(material) == UNEXPLAINED:
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
         KEEPS: (
@@ -117,15 +132,19 @@ def _incomplete(material: Material) -> list[str]:
 
 def _judged(judged: Judgement) -> list[str]:
     if not math.isfinite(judged.value):
-        limit = plain(judged.tolerance * MICRO, 1)
-        nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {limit} µm"
+        nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
         return [f"How large the largest error in the volume is these lines do not tell{nor}."]
     if judged.verdict == NOT_ASKED:
         return [
             "Whether the largest error is good enough was not asked: no limit was given"
             " (--tolerance)."
         ]
-    limit = f"{plain(judged.tolerance * MICRO, 1)} µm"
+    limit = judged.limit
+    if judged.more_acts:
+        return [
+            "The run shows more than the error curves, so the largest error by them and its"
+            f" uncertainty allow no decision at {limit} (ISO 14253-1)."
+        ]
     reason = {
         KEEPS: f"Even with its uncertainty the largest error is within {limit} (ISO 14253-1).",
         EXCEEDS: f"Even less its uncertainty the largest error is beyond {limit} (ISO 14253-1).",
@@ -207,7 +226,7 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
                 f" {before} µm to {after} µm by computation; how well the errors themselves are"
                 f" known ({known} rms, standard uncertainty) comes on top. Measure again after it."
             )
-    if judged.verdict == OPEN and math.isfinite(judged.value):
+    if judged.verdict == OPEN and math.isfinite(judged.value) and not judged.more_acts:
         said.append("reduce the uncertainty: more repeats, or a better known instrument.")
     if not said:
         said.append("nothing by these figures.")

@@ -83,7 +83,8 @@ def _silence(contact: Contact) -> str:
 class StopSection(Section):
     """The last stop: what was measured against a perfect machine and against the model.
 
-    Both are counted from the first settled stop of the setup, at which the reading is zeroed.
+    Both are counted from the first settled stop of the setup, at which the reading is zeroed. Where
+    that was not heard, how far a stop is from it is not known.
     """
 
     name: ClassVar[str] = "stop"
@@ -92,7 +93,9 @@ class StopSection(Section):
         """Take up a run."""
         self._run = run
         self._results: dict[str, VolumetricErrors] = {}
+        # Setup → its first settled stop, where that was heard.
         self._first: dict[str, SettledStop] = {}
+        self._heard_from_the_start: dict[str, bool] = {}
         self._last: dict[str, Any] = {}
         self._trace: deque[list[float | None]] = deque(maxlen=_KEPT_STOPS)
         self._number = 0
@@ -114,6 +117,7 @@ class StopSection(Section):
 
     def _shown(self, stop: SettledStop) -> dict[str, Any]:
         command = stop.command
+        known = self._heard_from_the_start.setdefault(command.setup, self._begins_setup(stop))
         told = {
             "line": str(stop.line),
             "stop": command.stop,
@@ -125,15 +129,19 @@ class StopSection(Section):
             self._trace.append([self._number, None, None])
             return told
         first = self._first.setdefault(command.setup, stop)
-        displacement = stop.displacement - first.displacement
-        nominal, expected, method = self._expected(first, stop)
+        displacement = nominal = expected = math.nan
+        method = ""
+        if known:
+            displacement = stop.displacement - first.displacement
+            nominal, expected, method = self._expected(first, stop)
         from_nominal, from_expected = displacement - nominal, displacement - expected
         # The zero has an uncertainty of its own, and is no stop against itself.
         uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
         uncertainty = 0.0 if stop is first else uncertainty
         self._trace.append([self._number, drawn(from_nominal, MICRO), drawn(from_expected, MICRO)])
         return told | {
-            "displacement_m": displacement,
+            "zero_known": known,
+            "displacement_m": displacement if known else None,
             "displacement": measured(displacement, "mm", 5, MILLI),
             "nominal": measured(nominal, "mm", 5, MILLI),
             "from_nominal": micrometres(from_nominal, uncertainty),
@@ -141,6 +149,14 @@ class StopSection(Section):
             "from_expected": micrometres(from_expected, uncertainty),
             "expected_by": short_title(method) if method else "",
         }
+
+    def _begins_setup(self, stop: SettledStop) -> bool:
+        """Say whether a stop is the first of its setup, as far as the plan tells."""
+        assert self._run is not None
+        lines = enumerate(self._run.plan.lines)
+        first = next((n for n, line in lines if line.setup == stop.command.setup), None)
+        # A setup whose zero was lost goes on under a name that is not in the plan.
+        return stop.command.stop == 0 and first in (None, stop.command.line_index)
 
     def _expected(self, first: SettledStop, stop: SettledStop) -> tuple[float, float, str]:
         assert self._run is not None

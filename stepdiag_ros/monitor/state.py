@@ -37,8 +37,9 @@ SECTIONS: tuple[type[Section], ...] = (
     WeatherSection,
 )
 """The sections of the page; another is a class and a line here."""
-_EARLY = 2000
-"""Messages kept that come before the description of their run."""
+_EARLY = 4000
+"""Messages kept that come before the description of their run: lines, stops and blocks of all that
+their publishers keep."""
 
 
 class State:

@@ -20,7 +20,7 @@ from stepdiag_ros.conversion import message_type
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
 from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
-from stepdiag_ros.topics import RUN_DESCRIPTION, Topic
+from stepdiag_ros.topics import RUN_DESCRIPTION, Qos, Topic
 
 try:
     from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -181,10 +181,18 @@ class LinkedNode(TimedNode):
         callback: Callable[[Any], None],
         keep_all: bool = False,
         raw: bool = False,
+        past: bool = False,
     ) -> None:
-        """Call back with each message of a topic of the suite (its CDR bytes, if ``raw``).
+        """Call back with each message of a topic of the suite.
 
         What is repeated is heard once.
+
+        Args:
+            topic: which.
+            callback: takes the message.
+            keep_all: miss none, however far this node falls behind.
+            raw: call back with the CDR bytes.
+            past: events (``Qos.EVENTS``) from before this node came, too: for whoever looks on.
         """
         name = self.resolve_topic_name(topic.name)
         events = SubscriptionEventCallbacks(
@@ -196,6 +204,8 @@ class LinkedNode(TimedNode):
             hear, heard_raw = callback, raw
         qos = quality(topic, keep_all)
         qos.depth = max(qos.depth, BACKLOG)
+        if topic.qos is Qos.EVENTS and not past:
+            qos.durability = DurabilityPolicy.VOLATILE
         self.create_subscription(
             message_class(topic),
             topic.name,

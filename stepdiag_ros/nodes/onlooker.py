@@ -83,7 +83,7 @@ class Onlooker(StepdiagNode):
 
             self.create_subscription(message_class(topic), topic.name, keep, newest, raw=True)
         else:
-            self.listen(topic, partial(self.take, source))
+            self.listen(topic, partial(self.take, source), past=True)
 
     def _is_of_this_cell(self, name: str) -> bool:
         """Say whether a status on /diagnostics is of a node of this measurement."""

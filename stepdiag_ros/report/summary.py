@@ -7,6 +7,8 @@ from math import isfinite
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, with_expanded
@@ -84,7 +86,11 @@ def _taken_as_zero(report: Report) -> list[str]:
         words = "another method tells them from these lines, see its tables"
     elif told:
         missing = ", ".join(name for name in ROTATIONS if name not in told)
-        words = f"of them the measured lines cannot tell {missing}"
+        others = ", ".join(name for name in ROTATIONS if name in told)
+        words = (
+            f"another method tells {others} from these lines, see its tables; the lines cannot"
+            f" tell {missing}"
+        )
     return [f"Taken as zero in these figures: pitch, yaw and roll of all axes; {words}."]
 
 
@@ -101,7 +107,21 @@ def in_short(report: Report) -> list[str]:
     if report.chain or not any(name in preferred.curves for name in ROTATIONS):
         accuracy = of_result(preferred, report.chain)
     spread = float("nan") if accuracy is None else accuracy.standard_uncertainty
-    return short_sentences(report, accuracy, COVERAGE_FACTOR * spread, single_errors(preferred))
+    errors = single_errors(preferred)
+    said = short_sentences(report, accuracy, COVERAGE_FACTOR * spread, errors)
+    return _misfit(preferred) + said
+
+
+def _misfit(result: VolumetricErrors) -> list[str]:
+    """Say that a method does not explain the readings, where it does not."""
+    freedom = result.degrees_of_freedom
+    if not freedom or not exceeds_chance(result.chi_squared, freedom):
+        return []
+    ratio = plain(result.chi_squared / freedom, 1)
+    return [
+        f"These errors do not explain the readings (χ²/dof = {ratio} where 1 is expected):"
+        " something acts that they do not contain, and no ± below covers it."
+    ]
 
 
 def next_commands(report: Report) -> list[str]:

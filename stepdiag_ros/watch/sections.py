@@ -112,6 +112,13 @@ def stop_lines(stop: Document, width: int) -> Lines:
     if not last["settled"]:
         title.append(", not settled", _BAD)
         return [title, Text(last["line"]), Text(last["reason"])]
+    if not last["zero_known"]:
+        return [
+            title,
+            Text(last["line"]),
+            Text("off by: unknown, the setup's first"),
+            Text("stop was not heard"),
+        ]
     model = f"off model   {last['from_expected']}"
     by = f"{model} ({last['expected_by']})"
     return [

@@ -15,10 +15,17 @@ from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
 from stepdiag_ros.handover import material, pictures
-from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, judge
+from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
 from stepdiag_ros.handover.page import Column, TableView, chapter, page
 from stepdiag_ros.handover.pictures import Drawing, Drawn, Studio, draw, studio
 from stepdiag_ros.handover.sections import sections
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
 from stepdiag_ros.metrology.effects import backlash
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
@@ -129,7 +136,7 @@ def test_an_effect_that_the_run_names_is_told_on_the_first_page_and_drawn(tmp_pa
     with pytest.MonkeyPatch.context() as patch:
         # What the whole catalogue finds is the engine's own test.
         patch.setattr(material, "catalogue", lambda: {backlash.EFFECT.name: backlash.EFFECT})
-        assert main(["report", str(bag), "--html", "--json"]) == 0
+        assert main(["report", str(bag), "--html", "--json", "--tolerance", "500"]) == 0
     told = ReadPage((tmp_path / "hidden_report" / "report.html").read_text(encoding="utf-8"))
     document = json.loads((tmp_path / "hidden_report" / "report.json").read_text(encoding="utf-8"))
     (found,) = document["sections"]["discrepancy"]["findings"]
@@ -137,6 +144,9 @@ def test_an_effect_that_the_run_names_is_told_on_the_first_page_and_drawn(tmp_pa
     low, high = found["sizes"][0]["band_95"]
     assert low < 2e-6 < high
     assert "What to do: see to backlash of X" in told.text
+    # However wide the limit is: what is missing in the figures is not known by them.
+    assert "allow no decision at 500 µm (ISO 14253-1)" in told.text
+    assert document["summary"]["verdict"] == OPEN and document["summary"]["more_acts"] is True
     assert "NAMED" in told.headings
     assert "What is missing in the model" in told.tables
     assert "No picture:" not in told.text
@@ -161,10 +171,35 @@ def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, toleran
         expanded_uncertainty=COVERAGE_FACTOR * u,
         lower_bound=False,
         given=given,
+        diagnosis=None,
     )
     assert judge(found).verdict == verdict
     found.accuracy, found.expanded_uncertainty, given.tolerance = None, float("nan"), 1.0
     assert judge(found).verdict == OPEN
+
+
+@pytest.mark.parametrize("tolerance", [50e-6, 1e-6])
+@pytest.mark.parametrize("acts", [NAMED, AMBIGUOUS, UNEXPLAINED, CONSISTENT, NOT_TESTABLE])
+def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, tolerance):
+    found = SimpleNamespace(
+        accuracy=SimpleNamespace(value=10e-6),
+        expanded_uncertainty=1e-6,
+        lower_bound=False,
+        given=SimpleNamespace(tolerance=tolerance),
+        diagnosis=SimpleNamespace(diagnosis=SimpleNamespace(verdict=acts)),
+    )
+    judged = judge(found)
+    alone = KEEPS if tolerance == 50e-6 else EXCEEDS
+    assert judged.verdict == (alone if acts in (CONSISTENT, NOT_TESTABLE) else OPEN)
+    assert judged.more_acts == (judged.verdict == OPEN)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "written"),
+    [(25e-6, "25 µm"), (7.29e-6, "7.29 µm"), (0.05e-6, "0.05 µm"), (1.2345e-3, "1234.5 µm")],
+)
+def test_a_limit_is_written_as_it_was_given(tolerance, written):
+    assert Judgement(OPEN, 1.0, 0.1, False, tolerance, False).limit == written
 
 
 def _refused(capsys, *arguments):

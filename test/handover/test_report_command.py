@@ -160,7 +160,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, MICRO)
     assert page.headings[0] == (
-        "The machine keeps its limit of 50.0 µm in the measured volume, as far as the uncertainty"
+        "The machine keeps its limit of 50 µm in the measured volume, as far as the uncertainty"
         " is known"
     )
     assert f"the tool stands {size} µm from where it should" in page.text
@@ -305,7 +305,7 @@ def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder)
     whole = " ".join(" ".join(pages).split())
     for number, section in enumerate(sections(), 1):
         assert f"{number} {section.title}" in whole
-    assert "keeps its limit of 50.0 µm" in whole
+    assert "keeps its limit of 50 µm" in whole
 
 
 @needs_poppler

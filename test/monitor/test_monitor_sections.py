@@ -125,6 +125,34 @@ def test_the_beam(state):
     assert told["strength"] is None and told["percent"] == "unknown"
 
 
+def test_a_setup_whose_first_stop_was_not_heard_has_no_zero(state, small_run):
+    index = next(k for k, line in enumerate(small_run.plan.lines) if line.name == "ppp")
+    stops = small_run.stops(index)
+    again = next(
+        k
+        for k, line in enumerate(small_run.plan.lines)
+        if k > index and line.setup == small_run.plan.lines[index].setup
+    )
+    # Begun to look on in the middle of a line, and at the first stop of a later one.
+    for heard in (stops[3:5], small_run.stops(again)[:2]):
+        state.take(small_run.begin)
+        for stop in heard:
+            state.take(stop)
+        told = state.document("stop")
+        last = told["last"]
+        assert last["zero_known"] is False and last["displacement_m"] is None
+        words = {last[name] for name in ("displacement", "nominal", "from_nominal", "expected")}
+        assert words == {"unknown"} and last["from_expected"] == "unknown"
+        assert all(values == [None, None] for _, *values in told["trace"])
+    # The next setup is heard from its beginning; its first stop was rejected.
+    other = small_run.stops(index + 2)
+    assert other[0].command.setup != stops[0].command.setup
+    state.take(replace(other[0], settled=False, reason="the beam is lost"))
+    state.take(other[1])
+    last = state.document("stop")["last"]
+    assert last["zero_known"] is True and last["displacement_m"] == 0.0
+
+
 def test_a_stop_against_a_perfect_machine_and_against_the_model(state, small_run):
     """What the model expects comes within the noise of what was measured; nominal does not."""
     ppp = next(k for k, line in enumerate(small_run.plan.lines) if line.name == "ppp")

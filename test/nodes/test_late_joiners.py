@@ -65,8 +65,19 @@ def test_a_late_recorder_and_a_volatile_monitor_get_everything(make_cell, tmp_pa
                 VOLATILE,
                 raw=True,
             )
+        # Who looks on asks for what was before, and who acts on stops is told of no old ones.
+        asked, new = [], []
+        cell.operator.listen(topics.STOP, new.append)
+        assert not cell.operator.spin_until(lambda: new, 1.0)
+        cell.operator.listen(topics.STOP, asked.append, past=True)
+        cell.wait(lambda: len(asked) == len(cell.stops), 20.0, "all stops so far")
+        assert [one.command_id for one in asked] == [one.command_id for one in cell.stops]
+        assert len(asked) > 5
         cell.resume()
         cell.wait_for_state(State.FINISHED, 240.0)
+        cell.wait(lambda: len(asked) == len(cell.stops), 20.0, "all stops")
+        before = len(asked) - len(new)
+        assert asked == cell.stops and new == asked[before:] and before > 5
 
         def both_are_closed():
             recorders = [p for p in cell.operator.watch.peers.values() if p.role == "recorder"]

@@ -127,10 +127,22 @@ def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
     assert "the measured lines cannot tell them" in zero_words(result)[0]
     part = with_rotations(result, unknown=("E_BY",))
     assert zero_words(part, result)[0].endswith("cannot tell E_BY.")
+    assert "another method tells E_AX, E_BX, E_CX, E_AY, E_CY" in zero_words(part, result)[0]
     whole = with_rotations(result, unknown=())
     assert set(true_rotations()) == set(ROTATIONS)
     assert "another method tells them" in zero_words(whole, result)[0]
     assert not zero_words(whole), "it holds them itself"
+
+
+def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_first():
+    result = make_result()
+    refuted = replace(result, degrees_of_freedom=20, chi_squared=20 * 590.0)
+    said = in_short(make_report(results=(refuted,)))
+    assert said[0].startswith("These errors do not explain the readings (χ²/dof = 590.0")
+    assert said[1:] == in_short(make_report(results=(result,)))
+    for freedom, chi_squared in ((20, 25.0), (0, float("nan"))):
+        fits = replace(result, degrees_of_freedom=freedom, chi_squared=chi_squared)
+        assert in_short(make_report(results=(fits,))) == said[1:]
 
 
 def test_a_run_that_was_not_solved_says_nothing_in_short():

@@ -104,7 +104,9 @@ function stop(told) {
   for (const name of ["displacement", "nominal", "from_nominal", "expected", "from_expected"]) {
     say(`stop-${name.replace("_", "-")}`, last ? (last[name] ?? "unknown") : "");
   }
-  say("stop-by", last?.expected_by
+  say("stop-by", last?.zero_known === false
+    ? "The first stop of this setup was not heard: what is counted from it is not known."
+    : last?.expected_by
     ? `Expected by ${last.expected_by} from the lines so far. Counted from the first stop of the setup.`
     : "The lines so far do not tell what to expect here. Counted from the first stop of the setup.");
   drawStops(told.trace);
