@@ -1,5 +1,6 @@
 """Options of the commands that look on, at live nodes or at a bag."""
 
+import os
 from argparse import ArgumentParser, Namespace
 
 from stepdiag_ros.commands.output import number
@@ -52,6 +53,9 @@ def refuse_what_does_not_fit(arguments: Namespace) -> None:
 def ros_arguments(command: str, enclave: str, namespace: str) -> list[str]:
     """Return the arguments of a command that is a node itself.
 
+    Several people may look on at once, each with a command of their own, and nodes of one name are
+    an error: the node is named after its enclave and its process.
+
     Args:
         command: its name.
         enclave: of its keys in a protected cell.
@@ -60,4 +64,5 @@ def ros_arguments(command: str, enclave: str, namespace: str) -> list[str]:
     from stepdiag_ros.session.processes import ENCLAVE
 
     made = [command, "--ros-args", "--enclave", f"{ENCLAVE}/{enclave}"]
+    made += ["-r", f"__node:={enclave}_{os.getpid()}"]
     return made + (["-r", f"__ns:={namespace}"] if namespace else [])

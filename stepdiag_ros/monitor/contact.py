@@ -6,13 +6,13 @@ A bag tells nothing of this: what it says of nodes held when it was recorded.
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from stepdiag_ros.run.supervision import Watch
+from stepdiag_ros.run.supervision import ONLOOKERS, Watch
 
 FRESH = 1.2
 """Real seconds since its last heartbeat in which a node is surely still there: two heartbeats."""
 QUIET_AFTER = 3.0
 """Real seconds without a message after which the last one is not what holds now."""
-BYSTANDERS = frozenset({"operator", "monitor", "foxglove_server", "scene", "player"})
+BYSTANDERS = frozenset({*ONLOOKERS, "operator", "player"})
 """Roles of nodes that no run needs: they may outlive it, and may end when it has ended."""
 
 
@@ -21,7 +21,6 @@ class SilentNode(NamedTuple):
 
     name: str
     role: str
-    sentence: str
 
 
 class Contact(NamedTuple):
@@ -55,9 +54,7 @@ def contact_of(watch: Watch, newest: Mapping[str, float], now: float) -> Contact
         now: s of the same clock, that of ``Peer.last_seen``.
     """
     heard = [peer for name, peer in watch.peers.items() if name not in watch.lost]
-    silent = (
-        SilentNode(name, watch.peers[name].role, sentence) for name, sentence in watch.lost.items()
-    )
+    silent = (SilentNode(name, watch.peers[name].role) for name in watch.lost)
     return Contact(
         known=bool(watch.peers),
         roles=frozenset(peer.role for peer in heard),

@@ -180,6 +180,7 @@ class BlockSection(Section):
         self._volume = run.plan.volume if run else None
         self._key: tuple[int, int] | None = None
         self._line: Line | None = None
+        self._last_stop = 0
         self._blocks: deque[BlockDisplacement] = deque(maxlen=_KEPT_BLOCKS)
         self._before: tuple[BlockDisplacement, ...] = ()
         self._count = 0
@@ -190,16 +191,18 @@ class BlockSection(Section):
             return False
         key = (item.line_index, item.attempt)
         if key != self._key:
+            # Refused here, if there is no such line, and not when the page is written.
+            last_stop = len(item.line.stops(self._volume)) - 1 if self._volume else 0
             again = self._line is not None and self._line.setup == item.line.setup
             self._before = tuple(self._blocks) if again else ()
-            self._key, self._line = key, item.line
+            self._key, self._line, self._last_stop = key, item.line, last_stop
             self._blocks.clear()
         self._blocks.append(item)
         self._count += 1
         return True
 
     def document(self) -> dict[str, Any]:
-        """Return displacement less nominal displacement of each, in µm, with U (95 %)."""
+        """Return displacement less nominal of each, in µm, with U (95 %), counted forward."""
         last = self._blocks[-1] if self._blocks else None
         return {
             "line": str(self._line) if self._line else "",
@@ -211,27 +214,32 @@ class BlockSection(Section):
             else {
                 "block": last.block,
                 "axis": last.axis,
-                "displacement_m": last.displacement,
-                "displacement": measured(last.displacement, "mm", 5, MILLI),
-                "deviation": micrometres(
-                    last.displacement - last.nominal_displacement, last.standard_uncertainty
-                ),
+                "displacement_m": _forward(last) * last.displacement,
+                "displacement": measured(_forward(last) * last.displacement, "mm", 5, MILLI),
+                "deviation": micrometres(_deviation(last), last.standard_uncertainty),
             },
         }
 
     def _shown(self, block: BlockDisplacement) -> list[Any]:
         """Return place, axis, deviation and u; counted forward, so that passes can be compared."""
         place = (block.from_stop + block.to_stop) / 2.0
-        deviation = block.displacement - block.nominal_displacement
-        if block.line.direction != FORWARD and self._volume is not None:
-            place = len(block.line.stops(self._volume)) - 1 - place
-            deviation = -deviation
+        if block.line.direction != FORWARD:
+            place = self._last_stop - place
         return [
             place,
             block.axis,
-            drawn(deviation, MICRO),
+            drawn(_deviation(block), MICRO),
             drawn(block.standard_uncertainty, MICRO),
         ]
+
+
+def _forward(block: BlockDisplacement) -> float:
+    """Return the sign that counts a block forward along its line, in whichever sense it was."""
+    return 1.0 if block.line.direction == FORWARD else -1.0
+
+
+def _deviation(block: BlockDisplacement) -> float:
+    return _forward(block) * (block.displacement - block.nominal_displacement)
 
 
 class WeatherSection(Section):

@@ -309,7 +309,8 @@ class FaultSection(Section):
         if self._machine:
             found.append({"level": "fault", "who": "machine", "text": self._machine})
         found += [
-            {"level": "fault", "who": "nodes", "text": node.sentence} for node in self._missed()
+            {"level": "fault", "who": "nodes", "text": f"{node.role} node {node.name} is silent"}
+            for node in self._missed()
         ]
         worst_first = sorted(self._said.values(), key=lambda said: said.level != Level.ERROR)
         for said in worst_first:
@@ -328,12 +329,8 @@ class FaultSection(Section):
         return self._status is not None and self._status.state in ENDED
 
     def _missed(self) -> tuple[SilentNode, ...]:
-        """Return the silent nodes that are missed: not those that have ended with their run."""
-        if self._contact is None:
-            return ()
-        if not self._is_over:
-            return self._contact.silent
-        if not self._contact.at_work:
+        """Return the silent nodes that a run needs, and that have not ended with theirs."""
+        if self._contact is None or (self._is_over and not self._contact.at_work):
             return ()
         return tuple(node for node in self._contact.silent if node.role not in BYSTANDERS)
 

@@ -2,8 +2,10 @@
 
 import signal
 import sys
+import time
 from collections.abc import Callable
-from typing import Any, ClassVar
+from math import inf
+from typing import Any, ClassVar, NamedTuple
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -17,8 +19,25 @@ from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
 from stepdiag_ros.refusals import PREFIX, sentence
 from stepdiag_ros.run.health import Clockwork, Finding, Level
-from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, TIME_SOURCE, Peer, Watch
+from stepdiag_ros.run.supervision import (
+    HEARTBEAT_PERIOD,
+    SILENCE_LIMIT,
+    TIME_SOURCE,
+    Peer,
+    Watch,
+)
 from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE
+
+HOLDS = 2.0
+"""Real seconds for which a node that cannot take up a run is at fault, though another is led."""
+_SIGNAL_TAKES = 0.5
+"""Real seconds, at most, from a signal to the end of the context, which another thread ends."""
+
+
+class _Refused(NamedTuple):
+    run_id: str
+    since: float
+    why: str
 
 
 class StepdiagNode(DeclaringNode, LinkedNode):
@@ -34,6 +53,8 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         super().__init__(name)
         self.run_id = ""
         self.run_over = True
+        self._refused: _Refused | None = None
+        self._twin_heard = inf
         self.watch = Watch()
         speaker = self.announce(DIAGNOSTICS)
         self.health = Health(self, self.role, speaker, self.real_time, lambda: self.run_id)
@@ -115,19 +136,34 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         try:
             self.on_run(description)
         except ValueError as error:
-            self.unwell(f"cannot take up run {description.run_id}: {error}")
+            why = f"cannot take up run {description.run_id}: {error}"
+            self._refused = _Refused(description.run_id, self.real_time(), why)
+            self.unwell(why)
             return
+        self._refused = None
         self.run_id = description.run_id
         self.run_over = False
         self.healthy(f"run {self.run_id}")
 
     def _on_run_state(self, state: Any) -> None:
         ended = state.state in (state.STATE_FINISHED, state.STATE_ABORTED)
+        self._forgive(state.run_id, ended)
         if ended and state.run_id == self.run_id and not self.run_over:
             self.run_over = True
             self.healthy(f"ready; run {self.run_id} has ended")
             self.on_run_end()
         self.on_run_state(state)
+
+    def _forgive(self, run_id: str, ended: bool) -> None:
+        """Be well again where a run that could not be taken up is none, or none any more."""
+        if self._refused is None:
+            return
+        refused = self._refused
+        # The state of the run before may still come after the description of the next.
+        over = ended if run_id == refused.run_id else self.real_time() > refused.since + HOLDS
+        if over:
+            self._refused = None
+            self.health.withdraw(refused.why, f"ready; run {refused.run_id} was not taken up")
 
     def _judge_clock(self) -> Finding:
         return self._clockwork.judge(self.now(), self.real_time())
@@ -141,13 +177,24 @@ class StepdiagNode(DeclaringNode, LinkedNode):
     def _on_diagnostics(self, array: Any) -> None:
         for name, peer in self.health.peers_in(array):
             if name == self.get_fully_qualified_name():
-                self.unwell(f"two nodes are named {name}: end one of them or rename it")
+                self._twin_heard = self.real_time()
+                self.unwell(self._twin_words)
+                continue
             self.watch.heard(name, peer)
             source, stamp = peer.facts.get(TIME_SOURCE, ""), to_nanoseconds(array.header.stamp)
             self._clockwork.hear(name, source, stamp, self.now())
             self.on_heartbeat(peer)
 
+    @property
+    def _twin_words(self) -> str:
+        name = self.get_fully_qualified_name()
+        return f"two nodes are named {name}: end one of them or rename it"
+
     def _look_around(self) -> None:
+        if self.real_time() > self._twin_heard + SILENCE_LIMIT:
+            self._twin_heard = inf
+            now = "ready" if self.run_over else f"run {self.run_id}"
+            self.health.withdraw(self._twin_words, now)
         for text in self.watch.check(self.real_time()):
             if not self.run_over:
                 self.on_peer_lost(text)
@@ -173,7 +220,7 @@ def spin(node_class: Callable[[], StepdiagNode]) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
-        told_to_end = begun and not rclpy.ok()
+        told_to_end = begun and _is_told_to_end()
         if node is None and not told_to_end:
             # RuntimeError is what the middleware raises, for example about ROS_DOMAIN_ID.
             if isinstance(error, (ValueError, OSError, RuntimeError, NameValidationException)):
@@ -194,6 +241,14 @@ def spin(node_class: Callable[[], StepdiagNode]) -> int:
         # The client library has given the signals back.
         _ignore_signals()
     return 0
+
+
+def _is_told_to_end() -> bool:
+    """Say whether a signal has come; what it has interrupted may fail before the context ends."""
+    until = time.monotonic() + _SIGNAL_TAKES
+    while rclpy.ok() and time.monotonic() < until:
+        time.sleep(0.01)
+    return not rclpy.ok()
 
 
 def _ignore_signals() -> None:

@@ -119,6 +119,11 @@ class Health:
             self._node.get_logger().error(text)
         self.say(Level.ERROR, text)
 
+    def withdraw(self, text: str, instead: str) -> None:
+        """Say that all is well again, if this is still what was wrong."""
+        if text == self._text:
+            self.say(Level.OK, instead)
+
     def not_ready(self, text: str) -> None:
         """Say what is still missing, whatever else is said, until ``ready`` is called."""
         changed, self._waiting = text != self._waiting, text

@@ -52,6 +52,10 @@ class LineNode(StepdiagNode):
         if not self._described or message.run_id != self.run_id:
             self._early.append(message)
             return
-        line = to_measured_line(message)
+        try:
+            line = to_measured_line(message)
+        except ValueError as error:
+            self.unwell(f"a line cannot be taken up: {error}")
+            return
         self.lines.append(line)
         self.on_line(line)

@@ -1,7 +1,6 @@
 """Nodes that only look on: what is heard of a run is folded into the sections of its view."""
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -45,7 +44,7 @@ class Onlooker(StepdiagNode):
 
     def on_run_state(self, state: Any) -> None:
         """Say where the run is."""
-        self.state.take(to_run_status(state), str(state.run_id))
+        self._fold(topics.RUN_STATE, lambda: (to_run_status(state),), state)
 
     def on_look(self) -> None:
         """Take up the newest of what comes too often to be looked at each time."""
@@ -63,14 +62,16 @@ class Onlooker(StepdiagNode):
             source: whose it is.
             message: what was heard.
         """
+        self._fold(source.topic, lambda: source.convert(message), message)
+
+    def _fold(self, topic: Topic, convert: Callable[[], Iterable[Any]], message: Any) -> None:
+        """Fold in what a message tells; whatever anybody may publish, the view goes on."""
         try:
-            items = tuple(source.convert(message))
-        except ValueError as error:
-            self.unwell(f"a message on {source.topic.name} cannot be shown: {error}")
-            return
-        for item in items:
-            if not isinstance(item, Said) or self._is_of_this_cell(item.name):
-                self.state.take(item, str(getattr(message, "run_id", "")))
+            for item in convert():
+                if not isinstance(item, Said) or self._is_of_this_cell(item.name):
+                    self.state.take(item, str(getattr(message, "run_id", "")))
+        except (ValueError, LookupError, ArithmeticError) as error:
+            self.unwell(f"a message on {topic.name} cannot be shown: {error}")
 
     def _hear(self, source: Source) -> None:
         topic = source.topic
@@ -115,8 +116,7 @@ class ViewerNode(Onlooker):
         close: Callable[[], None] = lambda: None,
     ) -> None:
         self._show, self._end = look, close
-        # Several may look on at the same time, and nodes of one name are an error.
-        super().__init__(f"stepdiag_viewer_{os.getpid()}", state, rate)
+        super().__init__("viewer", state, rate)
         self._domain = self.context.get_domain_id()
 
     def announce(self, topic: Topic, keep_all: bool = False) -> Outlet:

@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
 from stepdiag_ros.run.route import Route
+from stepdiag_ros.run.time_left import TimeLeft
 
 NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
@@ -161,8 +162,7 @@ class Sequence:
         self._sent_real = 0.0
         self._deadline = 0
         self._arrived = 0
-        self._first_stop_time = 0
-        self._stops_measured = 0
+        self._time_left = TimeLeft()
         self._pause_wanted = False
         self._assembled = False
         self._stored = 0
@@ -181,7 +181,6 @@ class Sequence:
         """
         if self.state is not State.IDLE:
             raise ValueError("this run was started before")
-        self._first_stop_time = now
         self._enter(State.RUNNING, "measuring")
         self.update(now, real)
 
@@ -292,7 +291,7 @@ class Sequence:
         # The bridge's and the assembler's messages travel apart and may overtake each other.
         self._assembled = True
         self._rejection = rejection
-        self._stops_measured += 1
+        self._time_left.stop_measured()
         if self._phase is _Phase.SETTLING:
             self._phase = _Phase.DWELL
 
@@ -308,6 +307,7 @@ class Sequence:
 
     def update(self, now: int, real: float) -> None:
         """Send the next command if it is due, or find that something has taken too long."""
+        self._time_left.look(now, self.state is State.RUNNING)
         if self.state is not State.RUNNING:
             return
         if self._phase is _Phase.ANSWER and real - self._sent_real > ANSWER_LIMIT:
@@ -327,10 +327,9 @@ class Sequence:
         """Return where the run is."""
         done = min(self._line_index, len(self._stops))
         stops_done = sum(len(stops) for stops in self._stops[:done]) + self._stop
-        remaining = math.nan
-        if self._stops_measured and self.active:
-            each = (now - self._first_stop_time) / NANOSECONDS / self._stops_measured
-            remaining = each * (self._total - stops_done)
+        self._time_left.look(now, self.state is State.RUNNING)
+        held = self.active or self.state is State.FAULT
+        remaining = self._time_left.estimate(self._total - stops_done) if held else math.nan
         ended = done == len(self._stops)
         text = self.text
         if self.unstopped:

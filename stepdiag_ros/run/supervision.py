@@ -23,9 +23,11 @@ WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is no loss."""
 CLOCK_ROLE = "clock"
+"""Role of the node that tells simulated time."""
 BY_HAND_ROLE = "by_hand"
 """Role of the node that follows a run by its readings alone; nobody tells positions then."""
-"""Role of the node that tells simulated time."""
+ONLOOKERS = ("foxglove_server", "monitor", "scene")
+"""Roles of nodes that only look on: they come and go, and a run misses none of them."""
 HEARD_UNTIL = "heard_until"
 """Fact by which a recorder says up to which time, ns, it has taken the readings."""
 
@@ -139,7 +141,7 @@ class Watch:
         self._deaf.pop(name, None)
 
     def check(self, now: float) -> list[str]:
-        """Return the sentences about nodes that have been found lost just now.
+        """Return the sentences about nodes that have been found lost just now, and are missed.
 
         A process that did not get the computer for a while finds in one moment that time has
         passed, and what was sent meanwhile still unread: it listens before it judges.
@@ -155,7 +157,8 @@ class Watch:
             silence = now - peer.last_seen - self._deaf[name]
             if silence > SILENCE_LIMIT and name not in self.lost:
                 self.lost[name] = f"{peer.role} node {name} is silent for {silence:.1f} s"
-                found.append(self.lost[name])
+                if peer.role not in ONLOOKERS:
+                    found.append(self.lost[name])
         return found
 
     def present(self, role: str, run_id: str | None = None) -> bool:

@@ -15,11 +15,12 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, exit_words
 
 PACKAGE = "stepdiag_ros"
 TRUTHS = ("true", "false")
-DISPENSABLE = ("evaluator", "diagnosis", "scene", "monitor", "foxglove_server")
+DISPENSABLE = ("evaluator", "diagnosis", *ONLOOKERS)
 """Nodes that a run goes on without."""
 
 

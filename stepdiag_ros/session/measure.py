@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.session.following import FollowedRun, RunFailed, Told
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
 LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be heard."""
-ONLOOKERS = ("foxglove_server", "monitor", "scene")
-"""Roles of nodes that show a run and have no part in it."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
 

@@ -13,9 +13,9 @@ from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.nodes.foxglove_server import SHOWN, STREAMS, FoxgloveServerNode
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.scene.frames import LASER, MIRROR, TOOL, WORKPIECE
 from stepdiag_ros.session.following import FollowedRun
-from stepdiag_ros.session.measure import ONLOOKERS
 from stepdiag_ros.session.processes import NodeProcess
 
 LAYOUT = Path(__file__).parents[2] / "config" / "foxglove" / "stepdiag.json"

@@ -287,12 +287,34 @@ def test_faults_come_and_go(state, small_run):
     state.take(Said("recorder: disk", 0, "enough is free"))
     state.take(MachineStatus(1, True, "the door is open"))
     # What a node complained of holds no more when it is gone; that it is gone does.
-    sentence = "cnc_bridge node /cnc_bridge is silent for 2.1 s"
-    silent = (SilentNode("/cnc_bridge", "cnc_bridge", sentence),)
+    silent = (SilentNode("/cnc_bridge", "cnc_bridge"),)
     state.take(Contact(True, frozenset({"recorder"}), silent, True, frozenset()))
     state.take(small_run.status())
     texts = [one["text"] for one in state.document("faults")["faults"]]
-    assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent for 2.1 s"]
+    assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent"]
+
+
+def test_who_only_looked_on_is_missed_by_nobody(state, small_run):
+    bystanders = ("scene", "monitor", "foxglove_server", "operator", "player")
+    silent = tuple(SilentNode(f"/{one}", one) for one in (*bystanders, "solver"))
+    for moment in (None, RunState.IDLE, RunState.RUNNING):
+        if moment is not None:
+            state.take(small_run.status(state=moment))
+        state.take(Contact(True, frozenset({"recorder"}), silent, True, frozenset()))
+        texts = [one["text"] for one in state.document("faults")["faults"]]
+        assert texts == ["solver node /solver is silent"]
+
+
+def test_the_last_block_is_counted_forward_as_in_the_chart(state, small_run):
+    lines = small_run.plan.lines
+    index = next(k for k, one in enumerate(lines) if one.direction == "backward")
+    for block in small_run.blocks(index):
+        state.take(block)
+    told = state.document("blocks")
+    off = -(block.displacement - block.nominal_displacement)
+    assert told["last"]["displacement_m"] == -block.displacement > 0.0
+    assert told["blocks"][-1][2] == pytest.approx(off * 1e6, rel=1e-3)
+    assert told["last"]["deviation"] == micrometres(off, block.standard_uncertainty)
 
 
 def test_a_new_run_begins_with_an_empty_page(state, small_run):

@@ -530,6 +530,27 @@ def test_remaining_time_is_unknown_at_first_and_then_falls():
     assert 0.0 < rig.sequence.progress(rig.now).remaining_time < first
 
 
+def test_a_pause_and_a_fault_are_no_part_of_the_time_left():
+    rig = Rig()
+    rig.start()
+    for _ in range(3):
+        rig.obey()
+    rig.sequence.pause()
+    rig.obey()
+    assert rig.sequence.state is State.PAUSED
+    before = rig.sequence.progress(rig.now).remaining_time
+    for _ in range(10):
+        rig.wait(360.0)
+    assert rig.sequence.progress(rig.now).remaining_time == before > 0.0
+    rig.sequence.resume(rig.now, rig.real, ORIGIN)
+    assert rig.sequence.progress(rig.now).remaining_time == before
+    rig.obey()
+    rig.sequence.fault("for the test")
+    held = rig.sequence.progress(rig.now).remaining_time
+    rig.wait(3600.0)
+    assert rig.sequence.progress(rig.now).remaining_time == held > 0.0
+
+
 def test_the_progress_says_in_which_block_of_which_line_the_run_is():
     rig = Rig()
     rig.start()

@@ -86,8 +86,10 @@ def test_live_nodes_may_be_in_a_namespace(command, enclave, monkeypatch):
     monkeypatch.setattr(base, "spin", spin)
     monkeypatch.setattr(monitor, "spin", spin)
     assert main([command, "--namespace", "cell_1"]) == 3
-    assert started[0][:6] == [
+    # Several may look on at once, and nodes of one name are an error.
+    assert started[0][:8] == [
         *(command, "--ros-args", "--enclave", f"/stepdiag/{enclave}"),
+        *("-r", f"__node:={enclave}_{os.getpid()}"),
         *("-r", "__ns:=/cell_1"),
     ]
 

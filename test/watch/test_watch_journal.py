@@ -114,7 +114,7 @@ def test_nodes_that_end_with_their_run_are_told_once(told):
     state, lines = told
     state.take(STATUS._replace(state=RunState.FINISHED, run_id=""))
     taken(lines)
-    silent = tuple(SilentNode(f"/{one}", one, f"{one} is silent") for one in ("solver", "recorder"))
+    silent = tuple(SilentNode(f"/{one}", one) for one in ("solver", "recorder"))
     for _ in range(2):
         state.take(Contact(True, frozenset(), silent, False, frozenset()))
     assert taken(lines) == ["the run is over, and its nodes have ended"]

@@ -44,7 +44,7 @@ def faulty(ended):
     for number in range(5):
         state.take(Said(f"node{number}: task", 1, "a warning"))
     state.take(MachineStatus(1, True, "the door is open"))
-    silent = (SilentNode("/solver", "solver", "solver node /solver is silent for 2.1 s"),)
+    silent = (SilentNode("/solver", "solver"),)
     state.take(Contact(True, frozenset({"recorder"}), silent, True, frozenset()))
     nothing = Environment(math.nan, math.nan, math.nan, math.nan)
     state.take(Reading(0, 1, math.nan, math.nan, math.nan, STATUS_BEAM_LOST, nothing))
@@ -75,8 +75,10 @@ def test_an_ended_run_has_all_essentials(ended, run, width, height):
     last = ended["stop"]["last"]
     assert f"off perfect {last['from_nominal']}" in text
     assert f"off model {last['from_expected']}" in text
+    # Counted forward along the line; this was a pass backward.
+    assert block.line.direction == "backward"
     deviation = micrometres(
-        block.displacement - block.nominal_displacement, block.standard_uncertainty
+        block.nominal_displacement - block.displacement, block.standard_uncertainty
     )
     assert f"last: {block.axis} {block.block}, {deviation}" in text
     assert f"Least squares, {result.lines} lines" in text
@@ -120,7 +122,7 @@ def test_faults_come_first_and_what_has_no_room_is_counted(faulty, width, height
     rows = drawn(faulty, width, height)
     (first,) = (number for number, row in enumerate(rows) if row.startswith("Faults (9): "))
     assert rows[first] == "Faults (9): fault: machine: the door is open"
-    assert rows[first + 1].startswith("  fault: nodes: solver node /solver is silent for 2.1 s")
+    assert rows[first + 1].startswith("  fault: nodes: solver node /solver is silent")
     text = joined(rows)
     assert "Beam: lost, the beam is lost" in text and "signal unknown" in text
     # What stands below keeps its place.

@@ -76,7 +76,7 @@ def test_who_looks_on_is_missed_by_nobody(cell):
     assert "viewer" not in known and len(cell.operator.watch.peers) == cell.count
     assert not any("viewer" in line for line in cell.logged())
     nodes = [name for name, _ in cell.operator.get_node_names_and_namespaces()]
-    (viewer,) = (name for name in nodes if name.startswith("stepdiag_viewer_"))
+    (viewer,) = (name for name in nodes if name.startswith("viewer_"))
     published = cell.operator.get_publisher_names_and_types_by_node(viewer, "/")
     # Nothing of a run, and no heartbeat.
     assert {name for name, _ in published} <= {"/rosout", "/parameter_events"}

@@ -66,7 +66,7 @@ function watch() {
   if (refused) return;
   const silent = performance.now() - heard;
   if (everHeard && silent < SILENT_MS) return;
-  const since = new Date(Date.now() - silent).toLocaleTimeString();
+  const since = new Date(Date.now() - silent).toLocaleTimeString([], { hour12: false });
   contact("lost", everHeard ? `no contact since ${since}` : "no contact yet");
   // A connection can be dead without anybody having said so.
   if (everHeard && socket.readyState === WebSocket.OPEN) {
