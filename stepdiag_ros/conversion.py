@@ -40,22 +40,18 @@ NewMessage = Callable[[str], Any]
 
 
 def message_type(type_name: str) -> Any:
-    """Return a message's class of the ROS client that runs here, rclpy's or the embedded one.
-
-    Args:
-        type_name: for example ``stepdiag_ros/msg/RunState``.
+    """Return the class of a type, ``stepdiag_ros/msg/RunState``, of the client that runs here.
 
     Raises:
-        ValueError: there is no such package or message, as where a ROS 2 is sourced and the package
-            is run from its sources.
+        ValueError: there is none, as where ROS 2 is sourced and the package run from its sources.
     """
     package, _, name = type_name.split("/")
     try:
         module = importlib.import_module(f"{package}.msg")
     except ModuleNotFoundError:
         raise ValueError(
-            f"the ROS 2 that is sourced has no messages of package {package}: build the workspace "
-            "with colcon, source its install/setup.bash and start outside of the source folder"
+            f"the ROS 2 that is sourced has no messages of package {package}: build with colcon, "
+            "source install/setup.bash and start outside of the source folder"
         ) from None
     try:
         return getattr(module, name)

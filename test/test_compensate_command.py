@@ -10,8 +10,9 @@ import standard_runs
 
 from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import compensate
-from stepdiag_ros.compensation import CONTROLS, control
+from stepdiag_ros.compensation import CONTROLS, control, identified
 from stepdiag_ros.compensation.generic import correction_from_file, map_from_text
+from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.report import compensation as report
 
 STEPS = """\
@@ -247,6 +248,23 @@ def test_a_result_that_its_readings_contradict_is_told(capsys, tmp_path, bag):
         remarks = json.loads(out)["remarks"]
         assert code == 0
         assert any("disagree with this model" in one for one in remarks) == warned
+
+
+@pytest.mark.parametrize("found", [*Misfit, "noise"])
+def test_what_speaks_against_tables_stands_above_them(capsys, tmp_path, bag, monkeypatch, found):
+    monkeypatch.setattr(identified, "misfit", lambda *_: Misfit.NONE if found == "noise" else found)
+    monkeypatch.setattr(identified, "is_noise", lambda _: found == "noise")
+    # An axis with reversal is more than noise, whatever its curves are.
+    monkeypatch.setattr(identified, "reversal_of", lambda runs, _: (0.0 * runs.target, "zero"))
+    given = ["compensate", bag, "--for", "generic", "--pictures", "none", "--output"]
+    code, out, _ = stepdiag(capsys, *given, tmp_path / "tables")
+    assert code == 0
+    out = " ".join(out.split())
+    warned = "Do not install these tables: " in out[: out.index("What the tables change")]
+    assert warned == (found in (Misfit.SHOWN, "noise"))
+    assert ("(rms standard uncertainty)" in out) == (not warned)
+    told = "the readings disagree with this model" in out
+    assert told == (found in (Misfit.SHOWN, Misfit.UNCLEAR))
 
 
 def test_the_settings_of_each_control_are_listed(capsys):

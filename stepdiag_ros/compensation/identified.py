@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import LINEAR
@@ -62,6 +63,12 @@ class Origin:
         return [f"{title}: {getattr(self, key) or 'unknown'}" for key, title in titles.items()]
 
 
+NO_MORE_THAN_NOISE = (
+    "no error stands out from the noise of this measurement: tables made of noise make a machine"
+    " worse"
+)
+
+
 @dataclass(frozen=True)
 class Identified:
     """The errors of a machine as far as a measurement has told them.
@@ -74,12 +81,14 @@ class Identified:
             there.
         origin: where this comes from.
         remarks: what a reader must know, in words.
+        warning: why no tables should be made from these errors; empty: nothing speaks against it.
     """
 
     error_map: VolumetricMap
     reversal: Mapping[int, Vector] = field(default_factory=dict)
     origin: Origin = field(default_factory=Origin)
     remarks: tuple[str, ...] = ()
+    warning: str = ""
 
     def half_reversal(self, axis: int, positions: Vector) -> Vector:
         """Return half the reversal error at positions of an axis, m; zero where it is not known.
@@ -114,7 +123,7 @@ def identify(
     """
     error_map = VolumetricMap.of_result(result, chain)
     reversal: dict[int, Vector] = {}
-    said = [*remarks, *result.remarks, *_misfit(result)]
+    said = [*remarks, *result.remarks]
     for runs in () if measurement is None else all_runs(measurement):
         if runs.kind != LINEAR or not len(runs.forward) or not len(runs.backward):
             continue
@@ -124,19 +133,33 @@ def identify(
         said += [f"reversal of {runs.name}: {remark}" for remark in (words, *runs.remarks)]
     if not reversal:
         said.append(NO_REVERSAL)
-    return Identified(error_map, reversal, origin, tuple(dict.fromkeys(said)))
+    agreement = misfit(result, measurement)
+    disagreement = _disagreement(result, agreement)
+    warning = disagreement if agreement is Misfit.SHOWN else ""
+    if not warning and is_noise(result) and not any(map(np.any, reversal.values())):
+        warning = NO_MORE_THAN_NOISE
+    said += [one for one in (disagreement, warning) if one]
+    return Identified(error_map, reversal, origin, tuple(dict.fromkeys(said)), warning)
 
 
-def _misfit(result: VolumetricErrors) -> list[str]:
-    """Warn where the readings disagree with the model that the tables would be made from."""
-    freedom = result.degrees_of_freedom
-    if not freedom or not result.chi_squared > freedom + 5.0 * np.sqrt(2.0 * freedom):
-        return []
-    return [
-        f"the readings disagree with this model (reduced chi squared"
-        f" {result.chi_squared / freedom:.3g}): something acts that is not in it, such as angular"
-        " errors, drift or growth, and part of it is in these values; see 'stepdiag diagnose' first"
-    ]
+def _disagreement(result: VolumetricErrors, agreement: Misfit) -> str:
+    """Say that the readings disagree with the model; nothing where they agree."""
+    if agreement is Misfit.NONE:
+        return ""
+    told = (
+        "the readings disagree with this model (reduced chi squared"
+        f" {result.chi_squared / result.degrees_of_freedom:.3g}): "
+    )
+    if agreement is Misfit.UNCLEAR:
+        return (
+            told + "they repeat worse than their windows tell, or something acts that is not in it;"
+            " see 'stepdiag diagnose' first"
+        )
+    return (
+        told + "something acts that is not in it, such as angular errors, drift or growth, and part"
+        " of it is in these values, so that it is not known how well they are known; see"
+        " 'stepdiag diagnose' first"
+    )
 
 
 def reversal_of(runs: BidirectionalRuns, stop_uncertainty: float = nan) -> tuple[Vector, str]:

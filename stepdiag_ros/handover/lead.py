@@ -7,6 +7,7 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Fact, Lead
 from stepdiag_ros.handover.sections.measurement import end_of_run
 from stepdiag_ros.handover.sections.readings import taken
+from stepdiag_ros.metrology.credibility import is_noise
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -37,6 +38,7 @@ class Judgement:
         lower_bound: the uncertainty is a lower bound: a source that acts is not known.
         tolerance: m; NaN if none was given.
         more_acts: the run itself shows more than the error curves contain.
+        noise: the errors found are no more than noise makes.
     """
 
     verdict: str
@@ -45,6 +47,7 @@ class Judgement:
     lower_bound: bool
     tolerance: float
     more_acts: bool
+    noise: bool
 
     @property
     def limit(self) -> str:
@@ -58,17 +61,19 @@ def judge(material: Material) -> Judgement:
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
     more_acts = _verdict(material) in _MORE_ACTS
+    preferred = material.report.preferred()
+    noise = preferred is not None and math.isfinite(value) and is_noise(preferred)
     if not math.isfinite(tolerance):
         verdict = NOT_ASKED
     elif more_acts:
         verdict = OPEN
     elif value + expanded <= tolerance:
         verdict = KEEPS
-    elif value - expanded > tolerance:
+    elif value - expanded > tolerance and not noise:
         verdict = EXCEEDS
     else:
         verdict = OPEN
-    return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts)
+    return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise)
 
 
 def _verdict(material: Material) -> str:
@@ -109,6 +114,8 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
         OPEN: ("open", f"Whether the machine keeps its limit of {limit} cannot be told"),
     }
     if judged.verdict not in words:
+        if judged.noise:
+            return "neutral", "No error of this machine stands out from the noise"
         size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
         return "neutral", f"Largest error in the measured volume: {size} µm"
     tone, text = words[judged.verdict]
@@ -215,6 +222,8 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
             "measure the lines that the whole volume still needs; the last section names what is"
             " unknown."
         )
+    elif material.compensation is not None and material.compensation.identified.warning:
+        said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
     elif material.compensation is not None and not said:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
@@ -238,8 +247,11 @@ def _facts(material: Material, judged: Judgement) -> list[Fact]:
     rms = math.nan if accuracy is None else accuracy.rms
     verdict = UNKNOWN if material.diagnosis is None else material.diagnosis.diagnosis.verdict
     size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
+    largest = UNKNOWN if size == UNKNOWN else f"{size} µm"
+    if judged.noise:
+        largest = f"{plain(judged.value * MICRO, 3)} µm, no more than noise makes"
     facts = [
-        Fact("Largest error in the volume", UNKNOWN if size == UNKNOWN else f"{size} µm"),
+        Fact("Largest error in the volume", largest),
         Fact(
             "Root mean square in the volume",
             f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,

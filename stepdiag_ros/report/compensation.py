@@ -84,6 +84,10 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     for line in report.identified.origin.lines():
         sentence(f"  {line}")
     sentence(f"  files: {', '.join(report.files)}")
+    warning = report.identified.warning
+    if warning:
+        console.print()
+        sentence(f"Do not install these tables: {warning}.")
     console.print()
     console.print(change_table("What the tables change", report.remainder.changes))
     console.print()
@@ -94,7 +98,7 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
             f"Of {remainder.places} places in the volume {remainder.known} have a known error;"
             " the others are not in the figures."
         )
-    if math.isfinite(remainder.rms_uncertainty):
+    if math.isfinite(remainder.rms_uncertainty) and not warning:
         sentence(
             f"The errors in the volume are known to {_value(remainder.rms_uncertainty, 'm')} (rms"
             " standard uncertainty): no compensation made from them is better than that."
@@ -102,7 +106,7 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     for title, sentences in (
         ("Not corrected:", report.uncorrected()),
         ("To know:", report.control.says),
-        ("About the result:", report.identified.remarks),
+        ("About the result:", [one for one in report.identified.remarks if one != warning]),
     ):
         if sentences:
             console.print()

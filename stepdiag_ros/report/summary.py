@@ -6,8 +6,9 @@ from math import isfinite
 
 import numpy as np
 
+from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import ROTATIONS
-from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
+from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.report.content import Report
@@ -37,6 +38,9 @@ def short_sentences(
         expanded_uncertainty: of its longest error vector (95 %), m; NaN if not known.
         errors: by the same method.
     """
+    preferred = report.preferred()
+    if accuracy is not None and isfinite(accuracy.value) and preferred and is_noise(preferred):
+        return [_noise(accuracy.value), *_taken_as_zero(report)]
     said = []
     if accuracy is not None and isfinite(accuracy.value):
         said.append(_worst(accuracy, expanded_uncertainty))
@@ -53,6 +57,14 @@ def short_sentences(
             f" {words}."
         )
     return said + _taken_as_zero(report)
+
+
+def _noise(largest: float) -> str:
+    return (
+        "No error of this machine, mean of both directions, stands out from the noise of this"
+        f" measurement: the largest error vector found, {plain(largest * MICRO, 3)} µm, is no more"
+        " than noise makes."
+    )
 
 
 def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
@@ -109,18 +121,29 @@ def in_short(report: Report) -> list[str]:
     spread = float("nan") if accuracy is None else accuracy.standard_uncertainty
     errors = single_errors(preferred)
     said = short_sentences(report, accuracy, COVERAGE_FACTOR * spread, errors)
-    return _misfit(preferred) + said
+    return misfit_sentences(preferred, report.measurement) + said
 
 
-def _misfit(result: VolumetricErrors) -> list[str]:
-    """Say that a method does not explain the readings, where it does not."""
-    freedom = result.degrees_of_freedom
-    if not freedom or not exceeds_chance(result.chi_squared, freedom):
+def misfit_sentences(result: VolumetricErrors, measurement: Measurement | None) -> list[str]:
+    """Say that errors do not explain the readings, where they do not.
+
+    Args:
+        result: the errors.
+        measurement: that they were solved from; None if it is not at hand.
+    """
+    found = misfit(result, measurement)
+    if found is Misfit.NONE:
         return []
-    ratio = plain(result.chi_squared / freedom, 1)
+    ratio = plain(result.chi_squared / result.degrees_of_freedom, 1)
+    if found is Misfit.SHOWN:
+        return [
+            f"These errors do not explain the readings (χ²/dof = {ratio}, and the readings repeat"
+            " better than that): something acts that they do not contain, and no ± covers it."
+        ]
     return [
-        f"These errors do not explain the readings (χ²/dof = {ratio} where 1 is expected):"
-        " something acts that they do not contain, and no ± below covers it."
+        f"The readings disagree with these errors (χ²/dof = {ratio}): either they repeat worse than"
+        " their windows tell, which every ± has in it, or something acts that these errors do not"
+        " contain, which none has; passes that are repeated would tell."
     ]
 
 

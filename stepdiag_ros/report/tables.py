@@ -30,7 +30,13 @@ from stepdiag_ros.report.numbers import (
     plus_minus,
 )
 from stepdiag_ros.report.single_errors import PEAK_TO_PEAK, with_ranges
-from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
+from stepdiag_ros.report.squareness import (
+    AXES_OF,
+    LEAST_SQUARES_LINES,
+    SIGN_DEFINITIONS,
+    SignDefinition,
+    sign,
+)
 from stepdiag_ros.report.summary import in_short, next_commands
 
 _LEAST_WIDTH = 150
@@ -403,7 +409,7 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines = frame_sentences(report.ordered_results())
     if report.visibility is not None:
         lines.extend(visibility_sentences(report.visibility, report.ordered_results()))
-    lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}.")
+    lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}. {LEAST_SQUARES_LINES}")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of what the"
         " readings tell alone; stepdiag budget adds laser, air and setup."

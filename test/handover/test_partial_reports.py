@@ -14,7 +14,7 @@ from handover.written_runs import with_backlash_of_x, write_lines
 from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
-from stepdiag_ros.handover import material, pictures
+from stepdiag_ros.handover import lead, material, pictures
 from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
 from stepdiag_ros.handover.page import Column, TableView, chapter, page
 from stepdiag_ros.handover.pictures import Drawing, Drawn, Studio, draw, studio
@@ -172,6 +172,7 @@ def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, toleran
         lower_bound=False,
         given=given,
         diagnosis=None,
+        report=SimpleNamespace(preferred=lambda: None),
     )
     assert judge(found).verdict == verdict
     found.accuracy, found.expanded_uncertainty, given.tolerance = None, float("nan"), 1.0
@@ -187,6 +188,7 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
         lower_bound=False,
         given=SimpleNamespace(tolerance=tolerance),
         diagnosis=SimpleNamespace(diagnosis=SimpleNamespace(verdict=acts)),
+        report=SimpleNamespace(preferred=lambda: None),
     )
     judged = judge(found)
     alone = KEEPS if tolerance == 50e-6 else EXCEEDS
@@ -194,12 +196,29 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
     assert judged.more_acts == (judged.verdict == OPEN)
 
 
+def test_noise_exceeds_no_limit(monkeypatch):
+    found = SimpleNamespace(
+        accuracy=SimpleNamespace(value=0.15e-6),
+        expanded_uncertainty=0.09e-6,
+        lower_bound=False,
+        given=SimpleNamespace(tolerance=0.05e-6),
+        diagnosis=None,
+        report=SimpleNamespace(preferred=lambda: object()),
+    )
+    monkeypatch.setattr(lead, "is_noise", lambda _: False)
+    assert judge(found).verdict == EXCEEDS
+    monkeypatch.setattr(lead, "is_noise", lambda _: True)
+    assert judge(found).verdict == OPEN and judge(found).noise
+    found.given.tolerance = 1e-6
+    assert judge(found).verdict == KEEPS
+
+
 @pytest.mark.parametrize(
     ("tolerance", "written"),
     [(25e-6, "25 µm"), (7.29e-6, "7.29 µm"), (0.05e-6, "0.05 µm"), (1.2345e-3, "1234.5 µm")],
 )
 def test_a_limit_is_written_as_it_was_given(tolerance, written):
-    assert Judgement(OPEN, 1.0, 0.1, False, tolerance, False).limit == written
+    assert Judgement(OPEN, 1.0, 0.1, False, tolerance, False, False).limit == written
 
 
 def _refused(capsys, *arguments):

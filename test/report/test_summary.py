@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
 
+from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.report import summary
 from stepdiag_ros.report.documents import report_json
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, plus_minus
 from stepdiag_ros.report.single_errors import single_errors, with_ranges
@@ -134,15 +136,27 @@ def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
     assert not zero_words(whole), "it holds them itself"
 
 
-def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_first():
+def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_first(monkeypatch):
+    result = replace(make_result(), degrees_of_freedom=20, chi_squared=20 * 590.0)
+    words = {
+        Misfit.SHOWN: "These errors do not explain the readings (χ²/dof = 590.0, and the readings",
+        Misfit.UNCLEAR: "The readings disagree with these errors (χ²/dof = 590.0): either they",
+    }
+    said = {}
+    for found in Misfit:
+        monkeypatch.setattr(summary, "misfit", lambda *_, found=found: found)
+        said[found] = in_short(make_report(results=(result,)))
+    for found, start in words.items():
+        assert said[found][0].startswith(start)
+        assert said[found][1:] == said[Misfit.NONE]
+
+
+def test_noise_is_no_size_of_an_error(monkeypatch):
     result = make_result()
-    refuted = replace(result, degrees_of_freedom=20, chi_squared=20 * 590.0)
-    said = in_short(make_report(results=(refuted,)))
-    assert said[0].startswith("These errors do not explain the readings (χ²/dof = 590.0")
-    assert said[1:] == in_short(make_report(results=(result,)))
-    for freedom, chi_squared in ((20, 25.0), (0, float("nan"))):
-        fits = replace(result, degrees_of_freedom=freedom, chi_squared=chi_squared)
-        assert in_short(make_report(results=(fits,))) == said[1:]
+    monkeypatch.setattr(summary, "is_noise", lambda _: True)
+    said = in_short(make_report(results=(result,)))
+    assert len(said) == 2 and said[0].startswith("No error of this machine") and "±" not in said[0]
+    assert said[1].startswith("Taken as zero")
 
 
 def test_a_run_that_was_not_solved_says_nothing_in_short():

@@ -7,7 +7,7 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS
+from stepdiag_ros.report.squareness import AXES_OF, LEAST_SQUARES_LINES, SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import squareness_table
 
 
@@ -34,7 +34,8 @@ def _tell(material: Material) -> Content | str:
             "tables": table_views([squareness_table(report, "rotation")]),
             "sentences": [
                 f"Sign: {SIGN_DEFINITIONS['rotation']}. C0Y: Y to X, B0Z: Z to X, A0Z: Z to Y."
-                " ±: of what the readings tell alone; the budget has all known sources."
+                " ±: of what the readings tell alone; the budget has all known sources.",
+                LEAST_SQUARES_LINES,
             ],
         },
         {"squareness": drawing},

@@ -1,0 +1,77 @@
+"""What a result is worth as it stands: does it explain the readings, is it more than noise."""
+
+from enum import Enum
+
+import numpy as np
+
+from stepdiag_ros.metrology.agreement.joint import FIXED, SIGNIFICANT, joint_test
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
+from stepdiag_ros.metrology.solvers.observations import Observations, observe
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+
+_LACK = 1e-3
+"""Chance below which a misfit beyond the scatter of repeats is said to be none of chance."""
+
+
+class Misfit(Enum):
+    """How a result agrees with the readings that it was solved from."""
+
+    NONE = "the readings agree, within what they and their repeats scatter"
+    UNCLEAR = "they do not, and without repeats it cannot be told from poor repeatability"
+    SHOWN = "they do not, beyond what repeats scatter: something acts that is not in the result"
+
+
+def misfit(result: VolumetricErrors, measurement: Measurement | None) -> Misfit:
+    """Say whether errors explain the readings: lack of fit against pure error (F test).
+
+    A machine repeats worse than the window of one stop tells; that is in the uncertainties, which
+    are enlarged by it, and is no lack of fit. So what is left is compared with the scatter of
+    repeated stops, where there are any, and not with the stops' own uncertainties.
+
+    Args:
+        result: by least squares, with χ² and degrees of freedom; others disagree with nothing.
+        measurement: that it was solved from; None if it is not at hand.
+    """
+    freedom = result.degrees_of_freedom
+    if not freedom or not exceeds_chance(result.chi_squared, freedom):
+        return Misfit.NONE
+    repeats = (0.0, 0) if measurement is None else _scatter(observe(measurement))
+    squares, pure = repeats
+    if pure < 1 or freedom <= pure:
+        return Misfit.UNCLEAR
+    from scipy.special import fdtrc
+
+    ratio = (result.chi_squared - squares) / (freedom - pure) / (squares / pure)
+    return Misfit.SHOWN if fdtrc(freedom - pure, pure, max(ratio, 0.0)) < _LACK else Misfit.NONE
+
+
+def is_noise(result: VolumetricErrors) -> bool:
+    """Say whether all errors may be zero: by χ² of all values, and by the largest, each p > 0.05.
+
+    The largest of many values is never zero, and a range never negative: of a machine without
+    errors noise alone makes both, larger than their uncertainty. Where the covariance is not known
+    (a recorded result) nothing is said to be noise.
+    """
+    if not result.covariance.size:
+        return False
+    values = np.concatenate([np.asarray(curve) for curve in result.curves.values()])
+    together = joint_test(values, result.covariance)
+    spread = np.sqrt(np.diag(result.covariance))
+    used = np.isfinite(values) & (spread > FIXED)
+    if not together.known or together.significant:
+        return False
+    from scipy.special import erfc
+
+    largest = float(np.max(np.abs(values[used]) / spread[used]))
+    chance = -np.expm1(np.count_nonzero(used) * np.log1p(-erfc(largest / np.sqrt(2.0))))
+    return bool(chance > SIGNIFICANT)
+
+
+def _scatter(observations: Observations) -> tuple[float, int]:
+    """Return χ² and degrees of freedom of repeated stops about their means."""
+    group, first = observations.groups()
+    weight = observations.uncertainty**-2
+    mean = np.bincount(group, weight * observations.displacement) / np.bincount(group, weight)
+    left = (observations.displacement - mean[group]) / observations.uncertainty
+    return float(left @ left), len(group) - len(first)

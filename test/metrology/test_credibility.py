@@ -1,0 +1,115 @@
+"""Whether errors explain the readings, and stand out from noise: over many simulated machines."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance, solve_least_squares
+
+SEEDS = range(20)
+NOISE = 0.05e-6
+PLAN = """\
+name: test
+step_m: [0.02, 0.03, 0.01]
+blocks: 4
+repeats: {repeats}
+directions: [forward, backward]
+overrun_m: 0.002
+feed_m_per_s: 0.05
+lines:
+  - {{kind: linear, names: [x, y, z]}}
+  - {{kind: step_diagonal, names: [ppp, npp, pnp, ppn]}}
+"""
+
+
+def run_of(seed, size=2e-6, rotation=0.0, repeats=2, stated=1.0):
+    """Return lines of a machine and their result; the stops say ``stated`` times their noise."""
+    cell = SimulatedCell.from_mapping(
+        {
+            "seed": seed,
+            "chain": "YXZ",
+            "errors": {
+                "travel_low_m": [0.0, 0.0, 0.0],
+                "travel_high_m": [0.08, 0.12, 0.04],
+                "positioning_m": size,
+                "straightness_m": size,
+                "rotation_rad": rotation,
+                "squareness_rad": dict.fromkeys(("C0Y", "B0Z", "A0Z"), 10.0 * size),
+            },
+            "misalignment": {"beam_sigma_rad": 1e-4, "mirror_sigma_rad": 0.0, "lines": {}},
+            "reading_noise_m": NOISE,
+        },
+        "test cell",
+    )
+    plan = plan_from_text(PLAN.format(repeats=repeats), "test plan")
+    measurement = simulate(plan, cell, seed=seed)
+    lines = [
+        replace(line, standard_uncertainty=stated * line.standard_uncertainty)
+        for line in measurement.lines
+    ]
+    measurement = replace(measurement, lines=tuple(lines))
+    return measurement, solve_least_squares(measurement)
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return [run_of(seed) for seed in SEEDS]
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    return [run_of(seed, size=0.0) for seed in SEEDS]
+
+
+def test_errors_that_are_all_there_is_explain_the_readings(fits):
+    assert [misfit(result, measurement) for measurement, result in fits] == [Misfit.NONE] * 20
+
+
+def test_readings_that_repeat_worse_than_their_windows_tell_are_no_misfit():
+    for seed in SEEDS:
+        measurement, result = run_of(seed, stated=0.5)
+        assert exceeds_chance(result.chi_squared, result.degrees_of_freedom)
+        assert misfit(result, measurement) is Misfit.NONE
+        # With the result alone it cannot be told from an effect that the result lacks.
+        assert misfit(result, None) is Misfit.UNCLEAR
+
+
+def test_rotations_that_are_not_in_the_result_are_a_misfit():
+    for seed in SEEDS:
+        measurement, result = run_of(seed, rotation=30e-6)
+        assert misfit(result, measurement) is Misfit.SHOWN
+        assert misfit(*reversed(run_of(seed, rotation=30e-6, stated=0.5))) is Misfit.SHOWN
+
+
+def test_without_repeats_nobody_can_tell():
+    measurement, result = run_of(1, rotation=30e-6, repeats=1)
+    forward = [line for line in measurement.lines if line.line.direction == "forward"]
+    measurement = replace(measurement, lines=tuple(forward))
+    result = solve_least_squares(measurement)
+    assert misfit(result, measurement) is Misfit.UNCLEAR
+
+
+def test_a_machine_without_errors_has_only_noise(perfect):
+    # Each of the two tests is right in 95 of 100 cases; 4 or more of 20 would be one in 40.
+    assert sum(is_noise(result) for _, result in perfect) > 16
+
+
+def test_errors_larger_than_noise_are_never_called_noise(fits):
+    assert not any(is_noise(result) for _, result in fits)
+
+
+def test_one_value_far_off_is_no_noise(perfect):
+    result = next(result for _, result in perfect if is_noise(result))
+    curve = np.array(result.curves["E_XX"])
+    curve[-1] += 6.0 * result.standard_uncertainty["E_XX"][-1]
+    assert not is_noise(replace(result, curves={**result.curves, "E_XX": curve}))
+
+
+def test_a_result_without_covariance_is_never_called_noise(perfect):
+    _, result = perfect[0]
+    assert not is_noise(replace(result, covariance=np.empty((0, 0))))
