@@ -253,7 +253,7 @@ def _facts(material: Material, judged: Judgement) -> list[Fact]:
     facts = [
         Fact("Largest error in the volume", largest),
         Fact(
-            "Root mean square in the volume",
+            "Root mean square over its nodes",
             f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
         Fact("Model and run", verdict),

@@ -55,11 +55,19 @@ class RunStatus(NamedTuple):
 
 
 class MachineStatus(NamedTuple):
-    """What the bridge says of the machine: whether it is stopped or faulty, and why."""
+    """What the bridge says of the machine.
+
+    Attributes:
+        time: ns.
+        troubled: it is stopped or faulty.
+        reason: why.
+        faulty: it is not merely stopped.
+    """
 
     time: int
     troubled: bool
     reason: str
+    faulty: bool = False
 
 
 class Place(NamedTuple):
@@ -131,6 +139,7 @@ def _machine(message: Any) -> Iterable[MachineStatus]:
         conversion.to_nanoseconds(message.header.stamp),
         int(message.state) in (message.STATE_STOPPED, message.STATE_FAULT),
         str(message.reason),
+        int(message.state) == message.STATE_FAULT,
     )
 
 

@@ -264,7 +264,7 @@ class FaultSection(Section):
         self._contact: Contact | None = None
         self._status: RunStatus | None = None
         self._run = ""
-        self._machine = ""
+        self._machine: MachineStatus | None = None
         self._heard = False
 
     def take(self, item: object) -> bool:
@@ -291,23 +291,34 @@ class FaultSection(Section):
                 del self._said[name]
             return bool(forgotten) or (self._missed(), self._note()) != told
         if isinstance(item, RunStatus):
-            shown = self._run, self._missed(), self._note()
+            shown = self._run, self._missed(), self._note(), self._machine_words()
             self._status = item
             self._run = item.text if item.state is State.FAULT else ""
-            return (self._run, self._missed(), self._note()) != shown
+            now = self._run, self._missed(), self._note(), self._machine_words()
+            return now != shown
         if isinstance(item, MachineStatus):
-            text = (item.reason or "the machine is stopped") if item.troubled else ""
-            changed, self._machine = text != self._machine, text
-            return changed
+            words, self._machine = self._machine_words(), item
+            return self._machine_words() != words
         return False
+
+    def _machine_words(self) -> str:
+        """Return what is wrong with the machine; after an abort it stands, as was asked for."""
+        machine = self._machine
+        if machine is None or not machine.troubled:
+            return ""
+        aborted = self._status is not None and self._status.state is State.ABORTED
+        if aborted and not machine.faulty:
+            return ""
+        return machine.reason or "the machine is stopped"
 
     def document(self) -> dict[str, Any]:
         """Return faults first, then warnings."""
         found = []
         if self._run:
             found.append({"level": "fault", "who": "run", "text": self._run})
-        if self._machine:
-            found.append({"level": "fault", "who": "machine", "text": self._machine})
+        machine = self._machine_words()
+        if machine:
+            found.append({"level": "fault", "who": "machine", "text": machine})
         found += [
             {"level": "fault", "who": "nodes", "text": f"{node.role} node {node.name} is silent"}
             for node in self._missed()

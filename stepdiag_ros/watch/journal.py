@@ -106,6 +106,7 @@ class Journal:
         if verdict["verdict"] is None or not self._is_news("verdict", verdict):
             return
         lines = f"{verdict['lines']} of {verdict['lines_planned']} lines"
+        lines += "" if verdict["final"] else ", so far"
         found = "".join(f"; found: {one['label']}" for one in verdict["findings"])
         self.write(f"verdict: {verdict['verdict']}, {lines}: {verdict['sentence']}{found}")
 

@@ -224,6 +224,7 @@ def verdict_lines(verdict: Document) -> Lines:
         return [titled("Verdict: ", verdict["sentence"])]
     title = titled("Verdict: ", verdict["verdict"], _VERDICTS.get(verdict["verdict"], _DOUBTFUL))
     lines = f"{verdict['lines']} of {of_lines(verdict['lines_planned'])}"
+    lines += "" if verdict["final"] else ", so far"
     gap = f"gap rms {verdict['gap']['rms']}, largest {verdict['gap']['largest']}"
     told = [title.append(f"; {lines}; {gap}"), Text(verdict["sentence"])]
     for finding in verdict["findings"]:

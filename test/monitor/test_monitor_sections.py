@@ -294,6 +294,18 @@ def test_faults_come_and_go(state, small_run):
     assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent"]
 
 
+def test_a_machine_that_stands_after_an_abort_is_no_fault_unless_it_is_one(state, small_run):
+    state.take(MachineStatus(1, True, "stopped on request"))
+    assert [one["who"] for one in state.document("faults")["faults"]] == ["machine"]
+    state.take(small_run.status(state=RunState.ABORTED))
+    assert state.document("faults")["faults"] == []
+    state.take(MachineStatus(2, True, "the drive is too hot", faulty=True))
+    assert [one["text"] for one in state.document("faults")["faults"]] == ["the drive is too hot"]
+    state.take(MachineStatus(3, True, "stopped on request"))
+    state.take(small_run.status(state=RunState.FAULT, text="the beam is lost"))
+    assert [one["who"] for one in state.document("faults")["faults"]] == ["run", "machine"]
+
+
 def test_who_only_looked_on_is_missed_by_nobody(state, small_run):
     bystanders = ("scene", "monitor", "foxglove_server", "operator", "player")
     silent = tuple(SilentNode(f"/{one}", one) for one in (*bystanders, "solver"))

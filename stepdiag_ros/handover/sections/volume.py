@@ -48,7 +48,9 @@ def _tell(material: Material) -> Content | str:
             Fact("Largest error", f"{size} µm"),
             Fact("at X, Y, Z", f"{place} mm"),
             Fact("error there in X, Y, Z", f"{vector} µm"),
-            Fact("Root mean square over the volume", f"{plain(found.rms * MICRO, 2)} µm"),
+            Fact(
+                "Root mean square over the nodes of the volume", f"{plain(found.rms * MICRO, 2)} µm"
+            ),
         ]
         drawings["volume"] = Drawing(
             "volume",
