@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros_processes import domain, ros  # noqa: F401
+from ros_processes import ros  # noqa: F401
 
 from stepdiag_ros import cli, topics
 from stepdiag_ros.bags.run import load_run
