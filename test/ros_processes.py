@@ -25,7 +25,7 @@ _domains = itertools.count(os.getpid())
 
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    number = next(_domains) % 100 + 1
+    number = next(_domains) % 99 + 1
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     # A sourced ROS 2 has its own entries there, which its processes need.

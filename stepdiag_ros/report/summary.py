@@ -40,7 +40,7 @@ def short_sentences(
     """
     preferred = report.preferred()
     if accuracy is not None and isfinite(accuracy.value) and preferred and is_noise(preferred):
-        return [_noise(accuracy.value), *_taken_as_zero(report)]
+        return [_noise(accuracy.value, report.measurement), *_taken_as_zero(report)]
     said = []
     if accuracy is not None and isfinite(accuracy.value):
         said.append(_worst(accuracy, expanded_uncertainty))
@@ -53,17 +53,25 @@ def short_sentences(
             for one in largest
         )
         said.append(
-            "The largest single errors, peak to peak over the travel, mean of both directions:"
-            f" {words}."
+            "The largest single errors, peak to peak over the"
+            f" travel{_directions(report.measurement)}: {words}."
         )
     return said + _taken_as_zero(report)
 
 
-def _noise(largest: float) -> str:
+def _directions(measurement: Measurement | None) -> str:
+    """Say in which directions of the lines errors were measured; nothing where it is not known."""
+    found = set() if measurement is None else {one.line.direction for one in measurement.lines}
+    if len(found) == 1:
+        return f", {found.pop()} alone (no reversal in them)"
+    return ", mean of both directions" if found else ""
+
+
+def _noise(largest: float, measurement: Measurement | None) -> str:
     return (
-        "No error of this machine, mean of both directions, stands out from the noise of this"
-        f" measurement: the largest error vector found, {plain(largest * MICRO, 3)} µm, is no more"
-        " than noise makes."
+        "No error of this machine stands out from the noise of this"
+        f" measurement{_directions(measurement)}: the largest error vector found,"
+        f" {plain(largest * MICRO, 3)} µm, is no more than noise makes."
     )
 
 

@@ -9,6 +9,7 @@ from cells_for_tests import make_cell, make_plan
 from stepdiag_ros.metrology.agreement import (
     SAME_INSTRUMENT,
     SAME_MACHINE,
+    CurveChange,
     JointTest,
     Judgement,
     Measured,
@@ -220,6 +221,22 @@ def test_frames_that_differ_are_brought_together():
         if curve.name in ("E_YX", "E_ZX", "E_YZ"):
             assert curve.after_uncertainty[-1] < 1e-15
     assert found.joint.probability > 1e-3
+
+
+def test_what_the_frame_fixes_is_no_largest_change():
+    nan = float("nan")
+
+    def curve(difference, uncertainty):
+        known = np.array(difference, dtype=float)
+        u = np.array(uncertainty, dtype=float)
+        zeros = np.zeros(len(known))
+        return CurveChange("E_YX", "m", zeros, zeros, u, known, u, u, JointTest())
+
+    # Both ends are zero by definition, and nothing else was measured.
+    assert curve([0.0, nan, nan, 0.0], [0.0, nan, nan, 0.0]).largest == -1
+    assert curve([0.0, 1e-6, -3e-6, 0.0], [0.0, 1e-7, 1e-7, 0.0]).largest == 2
+    # Where no uncertainty is known the size still is.
+    assert curve([0.0, -2e-6, 1e-6], [nan, nan, nan]).largest == 1
 
 
 def test_what_is_not_known_is_not_judged():

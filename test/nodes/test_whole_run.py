@@ -38,7 +38,7 @@ def finished(tmp_path_factory):
     """One run of the quick plan, made by the command line, with its JSON result."""
     folder = tmp_path_factory.mktemp("run")
     with pytest.MonkeyPatch.context() as patch:
-        # Of its own: all other tests count theirs from 1 to 230.
+        # Of its own: other tests count theirs up to 230.
         patch.setenv("ROS_DOMAIN_ID", "231")
         done = stepdiag(
             "run", "--plan", "quick", "--factor", "10", "--output", folder, "--json",

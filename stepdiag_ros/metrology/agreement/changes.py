@@ -75,9 +75,10 @@ class CurveChange:
 
     @property
     def largest(self) -> int:
-        """Return the node of the largest difference; -1 where none is known."""
-        size = np.abs(self.difference)
-        return int(np.nanargmax(size)) if np.any(np.isfinite(size)) else -1
+        """Return the node of the largest difference; -1 where none is known but by the frame."""
+        told = np.isfinite(self.difference) & ~(self.difference_uncertainty == 0.0)
+        size = np.where(told, np.abs(self.difference), -1.0)
+        return int(np.argmax(size)) if np.any(told) else -1
 
 
 @dataclass(frozen=True)

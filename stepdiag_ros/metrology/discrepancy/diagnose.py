@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.discrepancy.locate import gap_map, sentences
 from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
 from stepdiag_ros.metrology.discrepancy.patterns import patterns
 from stepdiag_ros.metrology.discrepancy.selection import FALSE_NAME_LEVEL, Selection
+from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
@@ -85,7 +86,7 @@ def diagnose(
             lacks the data for.
     """
     tell = progress or (lambda _: None)
-    stops = stops_of(measurement)
+    stops = steadied(stops_of(measurement))
     gross = gross_errors(measurement)
     if gross:
         return _gross(stops, gross)

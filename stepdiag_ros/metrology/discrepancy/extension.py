@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.discrepancy.baseline import Baseline, fit_baseline
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import NAMED, Diagnosis
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, prove
+from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import Vector
@@ -172,7 +173,7 @@ def _proof_words(proof: HeldOut | None) -> str:
 
 def without_effects(measurement: Measurement, effects: Sequence[ActiveEffect]) -> Measurement:
     """Return the measurement as it would be read if these effects did not act."""
-    stops = stops_of(measurement)
+    stops = steadied(stops_of(measurement))
     taken: Vector = np.zeros(len(stops.time))
     for effect in effects:
         taken = taken + effect.readings(stops)
@@ -187,7 +188,7 @@ def without_effects(measurement: Measurement, effects: Sequence[ActiveEffect]) -
 def _baseline(measurement: Measurement, model: MachineModel) -> Baseline:
     return fit_baseline(
         measurement,
-        stops_of(measurement),
+        steadied(stops_of(measurement)),
         model.of_status(FIXED),
         model.of_status(FITTED),
         model.curves,
