@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from standard_runs import cell
 
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT
 from stepdiag_ros.metrology.discrepancy.steady import _without_noise, steadied
@@ -27,24 +27,8 @@ lines:
 
 
 def run_of(seed, repeats=12, noise=NOISE):
-    cell = SimulatedCell.from_mapping(
-        {
-            "seed": 7,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0, 0.0, 0.0],
-                "travel_high_m": [0.15, 0.10, 0.125],
-                "positioning_m": 2e-6,
-                "straightness_m": 1e-6,
-                "rotation_rad": 0.0,
-                "squareness_rad": {"C0Y": 12e-6, "B0Z": -8e-6, "A0Z": 15e-6},
-            },
-            "misalignment": {"beam_sigma_rad": 0.0, "mirror_sigma_rad": 0.0, "lines": {}},
-            "reading_noise_m": noise,
-        },
-        "test cell",
-    )
-    return simulate(plan_from_text(PLAN.format(repeats=repeats), "test plan"), cell, seed=seed)
+    plan = plan_from_text(PLAN.format(repeats=repeats), "test plan")
+    return simulate(plan, cell(noise=noise, tilt=0.0, seed=7), seed=seed)
 
 
 def test_offset_and_slope_of_a_pass_stay_and_noise_goes():
