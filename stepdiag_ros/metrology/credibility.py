@@ -7,7 +7,7 @@ import numpy as np
 from stepdiag_ros.metrology.agreement.joint import FIXED, SIGNIFICANT, joint_test
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
-from stepdiag_ros.metrology.solvers.observations import Observations, observe
+from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 _LACK = 1e-3
@@ -36,10 +36,15 @@ def misfit(result: VolumetricErrors, measurement: Measurement | None) -> Misfit:
     freedom = result.degrees_of_freedom
     if not freedom or not exceeds_chance(result.chi_squared, freedom):
         return Misfit.NONE
-    repeats = (0.0, 0) if measurement is None else _scatter(observe(measurement))
-    squares, pure = repeats
+    if measurement is None:
+        return Misfit.UNCLEAR
+    observations = observe(measurement)
+    squares, pure = observations.pure_error(observations.uncertainty**-2)
     if pure < 1 or freedom <= pure:
         return Misfit.UNCLEAR
+    if squares == 0.0:
+        # A coarse display repeats exactly; whatever is left beside that is no scatter.
+        return Misfit.SHOWN
     from scipy.special import fdtrc
 
     ratio = (result.chi_squared - squares) / (freedom - pure) / (squares / pure)
@@ -66,12 +71,3 @@ def is_noise(result: VolumetricErrors) -> bool:
     largest = float(np.max(np.abs(values[used]) / spread[used]))
     chance = -np.expm1(np.count_nonzero(used) * np.log1p(-erfc(largest / np.sqrt(2.0))))
     return bool(chance > SIGNIFICANT)
-
-
-def _scatter(observations: Observations) -> tuple[float, int]:
-    """Return χ² and degrees of freedom of repeated stops about their means."""
-    group, first = observations.groups()
-    weight = observations.uncertainty**-2
-    mean = np.bincount(group, weight * observations.displacement) / np.bincount(group, weight)
-    left = (observations.displacement - mean[group]) / observations.uncertainty
-    return float(left @ left), len(group) - len(first)

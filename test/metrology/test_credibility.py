@@ -86,6 +86,24 @@ def test_rotations_that_are_not_in_the_result_are_a_misfit():
         assert misfit(*reversed(run_of(seed, rotation=30e-6, stated=0.5))) is Misfit.SHOWN
 
 
+def test_readings_that_repeat_exactly_are_judged_too():
+    """As of a display of few digits: no scatter is no division by zero."""
+    measurement, _ = run_of(1, rotation=30e-6)
+    once = {one.setup: one for one in measurement.lines if one.line.direction == "forward"}
+    lines = []
+    for line in measurement.lines:
+        shown = once[line.setup].displacement
+        back = line.line.direction == "backward"
+        # A power of two, so that the mean of four is exactly each of them.
+        uncertainty = np.full(len(shown), 2.0**-24)
+        shown = shown[::-1] if back else shown
+        lines.append(replace(line, displacement=shown, standard_uncertainty=uncertainty))
+    measurement = replace(measurement, lines=tuple(lines))
+    result = solve_least_squares(measurement)
+    assert exceeds_chance(result.chi_squared, result.degrees_of_freedom)
+    assert misfit(result, measurement) is Misfit.SHOWN
+
+
 def test_without_repeats_nobody_can_tell():
     measurement, result = run_of(1, rotation=30e-6, repeats=1)
     forward = [line for line in measurement.lines if line.line.direction == "forward"]

@@ -115,12 +115,17 @@ class Observations:
         _, first, group = np.unique(key, return_index=True, return_inverse=True)
         return group.reshape(-1), first
 
-    def pure_error(self) -> tuple[float, int]:
-        """Return sum of squares (m²) and degrees of freedom of the repeats within groups."""
+    def pure_error(self, weight: Vector | None = None) -> tuple[float, int]:
+        """Return sum of squares (m²) and degrees of freedom of the repeats within groups.
+
+        Args:
+            weight: of each reading, shape (n,): 1/u² makes χ² of the sum; all alike if None.
+        """
         group, first = self.groups()
-        count = np.bincount(group)
-        mean = np.bincount(group, self.displacement) / count
-        return float(np.sum((self.displacement - mean[group]) ** 2)), len(group) - len(first)
+        weight = np.ones(len(group)) if weight is None else weight
+        mean = np.bincount(group, weight * self.displacement) / np.bincount(group, weight)
+        squares = weight * (self.displacement - mean[group]) ** 2
+        return float(np.sum(squares)), len(group) - len(first)
 
 
 def observe(measurement: Measurement) -> Observations:
