@@ -50,6 +50,8 @@ class VolumetricErrors:
         covariance: of all curves stacked in the order of ``curves``, in the products of their
             units, shape (c(N+1), c(N+1)) for c curves; NaN rows and columns where not determined.
         frame: of the results, in words.
+        readings_covariance: the part of ``covariance`` by the readings' noise alone, which scatters
+            from one measurement of the same machine to the next; the rest stays the same.
     """
 
     method: str
@@ -64,6 +66,9 @@ class VolumetricErrors:
     remarks: tuple[str, ...] = ()
     covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
     frame: str = FRAME
+    readings_covariance: Vector = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
+    )
 
     def figure(self, name: str) -> Figure:
         """Return the figure of that name.

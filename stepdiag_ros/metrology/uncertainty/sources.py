@@ -8,8 +8,8 @@ import numpy as np
 
 from stepdiag_ros.metrology.forward import levers, perpendiculars
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector
-from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
+from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.length_sources import (
     Readings,
