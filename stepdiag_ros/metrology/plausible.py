@@ -1,0 +1,66 @@
+"""How large the rotations of a machine's axes may be, where no reading shows them.
+
+Step diagonals and linear lines see few of the nine rotations (METROLOGY: 33 of 108 values for one
+move order), yet all of them act on the result. Taking the unseen ones as zero makes an uncertainty
+that is too small. They are taken instead as random functions: zero at the first node, of an unknown
+common size ``s``, which the standard deviation of a rotation at the far end of its travel is. Each
+is a Brownian path over the travel, the roughest curve that a guideway makes, by its leading sine
+functions (Karhunen and Loève):
+
+    ε(u) = s Σ_j c_j √2 sin((j - 1/2) π u) / ((j - 1/2) π),     c_j independent, variance 1.
+
+The readings tell ``s`` as far as they see rotations at all. What is known of the machine before
+that is the ``plausible`` size: told by the user, or that of a class of machines. It is the scale of
+Student's distribution with 4 degrees of freedom, so that readings may overrule it by far.
+"""
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import ROTATIONS, Vector, moving_axis
+
+CLASSES: dict[str, float] = {
+    "precision": 3e-6,
+    "machining_centre": 10e-6,
+    "large_machine": 30e-6,
+}
+"""Class of machine → plausible size of its rotations over the measured travel, rad. ISO 10791-1
+allows 60 µrad for an axis of a machining centre; a third of a tolerance is a usual size."""
+DEFAULT_CLASS = "machining_centre"
+MODES = 8
+"""Sine functions of each rotation: they hold 97 % of the variance of the path."""
+
+
+def modes(share: Vector) -> Vector:
+    """Return the sine functions of a rotation of size 1.
+
+    Args:
+        share: position over travel, shape (n,).
+
+    Returns:
+        shape (n, ``MODES``).
+    """
+    wave = (np.arange(MODES) + 0.5) * np.pi
+    values: Vector = np.sqrt(2.0) * np.sin(share[:, None] * wave) / wave
+    return values
+
+
+def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
+    """Return what each mode of each rotation, of size 1 rad, adds to readings, m.
+
+    To first order it is (ε × n)·v with the arm v of the axis (METROLOGY, forward model).
+
+    Args:
+        share: position of X, Y, Z over the travel, shape (n, 3).
+        direction: of the beam, shape (n, 3).
+        arms: v of the axes X, Y, Z, m, shape (n, 3, 3).
+
+    Returns:
+        shape (n, 9 · ``MODES``), rotations in the order of ``geometry.ROTATIONS``.
+    """
+    columns = []
+    for name in ROTATIONS:
+        axis = moving_axis(name)
+        by_angle = np.cross(direction, arms[:, axis])[:, "ABC".index(name[2])]
+        columns.append(by_angle[:, None] * modes(share[:, axis]))
+    readings: Vector = np.column_stack(columns)
+    return readings
