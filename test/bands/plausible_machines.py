@@ -198,6 +198,8 @@ class PlausibleMachine:
     def measure(self, plan, day=0, effects=()):
         """Return what the laser reads, compensated with what its sensors tell.
 
+        The plausible size of the rotations is told, as a user tells it who knows such machines.
+
         Args:
             plan: what is measured.
             effects: of the catalogue that act besides.
@@ -238,7 +240,7 @@ class PlausibleMachine:
                     overrun=plan.overrun_of(line.line),
                 )
             )
-        return replace(exact, lines=_zeroed(lines))
+        return replace(exact, lines=_zeroed(lines), rotation_size=ANGLE)
 
     def exact(self, plan):
         """Return the lines as a perfect laser reads them, well aligned, in still and known air."""
