@@ -16,7 +16,6 @@ NOT_YET = (
     "least_squares",
     "rigid_body",
     "setup errors",
-    "budget",
 )
 """Beginnings of rows whose bands are known to be too narrow."""
 
