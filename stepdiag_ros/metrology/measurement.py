@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Volume
-from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 
 
 class Environment(NamedTuple):
@@ -177,13 +177,13 @@ class Measurement:
         lines: in the order of the plan.
         chain: order of the machine's axes from workpiece to tool, one of ``geometry.CHAINS``; empty
             if not known. Only angular errors need it.
-        rotation_size: plausible size of the axes' rotations, rad; see ``plausible``.
+        plausible: what may act although no reading shows it.
     """
 
     volume: Volume
     lines: tuple[MeasuredLine, ...]
     chain: str = ""
-    rotation_size: float = CLASSES[DEFAULT_CLASS]
+    plausible: Plausible = ORDINARY
 
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:

@@ -1,18 +1,23 @@
-"""How large the rotations of a machine's axes may be, where no reading shows them.
+"""What may act on a measurement although no reading shows it, and how large it plausibly is.
 
-Step diagonals and linear lines see few of the nine rotations (METROLOGY: 33 of 108 values for one
-move order), yet all of them act on the result. Taking the unseen ones as zero makes an uncertainty
-that is too small. They are taken instead as random functions: zero at the first node, of an unknown
-common size ``s``, which the standard deviation of a rotation at the far end of its travel is. Each
-is a Brownian path over the travel, the roughest curve that a guideway makes, by its leading sine
-functions (Karhunen and Loève):
+Rotations of the axes. Step diagonals and linear lines see few of the nine rotations (METROLOGY: 33
+of 108 values for one move order), yet all of them act on the result. Taking the unseen ones as zero
+makes an uncertainty that is too small. They are taken instead as random functions: zero at the
+first node, of an unknown common size ``s``, which the standard deviation of a rotation at the far
+end of its travel is. Each is a Brownian path over the travel, the roughest curve that a guideway
+makes, by its leading sine functions (Karhunen and Loève):
 
     ε(u) = s Σ_j c_j √2 sin((j - 1/2) π u) / ((j - 1/2) π),     c_j independent, variance 1.
 
 The readings tell ``s`` as far as they see rotations at all. What is known of the machine before
 that is the ``plausible`` size: told by the user, or that of a class of machines. It is the scale of
 Student's distribution with 4 degrees of freedom, so that readings may overrule it by far.
+
+The laser's scale. An interferometer that is compensated by sensors is wrong by what these are wrong
+by, the same in all setups, and by the air on the beam not being that at the sensor, anew in each.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,8 +31,36 @@ CLASSES: dict[str, float] = {
 """Class of machine → plausible size of its rotations over the measured travel, rad. ISO 10791-1
 allows 60 µrad for an axis of a machining centre; a third of a tolerance is a usual size."""
 DEFAULT_CLASS = "machining_centre"
+PLAUSIBLE_SCALE = 0.12e-6
+"""Standard uncertainty of the laser's scale in all setups: sensors with u = 0.1 K and 25 Pa."""
+PLAUSIBLE_SHIFT = 0.12e-6
+"""Of its scale from setup to setup: the air on the beam is within 0.13 K of the sensor's."""
 MODES = 8
 """Sine functions of each rotation: they hold 97 % of the variance of the path."""
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """What is plausible of a machine and of its measurement before the readings are looked at.
+
+    Attributes:
+        rotation: size of the axes' rotations over the measured travel, rad; 0: they do not turn.
+        scale: standard uncertainty of the laser's relative scale, common to all setups.
+        shift: the same, anew in each setup.
+        misaligned: beams and mirrors are off their lines by as much as the readings show; if not,
+            they stand as the conventional formulation takes them.
+    """
+
+    rotation: float = CLASSES[DEFAULT_CLASS]
+    scale: float = PLAUSIBLE_SCALE
+    shift: float = PLAUSIBLE_SHIFT
+    misaligned: bool = True
+
+
+ORDINARY = Plausible()
+"""What is plausible where nothing is told of the machine."""
+NOTHING = Plausible(0.0, 0.0, 0.0, misaligned=False)
+"""Nothing acts but what the readings show: their noise alone makes a result uncertain."""
 
 
 def modes(share: Vector) -> Vector:

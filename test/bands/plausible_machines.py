@@ -37,6 +37,7 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.plan import DIAGONAL, Plan, Volume
+from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.simulation import planned_run, read_again
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
@@ -240,7 +241,7 @@ class PlausibleMachine:
                     overrun=plan.overrun_of(line.line),
                 )
             )
-        return replace(exact, lines=_zeroed(lines), rotation_size=ANGLE)
+        return replace(exact, lines=_zeroed(lines), plausible=Plausible(rotation=ANGLE))
 
     def exact(self, plan):
         """Return the lines as a perfect laser reads them, well aligned, in still and known air."""

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
 )
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.diagonal_squareness import (
     PAIRS,
@@ -26,10 +27,7 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
     squareness_from,
     squareness_of,
 )
-from stepdiag_ros.metrology.standards.length_effects import Circumstances
 
-RIGID = Circumstances(rotation_size=0.0, shift=0.0, scale=0.0)
-"""Nothing but the readings scatters."""
 LOW, HIGH = np.array([0.1, -0.2, 0.0]), np.array([0.9, 0.4, 0.5])
 TRAVEL = HIGH - LOW
 
@@ -108,7 +106,7 @@ def test_theta_is_positive_where_the_angle_is_smaller_than_90_degrees():
 def test_the_formula_of_the_document():
     one = DiagonalLength("pp0", (0, 0, 0), (0.4, 0.3, 0), 5e-6, 3e-7)
     other = DiagonalLength("np0", (0.4, 0, 0), (0, 0.3, 0), -1e-6, 4e-7)
-    found = from_face(one, other, RIGID)
+    found = from_face(one, other, plausible=NOTHING)
     assert found.theta == pytest.approx(0.5 * 6e-6 / (2 * 0.4 * 0.3))
     assert found.standard_uncertainty == pytest.approx(0.5 * 5e-7 / (2 * 0.4 * 0.3))
     assert found.value == -found.theta
@@ -165,7 +163,7 @@ def test_the_uncertainty_of_body_diagonals_is_that_of_simulated_noise():
     for _ in range(2000):
         noisy = [replace(one, error=one.error + 2e-7 * rng.standard_normal()) for one in clean]
         axes = {a: (e + 3e-7 * rng.standard_normal(), u) for a, (e, u) in linear.items()}
-        found = from_body(noisy, axes, RIGID)
+        found = from_body(noisy, axes, plausible=NOTHING)
         thetas.append([*(one.theta for one in found.values), found.closure])
     expected = [*(one.standard_uncertainty for one in found.values), found.closure_uncertainty]
     np.testing.assert_allclose(np.std(thetas, axis=0), expected, rtol=0.07)
@@ -185,7 +183,7 @@ def test_rotations_that_no_length_tells_are_in_the_uncertainty(chain):
     names = [f"E_{turn}{axis}" for axis in "XYZ" for turn in "ABC"]
     nodes = [np.array([low, high]) for low, high in zip(LOW, HIGH, strict=True)]
     linear = linear_tests((0.0, 0.0, 0.0), 0.0)
-    known = Circumstances(chain, rotation_size=10e-6, shift=0.0, scale=0.0)
+    known = Plausible(rotation=10e-6, shift=0.0, scale=0.0)
     thetas = []
     for _ in range(400):
         turns = {name: np.array([0.0, 10e-6 * rng.standard_normal()]) for name in names}
@@ -194,16 +192,16 @@ def test_rotations_that_no_length_tells_are_in_the_uncertainty(chain):
         lengths = {
             name: turned_length(name, errors, chain) for name in (*BODY_DIAGONALS, *FACE_DIAGONALS)
         }
-        body = from_body([lengths[name] for name in BODY_DIAGONALS], linear, known)
+        body = from_body([lengths[name] for name in BODY_DIAGONALS], linear, chain, known)
         faces = [
-            from_face(lengths[one], lengths[other], known)
+            from_face(lengths[one], lengths[other], chain, known)
             for one, other in zip(FACE_DIAGONALS[::2], FACE_DIAGONALS[1::2], strict=True)
         ]
         every = [*body.values, *faces]
         thetas.append([*(one.theta for one in every), body.closure])
     expected = [*(one.standard_uncertainty for one in every), body.closure_uncertainty]
     np.testing.assert_allclose(np.std(thetas, axis=0), expected, rtol=0.12, atol=2e-10)
-    blind = from_body([lengths[name] for name in BODY_DIAGONALS], linear, replace(known, chain=""))
+    blind = from_body([lengths[name] for name in BODY_DIAGONALS], linear, "", known)
     for one, worst in zip(body.values, blind.values, strict=True):
         assert worst.standard_uncertainty >= one.standard_uncertainty * (1.0 - 1e-12)
 
@@ -222,8 +220,8 @@ def test_a_shift_of_the_laser_is_that_of_the_document():
     # RL's graph: a scale that shifts between the diagonals of a square, 1 µrad for 1 ppm.
     one = DiagonalLength("pp0", (0, 0, 0), (1.0, 1.0, 0), 0.0, 0.0)
     other = DiagonalLength("np0", (1.0, 0, 0), (0, 1.0, 0), 0.0, 0.0)
-    known = Circumstances("XYZ", rotation_size=0.0, shift=1e-6, scale=5e-6)
-    found = from_face(one, other, known).standard_uncertainty
+    known = Plausible(rotation=0.0, shift=1e-6, scale=5e-6)
+    found = from_face(one, other, "XYZ", known).standard_uncertainty
     assert found == pytest.approx(np.sqrt(2.0) * squareness_error_of_shift(1e-6, 1.0))
 
 

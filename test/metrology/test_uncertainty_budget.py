@@ -169,8 +169,8 @@ def test_angular_errors_of_unknown_size_are_as_large_as_is_plausible(measurement
     for row, (source, other) in enumerate(zip(told.sources, unknown.sources, strict=True)):
         if source.name.startswith("angular errors"):
             assert source.standard_uncertainty == 4e-6
-            assert other.standard_uncertainty == measurement.rotation_size
-            share = measurement.rotation_size / 4e-6
+            assert other.standard_uncertainty == measurement.plausible.rotation
+            share = measurement.plausible.rotation / 4e-6
             assert unknown.contributions[row] == pytest.approx(share * told.contributions[row])
             assert np.max(told.contributions[row]) > 1e-9
             assert "plausible" in other.note and not source.note

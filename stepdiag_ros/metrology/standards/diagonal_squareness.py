@@ -48,8 +48,9 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
-from stepdiag_ros.metrology.standards.length_effects import PLAUSIBLE, Circumstances
+from stepdiag_ros.metrology.standards.length_effects import added_variances, remark
 
 SAME_PLACE = 1e-6
 """Ends of diagonals that are further apart than this, m, are not the same corner."""
@@ -259,14 +260,16 @@ def _place(point: Sequence[float] | Vector) -> str:
 def from_face(
     first: DiagonalLength,
     second: DiagonalLength,
-    circumstances: Circumstances = PLAUSIBLE,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
 ) -> DiagonalSquareness:
     """Return the squareness of a face's axes, θ = D_0 (D_1 - D_2)/(2 X Y) (RL); see the module.
 
     Args:
         first: the diagonal whose axes both run forward (pp0, p0p, 0pp).
         second: the other one (np0, n0p, 0np).
-        circumstances: of machine and air.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: they are not the two diagonals of one face, or ``check_ends`` refuses.
@@ -279,11 +282,9 @@ def from_face(
     one, other = np.abs(first.travel)[moved]
     factor = first.nominal / (2.0 * one * other)
     variance = first.standard_uncertainty**2 + second.standard_uncertainty**2
-    others = circumstances.variances(
-        np.array([[1.0, -1.0]]),
-        [one.ends for one in (first, second)],
-        np.array([first.nominal, second.nominal]),
-    )
+    both = (first, second)
+    ends, lengths = [one.ends for one in both], np.array([one.nominal for one in both])
+    others = added_variances(np.array([[1.0, -1.0]]), ends, lengths, chain, plausible)
     return DiagonalSquareness(
         name=name,
         theta=float(factor * (first.error - second.error)),
@@ -295,14 +296,16 @@ def from_face(
 def from_body(
     diagonals: Sequence[DiagonalLength],
     linear: Mapping[str, tuple[float, float]] | None = None,
-    circumstances: Circumstances = PLAUSIBLE,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:
     """Return the three squareness errors from body diagonals; see the module.
 
     Args:
         diagonals: the four body diagonals, or three with the linear tests of all axes.
         linear: axis X, Y, Z → (positioning error over the travel, its standard uncertainty), m.
-        circumstances: of machine and air.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: too few diagonals, one of them twice, or ``check_ends`` refuses.
@@ -340,7 +343,7 @@ def from_body(
     lengths = np.full(len(values), nominal)
 
     def others(weights: Vector) -> Vector:
-        return circumstances.variances(weights, ends, lengths)
+        return added_variances(weights, ends, lengths, chain, plausible)
 
     solution = _solution(np.array(rows), np.array(spreads))
     estimate = solution @ values
@@ -384,21 +387,23 @@ def squareness_of(measurement: Measurement) -> SquarenessResult:
     Raises:
         ValueError: nothing can be said; names what is missing.
     """
-    known = Circumstances(measurement.chain, measurement.rotation_size)
-    return squareness_from(lengths_of(measurement), linear_errors_of(measurement), known)
+    lengths, linear = lengths_of(measurement), linear_errors_of(measurement)
+    return squareness_from(lengths, linear, measurement.chain, measurement.plausible)
 
 
 def squareness_from(
     lengths: Sequence[DiagonalLength],
     linear: Mapping[str, tuple[float, float]] | None = None,
-    circumstances: Circumstances = PLAUSIBLE,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:
     """Return squareness from the lengths of diagonals; see ``squareness_of``.
 
     Args:
         lengths: of face and body diagonals in any order; of several of one name the first counts.
         linear: see ``from_body``.
-        circumstances: of machine and air.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: nothing can be said; names what is missing.
@@ -415,7 +420,7 @@ def squareness_from(
         if first in by_name and second in by_name:
             pair = (by_name[first], by_name[second])
             try:
-                values.append(from_face(*pair, circumstances))
+                values.append(from_face(*pair, chain, plausible))
             except ValueError as error:
                 remarks.append(f"left out: {error}")
             else:
@@ -426,7 +431,7 @@ def squareness_from(
     bodies = [by_name[name] for name in BODY_DIAGONALS if name in by_name]
     if bodies:
         try:
-            body = from_body(bodies, linear, circumstances)
+            body = from_body(bodies, linear, chain, plausible)
         except ValueError as error:
             remarks.append(f"left out: {error}")
     values.extend(body.values)
@@ -439,7 +444,7 @@ def squareness_from(
         mean_length_uncertainty=body.mean_length_uncertainty,
         closure=body.closure,
         closure_uncertainty=body.closure_uncertainty,
-        remarks=(*remarks, *body.remarks, circumstances.remark()),
+        remarks=(*remarks, *body.remarks, remark(chain, plausible)),
     )
 
 

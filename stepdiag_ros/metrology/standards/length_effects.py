@@ -10,76 +10,57 @@ plausible.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from stepdiag_ros.metrology.forward import levers
 from stepdiag_ros.metrology.geometry import CHAINS, Vector
-from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS
-
-PLAUSIBLE_SHIFT = 0.12e-6
-"""Of the laser's scale between two setups: the air on the beam is within 0.2 K of the sensor's."""
-PLAUSIBLE_SCALE = 0.12e-6
-"""Of the laser's scale in all setups: sensors with u = 0.1 K and 25 Pa."""
+from stepdiag_ros.metrology.plausible import Plausible
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What is known of the machine and of the air.
+def added_variances(
+    weights: Vector,
+    ends: Sequence[tuple[Vector, Vector]],
+    lengths: Vector,
+    chain: str,
+    plausible: Plausible,
+) -> Vector:
+    """Return what rotations and air add to the variances of quantities that are sums of lengths.
 
-    Attributes:
+    Args:
+        weights: of each length in each quantity, shape (q, d).
+        ends: start and finish of each length, m; equal for one that rotations do not act on.
+        lengths: nominal, m, shape (d,).
         chain: order of the axes from workpiece to tool; empty if not known: then that chain counts
             in which the rotations do most.
-        rotation_size: plausible size of the rotations over the measured travel, rad.
-        shift: standard uncertainty of the laser's relative scale, anew for each setup.
-        scale: the same, common to all setups.
+        plausible: sizes of both.
+
+    Returns:
+        in the quantities' units squared, shape (q,).
     """
-
-    chain: str = ""
-    rotation_size: float = CLASSES[DEFAULT_CLASS]
-    shift: float = PLAUSIBLE_SHIFT
-    scale: float = PLAUSIBLE_SCALE
-
-    def variances(
-        self, weights: Vector, ends: Sequence[tuple[Vector, Vector]], lengths: Vector
-    ) -> Vector:
-        """Return what rotations and air add to the variances of quantities made of lengths.
-
-        Args:
-            weights: of each length in each quantity, shape (q, d).
-            ends: start and finish of each length, m; equal for one that rotations do not act on.
-            lengths: nominal, m, shape (d,).
-
-        Returns:
-            in the quantities' units squared, shape (q,).
-        """
-        chains = (self.chain,) if self.chain else CHAINS
-        by_rotation = [weights @ rotation_effects(ends, chain) for chain in chains]
-        rotations = np.max([np.sum(one**2, axis=1) for one in by_rotation], axis=0)
-        made: Vector = (
-            self.rotation_size**2 * rotations
-            + self.shift**2 * np.sum((weights * lengths) ** 2, axis=1)
-            + self.scale**2 * (weights @ lengths) ** 2
-        )
-        return made
-
-    def remark(self) -> str:
-        """Say what the uncertainties contain."""
-        chain = (
-            f"of the chain {self.chain}"
-            if self.chain
-            else "of the chain in which they do most (the machine's is not known)"
-        )
-        return (
-            f"the uncertainties contain what axes {chain} do that turn by"
-            f" {self.rotation_size * 1e6:.3g} µrad over the travel (plausible, not measured), and"
-            f" a scale of the laser that shifts by {self.shift * 1e6:.2g} ppm between setups"
-        )
+    chains = (chain,) if chain else CHAINS
+    by_rotation = [weights @ rotation_effects(ends, one) for one in chains]
+    rotations = np.max([np.sum(one**2, axis=1) for one in by_rotation], axis=0)
+    made: Vector = (
+        plausible.rotation**2 * rotations
+        + plausible.shift**2 * np.sum((weights * lengths) ** 2, axis=1)
+        + plausible.scale**2 * (weights @ lengths) ** 2
+    )
+    return made
 
 
-PLAUSIBLE = Circumstances()
-"""Where nothing is known: the default class of machine, in a good workshop."""
+def remark(chain: str, plausible: Plausible) -> str:
+    """Say what the uncertainties contain."""
+    which = (
+        f"of the chain {chain}"
+        if chain
+        else "of the chain in which they do most (the machine's is not known)"
+    )
+    return (
+        f"the uncertainties contain what axes {which} do that turn by"
+        f" {plausible.rotation * 1e6:.3g} µrad over the travel (plausible, not measured), and a"
+        f" scale of the laser that shifts by {plausible.shift * 1e6:.2g} ppm between setups"
+    )
 
 
 def rotation_effects(ends: Sequence[tuple[Vector, Vector]], chain: str) -> Vector:

@@ -215,7 +215,7 @@ def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
     seen, measurement = readings.observations, readings.measurement
     spread, note = instrument.angular_errors, ""
     if not spread.known:
-        spread = Spread(measurement.rotation_size)
+        spread = Spread(measurement.plausible.rotation)
         note = f"not told: {spread.standard_uncertainty * 1e6:.3g} µrad are taken as plausible"
     slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
     if measurement.chain:
