@@ -7,6 +7,8 @@ from band_rows import NORMAL_95
 
 RIGHT, WIDE, NARROW, UNKNOWN = "right", "wide", "too narrow", "unknown"
 AT_LEAST, AT_MOST = 0.93, 0.97
+ROUNDING = 1e-15
+"""m or rad: an error so small is none, and may have no uncertainty."""
 
 
 def counted(errors, uncertainties):
@@ -14,7 +16,7 @@ def counted(errors, uncertainties):
     known = np.isfinite(errors) & np.isfinite(uncertainties)
     error, spread = np.abs(errors[known]), uncertainties[known]
     with np.errstate(divide="ignore"):
-        z = np.divide(error, spread, out=np.zeros_like(error), where=error > 0.0)
+        z = np.divide(error, spread, out=np.zeros_like(error), where=error > ROUNDING)
     return np.array(
         [np.count_nonzero(z <= NORMAL_95), len(error), len(errors) - len(error), np.sum(z**2)]
     )
