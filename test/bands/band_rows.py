@@ -97,7 +97,11 @@ def add_volume(rows, prefix, truth, result):
     every = found.grid()[1:]
     places = every[:: -(-len(every) // PLACES)]
     left = found.errors(places) - true_map.errors(places)
-    rows.add(f"{prefix}: error vectors in the volume", left, found.standard_uncertainty_at(places))
+    spread = found.standard_uncertainty_at(places)
+    rows.add(f"{prefix}: error vectors in the volume", left, spread)
+    # What is left when all that was found is compensated is as large as the uncertainty says.
+    rms, told = (np.sqrt(np.mean(np.sum(part**2, axis=1))) for part in (left, spread))
+    rows.add(f"{prefix}: rms left in the volume after compensation", rms, told)
 
 
 def step_rows(machine):

@@ -24,7 +24,6 @@ from stepdiag_ros.metrology.forward import (
     tool_point,
 )
 from stepdiag_ros.metrology.geometry import (
-    AXES,
     BODY_DIAGONALS,
     CHAINS,
     CURVES,
@@ -334,7 +333,7 @@ class Truth:
     def end_to_end(self):
         """Squareness by the slopes from end to end: name → right-handed rotation, rad."""
         return {
-            name: factor * sum(self._slope(self.curves, curve) for curve in pair)
+            name: factor * sum(self._slope(curve) for curve in pair)
             for name, (factor, pair) in SQUARENESS_SLOPES.items()
         }
 
@@ -352,19 +351,21 @@ class Truth:
         step = np.asarray(self.volume.step)
         nominal = beam_direction(line, step)
         corner = self.volume.origin + step * self.volume.blocks * (line_signs(line) < 0)
-        cell = self.machine.on_day(day)
-        alignment = cell.alignment(setup, line, self.volume.step, tuple(corner))
-        raw = {}
-        for name in FIXED_AT_END:
-            axis = moving_axis(name)
-            errors = cell.errors.at(axis, self.volume.nodes(axis))
-            raw[name] = errors[:, AXES.index(name[2])] - errors[0, AXES.index(name[2])]
-        turn = [self._slope(raw, "E_YZ"), self._slope(raw, "E_ZX"), -self._slope(raw, "E_YX")]
+        alignment = self.machine.on_day(day).alignment(setup, line, self.volume.step, tuple(corner))
+        (_, e_yx, e_zx), (_, e_yz, _) = (self._slopes(axis) for axis in (0, 2))
+        turn = np.array([e_yz, e_zx, -e_yx])
         direction = alignment.mirror_normal - nominal + np.cross(turn, nominal)
         return np.array(perpendiculars(nominal)) @ direction
 
-    def _slope(self, curves, name):
-        return curves[name][-1] / self.machine.travel[moving_axis(name)]
+    def _slopes(self, axis):
+        """Return by how much the mirror's point moves over an axis's travel, before any frame."""
+        cell, ends = self.machine.cell, np.tile(np.asarray(self.volume.origin), (2, 1))
+        ends[1, axis] += self.machine.travel[axis]
+        points, _ = tool_point(ends, cell.errors, cell.chain, np.asarray(cell.mirror_offset))
+        return (points[1] - points[0] - ends[1] + ends[0]) / self.machine.travel[axis]
+
+    def _slope(self, name):
+        return self.curves[name][-1] / self.machine.travel[moving_axis(name)]
 
 
 def draw(seed, without=()):

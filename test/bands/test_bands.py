@@ -15,7 +15,6 @@ NOT_YET = (
     "alternative",
     "least_squares",
     "rigid_body",
-    "setup errors",
 )
 """Beginnings of rows whose bands are known to be too narrow."""
 

@@ -149,7 +149,8 @@ def of_result(
     if found.value > 0:
         error_map = VolumetricMap.of_result(result, chain, plausible)
         along = np.asarray(found.vector) / found.value
-        spread = float(np.sqrt(along @ error_map.covariance_at(place[None, :])[0] @ along))
+        variance = along @ error_map.covariance_at(place[None, :])[0] @ along
+        spread = float(np.sqrt(np.maximum(variance, 0.0)))
         limit = float(np.abs(along) @ error_map.uncertainty_limit_at(place[None, :])[0])
     return VolumetricAccuracy(
         value=found.value,
