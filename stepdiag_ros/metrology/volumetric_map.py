@@ -215,7 +215,8 @@ class VolumetricMap:
     def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
         size, count = weights.shape[-1], sum(len(self.nodes[moving_axis(c)]) for c in CURVES)
-        if self.turned_covariance.shape == (count, count) and self.chain:
+        told = self.turned_covariance.shape == (count, count) and len(self.left_out) == 9
+        if told and self.chain:
             turning = self._rotation_weights(positions, self.chain)
             # What it tells of the curves themselves is in their covariance.
             own = self.turned_covariance[size:, size:]
