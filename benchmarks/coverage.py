@@ -15,6 +15,7 @@ import os
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from importlib.metadata import version
 from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -66,7 +67,10 @@ def main():
     found = summaries(measure(seeds, tuple(arguments.without), arguments.processes, progress))
     table = as_table(found)
     if arguments.write:
-        put_into(arguments.write, "\n".join([BEGIN, "", table, "", END]))
+        told = f"stepdiag_ros {version('stepdiag_ros')}, {len(seeds)} machines"
+        told += f" without {', '.join(arguments.without)}" if arguments.without else ""
+        told += f", seeds from {arguments.first} on:"
+        put_into(arguments.write, "\n".join([BEGIN, told, "", table, "", END]))
     progress(table)
     narrow = [row for row, one in found.items() if one["says"] == NARROW]
     print(json.dumps({"machines": arguments.machines, "rows": found, "narrow": narrow}, indent=2))

@@ -176,6 +176,19 @@ def test_angular_errors_of_unknown_size_are_as_large_as_is_plausible(measurement
             assert "plausible" in other.note and not source.note
 
 
+@pytest.mark.parametrize("method", ["setup_robust", "least_squares"])
+def test_a_diagonal_contains_the_rotations_and_does_not_err_by_them(measurement, method):
+    budget = make_budget(measurement, only(angular_errors=Spread(20e-6)), method)
+    angular = budget.groups()["angular errors"]
+    # 20 µrad over 60 mm: micrometres of squareness, nothing of a length that was read itself.
+    assert angular[budget.row("C0Y")] > 5e-6
+    assert angular[budget.row("diagonal npp")] < 0.2 * 20e-6 * 0.06
+    check = check_budget(budget, most_trials=50_000)
+    row = budget.row("diagonal npp")
+    found = check.outcome.standard_uncertainty[row]
+    assert found == pytest.approx(budget.standard_uncertainty[row], rel=0.1)
+
+
 def test_an_unknown_source_that_does_not_act_leaves_a_result_whole(exact):
     # A wavelength that nobody knows does not touch what is zero in every reading's scale.
     budget = make_budget(exact, replace(only(), wavelength=Spread()))

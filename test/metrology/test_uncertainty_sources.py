@@ -184,7 +184,7 @@ def test_draws_have_the_stated_size(distribution):
     made = Source(
         "x", "air", 2.0, "K", "B", distribution, np.inf, "", np.array([[3.0]]), np.array([0])
     )
-    drawn = made.draw(200_000, np.random.default_rng(1))
+    drawn, _ = made.draw(200_000, np.random.default_rng(1))
     assert np.sqrt(np.mean(drawn**2)) == pytest.approx(6.0, rel=0.02)
     if distribution == SQUARED_ANGLE:
         assert np.min(drawn) >= 0.0
@@ -198,7 +198,7 @@ def test_draws_have_the_stated_size(distribution):
 
 def test_few_degrees_of_freedom_draw_a_student_distribution():
     made = Source("x", "air", 1.0, "K", "A", NORMAL, 5.0, "", np.ones((1, 2)), np.array([0, 1]))
-    drawn = made.draw(200_000, np.random.default_rng(1))
+    drawn, _ = made.draw(200_000, np.random.default_rng(1))
     assert np.var(drawn[:, 0]) == pytest.approx(5.0 / 3.0, rel=0.05)
     # One scale for all values: they are uncorrelated, but not independent.
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.0, abs=0.02)
@@ -209,7 +209,7 @@ def test_draws_are_shared_as_the_correlation_says():
     rng = np.random.default_rng(3)
     member = np.array([0, 0, 1, 1])
     made = Source("x", "air", 1.0, "K", "B", NORMAL, np.inf, "", np.ones((1, 4)), member)
-    drawn = made.draw(50_000, rng)
+    drawn, _ = made.draw(50_000, rng)
     assert np.array_equal(drawn[:, 0], drawn[:, 1])
     assert np.corrcoef(drawn[:, 0], drawn[:, 2])[0, 1] == pytest.approx(0.0, abs=0.02)
     factors = made.factors(np.eye(4))
