@@ -21,12 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import perpendiculars
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.forward import levers, perpendiculars
+from stepdiag_ros.metrology.geometry import AXES, CHAINS, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plausible import rotation_readings
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
-from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.setup_robust import LAMBDAS, setup_robust_map
 
 LAMBDA_TERMS: dict[str, tuple[tuple[int, str], tuple[int, str]]] = {
@@ -70,8 +71,10 @@ def setup_errors(measurement: Measurement) -> tuple[SetupError, ...]:
     """Return the setup errors of ppp, npp and pnp, from the λ of the setup-robust formulation.
 
     The nine λ of IH eq. (15) are nine combinations of the nine δR, three for each axis, which are
-    solved for here; the uncertainties follow from the readings with all their correlations. Angles
-    are the least-squares ones of the three δR of a diagonal, whose sum is zero by eq. (5) already.
+    solved for here; the uncertainties follow from the readings with all their correlations, and
+    from what rotations of the axes and the laser's scale do that are plausible: IH take them as
+    zero. Angles are the least-squares ones of the three δR of a diagonal, whose sum is zero by eq.
+    (5) already.
 
     Raises:
         NotDeterminable: one of ppp, npp, pnp, x, y, z is missing or has a move that was never
@@ -81,29 +84,58 @@ def setup_errors(measurement: Measurement) -> tuple[SetupError, ...]:
     observations = observe(measurement)
     step = np.asarray(observations.volume.step)
     noise, _ = noise_of(observations)
+    untold = _not_told(observations, measurement)
     excess = observations.excess
     lambdas = setup_robust_map(observations).parameters
     inverse = np.linalg.inv(lambda_matrix())
     readings = (inverse @ lambdas).reshape(len(DIAGONALS), 3, -1)
+
+    def spread(rows: Vector) -> Vector:
+        variance = np.sum((rows * noise) ** 2, axis=1) + np.sum((rows @ untold) ** 2, axis=1)
+        return np.asarray(np.sqrt(variance), dtype=np.float64)
+
     found = []
     for row, line in enumerate(DIAGONALS):
         pair = np.array(perpendiculars(beam_direction(line, step)))
         arms = pair * line_signs(line) * step
-        to_angles = np.linalg.solve(arms @ arms.T, arms)
-        angles = to_angles @ readings[row]
+        angles = np.linalg.solve(arms @ arms.T, arms) @ readings[row]
         values = angles @ excess
         found.append(
             SetupError(
                 line=line,
                 displacement=readings[row] @ excess,
-                displacement_uncertainty=np.linalg.norm(readings[row] * noise, axis=1),
+                displacement_uncertainty=spread(readings[row]),
                 tilt=values @ pair,
                 angles=values,
-                angle_uncertainty=np.linalg.norm(angles * noise, axis=1),
+                angle_uncertainty=spread(angles),
                 setups=sum(setup.line == line for setup in observations.setups),
             )
         )
     return tuple(found)
+
+
+def _not_told(observations: Observations, measurement: Measurement) -> Vector:
+    """Return what acts on the readings as much as is plausible, m, shape (n, k).
+
+    Rotations (of each of the six chains, with a sixth of the variance, where the machine's is not
+    known) and the laser's scale, each column for one standard uncertainty.
+    """
+    plausible, position = measurement.plausible, observations.position
+    setups = observations.setups
+    direction = np.array([setup.direction for setup in setups])[observations.setup]
+    share = position / (np.asarray(observations.volume.step) * observations.volume.blocks)
+    chains = (measurement.chain,) if measurement.chain else CHAINS
+    size = plausible.rotation / np.sqrt(len(chains))
+    columns = []
+    for chain in chains:
+        arms = np.stack([observations.way - lever for lever in levers(position, chain)], axis=1)
+        columns.append(size * rotation_readings(share, direction, arms))
+    nominal = np.sum(direction * observations.way, axis=1)[:, None]
+    each = observations.setup[:, None] == np.arange(len(setups))
+    made: Vector = np.hstack(
+        [*columns, plausible.scale * nominal, plausible.shift * nominal * each]
+    )
+    return made
 
 
 def lambda_matrix() -> Vector:

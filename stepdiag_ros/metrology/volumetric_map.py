@@ -7,7 +7,9 @@ model (``forward.tool_point``), so that it has the signs of the readings that it
 A map holds for the box that was measured and for nothing beyond it: outside, the error is unknown.
 It is unknown, too, wherever a curve that acts there was not determined: a translation acts
 everywhere, a rotation where an axis after it in the chain is away from the first corner. Rotations
-that the method did not estimate at all are not in it; ``left_out`` names them.
+that the method did not estimate at all are not in it; ``left_out`` names them. What they do is in
+the uncertainty: as the result tells, with what they did to its curves, or else as large as is
+plausible (``metrology.plausible``).
 """
 
 from collections.abc import Mapping
@@ -29,6 +31,7 @@ from stepdiag_ros.metrology.geometry import (
     Vector,
     moving_axis,
 )
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 EDGE = 1e-9
@@ -50,6 +53,8 @@ class VolumetricMap:
         not_determined: what the lines could not tell, in words.
         covariance: of all curves stacked in their order, see ``VolumetricErrors``; empty if not
             known.
+        turned_covariance: of all eighteen, see ``VolumetricErrors``; empty if not known.
+        plausible: how large rotations are of which nothing else is known.
 
     Raises:
         ValueError: nodes that do not ascend, an unknown or missing curve, a wrong number of values,
@@ -63,6 +68,10 @@ class VolumetricMap:
     frame: str = FRAME
     not_determined: tuple[str, ...] = ()
     covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
+    turned_covariance: Vector = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
+    )
+    plausible: Plausible = ORDINARY
 
     def __post_init__(self) -> None:
         for letter, nodes in zip(AXES, self.nodes, strict=True):
@@ -88,7 +97,9 @@ class VolumetricMap:
             raise ValueError("a map with rotations needs the order of the machine's axes (chain)")
 
     @classmethod
-    def of_result(cls, result: VolumetricErrors, chain: str = "") -> "VolumetricMap":
+    def of_result(
+        cls, result: VolumetricErrors, chain: str = "", plausible: Plausible = ORDINARY
+    ) -> "VolumetricMap":
         """Return the map of a solver's result.
 
         The frame makes three curves end at zero (``forward.in_result_frame``). Where nothing
@@ -97,6 +108,7 @@ class VolumetricMap:
         Args:
             result: of a solver.
             chain: order of the axes from workpiece to tool; needed where it has rotations.
+            plausible: how large rotations are of which the result tells nothing.
 
         Raises:
             ValueError: see the class.
@@ -109,6 +121,8 @@ class VolumetricMap:
             frame=result.frame,
             not_determined=result.not_determined,
             covariance=result.covariance,
+            turned_covariance=result.turned_covariance,
+            plausible=plausible,
         )
 
     @property
@@ -166,9 +180,20 @@ class VolumetricMap:
     def standard_uncertainty_at(self, positions: Vector) -> Vector:
         """Return the standard uncertainty of each component of the error, m, shape (n, 3).
 
+        NaN where that or the error is not known; see ``covariance_at``.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        spread: Vector = np.sqrt(np.einsum("nii->ni", self.covariance_at(positions)))
+        return spread
+
+    def covariance_at(self, positions: Vector) -> Vector:
+        """Return the covariance of the error vectors at some places, m², shape (n, 3, 3).
+
         By the law of propagation (JCGM 100:2008, 5.2), to first order, with the covariance of the
-        curves; NaN where that or the error is not known. That the map is straight between nodes,
-        and what a rotation does that is left out, is not in it.
+        curves and what the rotations do that are left out; NaN where that or the error is not
+        known. That the map is straight between nodes is not in it.
 
         Args:
             positions: machine coordinates, m, shape (n, 3).
@@ -176,19 +201,53 @@ class VolumetricMap:
         weights, unknown = self.sensitivities(positions)
         size = weights.shape[-1]
         if self.covariance.shape != (size, size):
-            return np.full((len(weights), 3), nan)
+            return np.full((len(weights), 3, 3), nan)
         covariance = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
         missing = ~np.isfinite(np.diag(self.covariance))
-        variance = np.einsum("nij,jk,nik->ni", weights, covariance, weights, optimize=True)
-        spread: Vector = np.sqrt(np.maximum(variance, 0.0))
-        spread[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
-        return spread
+        made: Vector = np.einsum("nij,jk,nlk->nil", weights, covariance, weights, optimize=True)
+        if self.left_out:
+            made = made + self._of_left_out(positions, weights)
+        spot = np.arange(3)
+        made[:, spot, spot] = np.maximum(made[:, spot, spot], 0.0)
+        made[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        return made
+
+    def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
+        """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
+        size, count = weights.shape[-1], sum(len(self.nodes[moving_axis(c)]) for c in CURVES)
+        told = self.turned_covariance.shape == (count, count) and len(self.left_out) == 9
+        if told and self.chain:
+            turning = self._rotation_weights(positions, self.chain)
+            # What it tells of the curves themselves is in their covariance.
+            own = self.turned_covariance[size:, size:]
+            mixed = self.turned_covariance[:size, size:]
+            beside = np.einsum("nij,jk,nlk->nil", weights, mixed, turning, optimize=True)
+            made: Vector = np.einsum("nij,jk,nlk->nil", turning, own, turning, optimize=True)
+            made += beside + beside.transpose(0, 2, 1)
+            return made
+        ways = self.nearest(positions) - self.low
+        share = ways / (self.high - self.low)
+        chains = (self.chain,) if self.chain else CHAINS
+        every = []
+        for chain in chains:
+            arms = levers(ways, chain)
+            turns = [
+                np.sqrt(share[:, moving_axis(name), None])
+                * np.cross(np.eye(3)["ABC".index(name[2])], arms[moving_axis(name)])
+                for name in self.left_out
+            ]
+            every.append(np.einsum("rni,rnj->nij", turns, turns))
+        # Of a chain that is not known, that in which the rotations do most at each place.
+        most = np.argmax(np.einsum("cnii->cn", every), axis=0)
+        largest: Vector = self.plausible.rotation**2 * np.array(every)[most, np.arange(len(ways))]
+        return largest
 
     def uncertainty_limit_at(self, positions: Vector) -> Vector:
         """Return what the standard uncertainty cannot exceed, m, shape (n, 3).
 
         u(Σ w_i x_i) <= Σ |w_i| u(x_i), however the errors of the curves are correlated; for maps
-        whose covariance is not at hand. NaN where not known.
+        whose covariance is not at hand. NaN where not known. Rotations that are left out count with
+        their plausible size.
 
         Args:
             positions: machine coordinates, m, shape (n, 3).
@@ -202,6 +261,9 @@ class VolumetricMap:
         )
         missing = ~np.isfinite(each)
         limit: Vector = np.abs(weights) @ np.where(missing, 0.0, each)
+        if self.left_out:
+            others = np.einsum("nii->ni", self._of_left_out(positions, weights))
+            limit = limit + np.sqrt(np.maximum(others, 0.0))
         limit[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
         return limit
 
@@ -254,12 +316,19 @@ class VolumetricMap:
         """
         places = np.asarray(positions, dtype=np.float64)
         ways = self.nearest(places) - self.low
-        arms = levers(ways, self.chain or CHAINS[0])
+        weights = self._weights(ways, list(self.curves), self.chain or CHAINS[0])
+        return weights, self._unknown(ways) | ~self.inside(places)
+
+    def _rotation_weights(self, positions: Vector, chain: str) -> Vector:
+        return self._weights(self.nearest(positions) - self.low, list(ROTATIONS), chain)
+
+    def _weights(self, ways: Vector, names: list[str], chain: str) -> Vector:
+        arms = levers(ways, chain)
         parts = []
-        for name, curve in self.curves.items():
+        for name in names:
             axis = moving_axis(name)
             shares = _interpolation(self.nodes[axis] - self.nodes[axis][0], ways[:, axis])
-            part = np.zeros((len(places), 3, len(curve)))
+            part = np.zeros((len(ways), 3, shares.shape[1]))
             if name in TRANSLATIONS:
                 shares[:, 0] -= 1.0
                 part[:, AXES.index(name[2]), :] = shares
@@ -267,7 +336,7 @@ class VolumetricMap:
                 turn = np.cross(np.eye(3)["ABC".index(name[2])], arms[axis])
                 part = turn[:, :, None] * shares[:, None, :]
             parts.append(part)
-        return np.concatenate(parts, axis=2), self._unknown(ways) | ~self.inside(places)
+        return np.concatenate(parts, axis=2)
 
 
 def _told_by_lines(curve: Vector) -> Vector:

@@ -164,14 +164,19 @@ def results(judged, told):
 
 
 def put_into(path, text):
-    """Put the marked part in the place of the one that a document has.
+    """Put a marked part in the place of the one that a document has.
+
+    Args:
+        path: of the document.
+        text: its first and last lines are the markers.
 
     Raises:
         ValueError: the document has no such part.
     """
     path = Path(path)
     whole = path.read_text()
-    if whole.count(BEGIN) != 1 or whole.count(END) != 1:
-        raise ValueError(f"{path}: expected one part between '{BEGIN}' and '{END}'")
-    before, rest = whole.split(BEGIN)
-    path.write_text(before + text + rest.split(END)[1])
+    begin, *_, end = text.splitlines()
+    if whole.count(begin) != 1 or whole.count(end) != 1:
+        raise ValueError(f"{path}: expected one part between '{begin}' and '{end}'")
+    before, rest = whole.split(begin)
+    path.write_text(before + text + rest.split(end)[1])

@@ -278,7 +278,7 @@ def test_results_are_put_into_the_marked_part_and_nowhere_else(tmp_path):
     assert document.read_text() == text
     document.write_text("no part")
     with pytest.raises(ValueError, match="expected one part"):
-        put_into(document, "")
+        put_into(document, text)
 
 
 def test_classes_are_mixed_and_each_case_is_there_once():

@@ -14,6 +14,7 @@ from stepdiag_ros.compensation.nc_program import NcSettings, steps_of
 from stepdiag_ros.compensation.nc_proof import prove
 from stepdiag_ros.compensation.nc_rewrite import HOLD, rewrite
 from stepdiag_ros.compensation.nc_words import NcError
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 START = "G54 G0 X0. Y0. Z20.\n"
@@ -61,7 +62,9 @@ def test_the_tool_of_the_erring_machine_stays_on_the_wanted_way():
 def test_the_uncertainty_of_the_map_is_told_beside_the_proof():
     known = machine(rotations=False)
     spread = {name: np.full(7, 3e-7) for name in known.curves}
-    certain = VolumetricMap(known.nodes, known.curves, standard_uncertainty=spread)
+    certain = VolumetricMap(
+        known.nodes, known.curves, standard_uncertainty=spread, plausible=NOTHING
+    )
     text = START + "G1 X50. Y50. Z50. F100\n"
     proof = prove(text, rewrite(text, "p", certain, settings()), certain, PROGRAM)
     # Three axes add to each component, at the place and at the first corner, at most.

@@ -20,6 +20,7 @@ from stepdiag_ros.metrology.agreement.joint import significant_of_many
 from stepdiag_ros.metrology.agreement.reversal import reversals
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import ErrorCurves, in_result_frame
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.standards.volumetric import of_result
@@ -147,7 +148,7 @@ def test_e_n_and_its_sign():
         np.testing.assert_allclose(one.normalised_error[free], expected, rtol=1e-12)
         assert np.all(np.isnan(one.normalised_error[~free])) and not free[0]
         np.testing.assert_allclose(other.normalised_error, -one.normalised_error)
-    first, second = of_result(before.result, "YXZ"), of_result(after.result, "YXZ")
+    first, second = (of_result(one.result, "YXZ", NOTHING) for one in (before, after))
     assert (found.worst.before, found.worst.after) == (first.value, second.value)
     assert (found.rms.before, found.rms.after) == (first.rms, second.rms)
     assert found.worst.before_uncertainty == pytest.approx(first.standard_uncertainty)

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
 )
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.diagonal_squareness import (
     PAIRS,
@@ -105,7 +106,7 @@ def test_theta_is_positive_where_the_angle_is_smaller_than_90_degrees():
 def test_the_formula_of_the_document():
     one = DiagonalLength("pp0", (0, 0, 0), (0.4, 0.3, 0), 5e-6, 3e-7)
     other = DiagonalLength("np0", (0.4, 0, 0), (0, 0.3, 0), -1e-6, 4e-7)
-    found = from_face(one, other)
+    found = from_face(one, other, plausible=NOTHING)
     assert found.theta == pytest.approx(0.5 * 6e-6 / (2 * 0.4 * 0.3))
     assert found.standard_uncertainty == pytest.approx(0.5 * 5e-7 / (2 * 0.4 * 0.3))
     assert found.value == -found.theta
@@ -162,7 +163,7 @@ def test_the_uncertainty_of_body_diagonals_is_that_of_simulated_noise():
     for _ in range(2000):
         noisy = [replace(one, error=one.error + 2e-7 * rng.standard_normal()) for one in clean]
         axes = {a: (e + 3e-7 * rng.standard_normal(), u) for a, (e, u) in linear.items()}
-        found = from_body(noisy, axes)
+        found = from_body(noisy, axes, plausible=NOTHING)
         thetas.append([*(one.theta for one in found.values), found.closure])
     expected = [*(one.standard_uncertainty for one in found.values), found.closure_uncertainty]
     np.testing.assert_allclose(np.std(thetas, axis=0), expected, rtol=0.07)
@@ -173,6 +174,55 @@ def test_an_unknown_uncertainty_stays_unknown():
     found = from_body(lengths)
     assert found.values[0].value == pytest.approx(-30e-6, abs=2e-8)
     assert all(np.isnan(one.standard_uncertainty) for one in found.values)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_rotations_that_no_length_tells_are_in_the_uncertainty(chain):
+    # Machines whose axes turn by 10 µrad at the end, and are straight and square otherwise.
+    rng = np.random.default_rng(4)
+    names = [f"E_{turn}{axis}" for axis in "XYZ" for turn in "ABC"]
+    nodes = [np.array([low, high]) for low, high in zip(LOW, HIGH, strict=True)]
+    linear = linear_tests((0.0, 0.0, 0.0), 0.0)
+    known = Plausible(rotation=10e-6, shift=0.0, scale=0.0)
+    thetas = []
+    for _ in range(400):
+        turns = {name: np.array([0.0, 10e-6 * rng.standard_normal()]) for name in names}
+        errors = ErrorCurves.from_curves(nodes, turns)
+        # Levers count from the corner where the other axes stand.
+        lengths = {
+            name: turned_length(name, errors, chain) for name in (*BODY_DIAGONALS, *FACE_DIAGONALS)
+        }
+        body = from_body([lengths[name] for name in BODY_DIAGONALS], linear, chain, known)
+        faces = [
+            from_face(lengths[one], lengths[other], chain, known)
+            for one, other in zip(FACE_DIAGONALS[::2], FACE_DIAGONALS[1::2], strict=True)
+        ]
+        every = [*body.values, *faces]
+        thetas.append([*(one.theta for one in every), body.closure])
+    expected = [*(one.standard_uncertainty for one in every), body.closure_uncertainty]
+    np.testing.assert_allclose(np.std(thetas, axis=0), expected, rtol=0.12, atol=2e-10)
+    blind = from_body([lengths[name] for name in BODY_DIAGONALS], linear, "", known)
+    for one, worst in zip(body.values, blind.values, strict=True):
+        assert worst.standard_uncertainty >= one.standard_uncertainty * (1.0 - 1e-12)
+
+
+def turned_length(name, errors, chain):
+    """Return a length on a machine whose zero is the low corner, so that levers begin there."""
+    nodes = [axis - axis[0] for axis in errors.nodes]
+    shifted = ErrorCurves(tuple(nodes), errors.values)
+    start, finish = (np.where(line_signs(name) == 0, 0.0, place - LOW) for place in ends(name))
+    actual, _ = tool_point(np.array([start, finish]), shifted, chain)
+    gained = np.linalg.norm(actual[1] - actual[0]) - np.linalg.norm(finish - start)
+    return DiagonalLength(name, tuple(start), tuple(finish), float(gained), 0.0, True)
+
+
+def test_a_shift_of_the_laser_is_that_of_the_document():
+    # RL's graph: a scale that shifts between the diagonals of a square, 1 µrad for 1 ppm.
+    one = DiagonalLength("pp0", (0, 0, 0), (1.0, 1.0, 0), 0.0, 0.0)
+    other = DiagonalLength("np0", (1.0, 0, 0), (0, 1.0, 0), 0.0, 0.0)
+    known = Plausible(rotation=0.0, shift=1e-6, scale=5e-6)
+    found = from_face(one, other, "XYZ", known).standard_uncertainty
+    assert found == pytest.approx(np.sqrt(2.0) * squareness_error_of_shift(1e-6, 1.0))
 
 
 def plan_of(kind, names, overrun, **more):

@@ -1,5 +1,7 @@
 """Setup errors (Ibaraki & Hata 2010, eqs. 4-15): found, and what they do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
@@ -7,6 +9,7 @@ from cells_for_tests import make_cell, make_plan
 from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.setup_errors import (
     closure_of_conventional,
     conventional_errors,
@@ -58,8 +61,27 @@ def test_the_figures_lambda_follow_from_the_displacements():
     np.testing.assert_allclose(lambda_matrix() @ constants, expected, atol=1e-18)
 
 
+@pytest.mark.parametrize("chain", ["YXZ", ""])
+def test_rotations_and_the_laser_s_scale_are_in_the_uncertainty_of_the_angles(chain):
+    run = replace(measured(noise=1e-7), chain=chain)
+    alone = setup_errors(replace(run, plausible=NOTHING))
+    turning = setup_errors(replace(run, plausible=Plausible(rotation=50e-6)))
+    double = setup_errors(replace(run, plausible=Plausible(rotation=100e-6)))
+    for one, more, most in zip(alone, turning, double, strict=True):
+        np.testing.assert_array_equal(one.angles, more.angles)
+        added, twice = (
+            np.square(other.angle_uncertainty) - np.square(one.angle_uncertainty)
+            for other in (more, most)
+        )
+        np.testing.assert_allclose(twice, 4.0 * added, rtol=1e-3)
+        assert np.all(more.angle_uncertainty > 2.0 * one.angle_uncertainty)
+
+
 def test_the_uncertainty_of_the_angles_is_that_of_repeated_simulations():
-    found = [setup_errors(measured(noise=1e-7, seed=seed)) for seed in range(150)]
+    found = [
+        setup_errors(replace(measured(noise=1e-7, seed=seed), plausible=NOTHING))
+        for seed in range(150)
+    ]
     for number, line in enumerate(MIRRORS):
         angles = np.array([setups[number].angles for setups in found])
         expected = found[0][number].angle_uncertainty

@@ -150,7 +150,7 @@ def test_the_conventional_method_has_the_whole_setup_error(exact):
 
 
 def test_unknown_sources_are_named_and_make_lower_bounds(measurement):
-    budget = make_budget(measurement, Instrument())
+    budget = make_budget(measurement, Instrument(angular_errors=Spread(0.0)))
     assert np.all(budget.at_least)
     assert "laser wavelength" in budget.remarks[0]
     row = budget.row("positioning E_XX")
@@ -160,6 +160,33 @@ def test_unknown_sources_are_named_and_make_lower_bounds(measurement):
     whole = make_budget(measurement, only())
     assert not np.any(whole.at_least)
     assert whole.standard_uncertainty[row] == pytest.approx(budget.standard_uncertainty[row])
+
+
+def test_angular_errors_of_unknown_size_are_as_large_as_is_plausible(measurement):
+    told = make_budget(measurement, only(angular_errors=Spread(4e-6)), "setup_robust")
+    unknown = make_budget(measurement, only(angular_errors=Spread()), "setup_robust")
+    assert not np.any(unknown.at_least)
+    for row, (source, other) in enumerate(zip(told.sources, unknown.sources, strict=True)):
+        if source.name.startswith("angular errors"):
+            assert source.standard_uncertainty == 4e-6
+            assert other.standard_uncertainty == measurement.plausible.rotation
+            share = measurement.plausible.rotation / 4e-6
+            assert unknown.contributions[row] == pytest.approx(share * told.contributions[row])
+            assert np.max(told.contributions[row]) > 1e-9
+            assert "plausible" in other.note and not source.note
+
+
+@pytest.mark.parametrize("method", ["setup_robust", "least_squares"])
+def test_a_diagonal_contains_the_rotations_and_does_not_err_by_them(measurement, method):
+    budget = make_budget(measurement, only(angular_errors=Spread(20e-6)), method)
+    angular = budget.groups()["angular errors"]
+    # 20 µrad over 60 mm: micrometres of squareness, nothing of a length that was read itself.
+    assert angular[budget.row("C0Y")] > 5e-6
+    assert angular[budget.row("diagonal npp")] < 0.2 * 20e-6 * 0.06
+    check = check_budget(budget, most_trials=50_000)
+    row = budget.row("diagonal npp")
+    found = check.outcome.standard_uncertainty[row]
+    assert found == pytest.approx(budget.standard_uncertainty[row], rel=0.1)
 
 
 def test_an_unknown_source_that_does_not_act_leaves_a_result_whole(exact):

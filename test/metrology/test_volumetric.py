@@ -8,6 +8,7 @@ from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -108,7 +109,7 @@ def test_the_uncertainty_is_that_of_shifted_curves(rotations):
     size = sum(len(curve) for curve in values.values())
     rng = np.random.default_rng(3)
     roots = rng.standard_normal((size, 4)) * 1e-9
-    found = of_result(result_of(values, roots @ roots.T), "ZXY")
+    found = of_result(result_of(values, roots @ roots.T), "ZXY", NOTHING)
 
     def length(shift):
         moved, place = {}, 0
@@ -124,6 +125,33 @@ def test_the_uncertainty_is_that_of_shifted_curves(rotations):
 
     changes = [length(root) - length(-root) for root in roots.T]
     assert found.standard_uncertainty == pytest.approx(0.5 * np.linalg.norm(changes), rel=1e-3)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_rotations_that_were_not_solved_for_are_in_the_uncertainty(chain):
+    values = curves(7, False)
+    known = Plausible(rotation=5e-6)
+    size = sum(len(curve) for curve in values.values())
+    found = of_result(result_of(values, np.zeros((size, size))), chain, known)
+    along, corner = np.asarray(found.vector) / found.value, [nodes[0] for nodes in NODES]
+    place, travel = np.asarray(found.position), [np.ptp(nodes) for nodes in NODES]
+    rng = np.random.default_rng(2)
+    drawn = []
+    for _ in range(400):
+        # Brownian paths, whose spread at a share u of the travel is √u of that at its end.
+        turns = {
+            name: np.array([0.0, 5e-6 * np.sqrt(share) * rng.standard_normal()])
+            for axis, share in zip("XYZ", (place - corner) / travel, strict=True)
+            for name in (f"E_A{axis}", f"E_B{axis}", f"E_C{axis}")
+        }
+        reached = [np.array([0.0, max(way, 1e-3)]) for way in place - corner]
+        errors = ErrorCurves.from_curves(reached, turns)
+        moved, _ = tool_point((place - corner)[None, :], errors, chain)
+        drawn.append((moved[0] - (place - corner)) @ along)
+    assert np.std(drawn) == pytest.approx(found.standard_uncertainty, rel=0.12)
+    unknown_chain = of_result(result_of(values, np.zeros((size, size))), "", known)
+    assert found.standard_uncertainty <= 1.8 * unknown_chain.standard_uncertainty
+    assert unknown_chain.standard_uncertainty > 0.0
 
 
 def test_a_curve_that_is_not_determined_makes_it_unknown():
@@ -180,14 +208,15 @@ def test_no_correlation_makes_the_uncertainty_larger_than_its_limit(rotations):
     for row in signs:
         together = np.outer(every * row, every * row)
         result = replace(result_of(values, together), standard_uncertainty=spreads)
-        found.append(of_result(result, "ZXY"))
+        found.append(of_result(result, "ZXY", NOTHING))
     limits = {one.uncertainty_limit for one in found}
     assert len(limits) == 1 and max(one.standard_uncertainty for one in found) <= max(limits)
     # It is reached where every error pulls the same way.
     weights = np.array([np.nan])
     for row in np.eye(len(every)):
         result = replace(result_of(values, np.outer(row, row)), standard_uncertainty=spreads)
-        weights = np.append(weights, of_result(result, "ZXY").standard_uncertainty)
+        found_one = of_result(result, "ZXY", NOTHING)
+        weights = np.append(weights, found_one.standard_uncertainty)
     assert max(limits) == pytest.approx(weights[1:] @ every, rel=1e-9)
 
 

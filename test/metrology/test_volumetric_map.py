@@ -7,7 +7,8 @@ import pytest
 from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
-from stepdiag_ros.metrology.geometry import CHAINS, CURVES, TRANSLATIONS, moving_axis
+from stepdiag_ros.metrology.geometry import CHAINS, CURVES, ROTATIONS, TRANSLATIONS, moving_axis
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.target_correction import place_of, target_for
@@ -96,7 +97,7 @@ def test_rotations_that_were_not_estimated_are_named_and_a_zero_by_definition_is
 def test_the_uncertainty_is_that_of_many_repeated_measurements():
     cell, plan = make_cell(noise=0.2e-6), make_plan(blocks=4)
     run = simulate(plan, cell, seed=0)
-    first = VolumetricMap.of_result(solve_least_squares(run))
+    first = VolumetricMap.of_result(solve_least_squares(run), plausible=NOTHING)
     where = np.array([[0.013, 0.031, 0.007], [0.04, 0.04, 0.04], [0.0, 0.04, 0.02]])
     told = first.standard_uncertainty_at(where)
     found = [
@@ -109,6 +110,29 @@ def test_the_uncertainty_is_that_of_many_repeated_measurements():
     bare = replace(first, covariance=np.empty((0, 0)))
     assert np.isnan(bare.standard_uncertainty_at(where)).all()
     assert np.isnan(first.standard_uncertainty_at(where + 1.0)).all()
+
+
+@pytest.mark.parametrize("chain", ["YXZ", "ZXY"])
+def test_left_out_rotations_act_with_what_they_did_to_the_curves(chain):
+    # A map of all eighteen curves, of which nine are zero and as uncertain, says the same.
+    some = random_map(names=TRANSLATIONS)
+    count = sum(len(NODES[moving_axis(name)]) for name in CURVES)
+    roots = 1e-6 * np.random.default_rng(6).standard_normal((count, 30))
+    joint = roots @ roots.T
+    own = sum(len(curve) for curve in some.curves.values())
+    left = replace(some, chain=chain, covariance=joint[:own, :own].copy(), turned_covariance=joint)
+    zeros = {name: np.zeros(len(NODES[moving_axis(name)])) for name in ROTATIONS}
+    whole = replace(left, curves={**some.curves, **zeros}, covariance=joint)
+    where = places()
+    assert not whole.left_out and len(left.left_out) == 9
+    np.testing.assert_allclose(left.covariance_at(where), whole.covariance_at(where), rtol=1e-9)
+    # Where the result does not tell, they are as large as is plausible, and add to the curves.
+    untold = replace(left, turned_covariance=np.empty((0, 0)))
+    rigid = replace(untold, plausible=NOTHING)
+    added = np.square(untold.standard_uncertainty_at(where)) - np.square(
+        rigid.standard_uncertainty_at(where)
+    )
+    assert np.all(added > -1e-20) and np.max(added) > (0.2 * 10e-6) ** 2 * 0.3**2
 
 
 @pytest.mark.parametrize(

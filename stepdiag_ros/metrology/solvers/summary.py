@@ -257,7 +257,9 @@ def make_result(
         by_readings: covariance of these curves by the readings' noise alone; all of it if None.
     """
     figures = common_figures(volume, estimate, lines, chain, shown)
+    left_out = np.empty((0, 0))
     if shown is not None:
+        left_out = _with_what_is_not_shown(estimate, shown)
         estimate = estimate.first(shown)
     known = estimate.curves_determined()
     values = np.where(known, estimate.values, np.nan)
@@ -280,4 +282,15 @@ def make_result(
         covariance=covariance,
         frame=frame,
         readings_covariance=covariance if by_readings is None else by_readings,
+        turned_covariance=left_out,
     )
+
+
+def _with_what_is_not_shown(estimate: CurveEstimate, shown: Sequence[str]) -> Vector:
+    """Return second moments of all curves' errors, those that are not shown being given as zero."""
+    if len(estimate.names) == len(shown):
+        return np.empty((0, 0))
+    moments: Vector = estimate.covariance.copy()
+    start = estimate.place(shown[-1]).stop
+    moments[start:, start:] += np.outer(estimate.values[start:], estimate.values[start:])
+    return moments

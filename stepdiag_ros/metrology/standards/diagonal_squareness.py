@@ -20,6 +20,9 @@ between the positive axes is *smaller* than 90°. Hence
   when the axes' positioning was measured too: that mean must be Σ L_i Δ_ii / D_0 of the linear
   tests. Then even three diagonals are enough. Both are one weighted least-squares problem here.
 
+Rotations of the axes and shifts of the laser's scale change the lengths as well; no diagonal tells
+them, so they are in the uncertainties (``length_effects``).
+
 All of this holds only if the diagonals are those of one box: they start and finish at identical
 coordinates, and each end is read after a move in the same direction (RL, "Squareness analysis").
 
@@ -45,7 +48,9 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
+from stepdiag_ros.metrology.standards.length_effects import added_variances, remark
 
 SAME_PLACE = 1e-6
 """Ends of diagonals that are further apart than this, m, are not the same corner."""
@@ -82,6 +87,11 @@ class DiagonalLength:
     def travel(self) -> Vector:
         """Return the signed travel of the axes, m, shape (3,)."""
         return np.subtract(self.finish, self.start)
+
+    @property
+    def ends(self) -> tuple[Vector, Vector]:
+        """Return start and finish, m."""
+        return np.asarray(self.start), np.asarray(self.finish)
 
     @property
     def nominal(self) -> float:
@@ -247,12 +257,19 @@ def _place(point: Sequence[float] | Vector) -> str:
     return "(" + ", ".join(f"{1e3 * value:.3f}" for value in point) + ") mm"
 
 
-def from_face(first: DiagonalLength, second: DiagonalLength) -> DiagonalSquareness:
+def from_face(
+    first: DiagonalLength,
+    second: DiagonalLength,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
+) -> DiagonalSquareness:
     """Return the squareness of a face's axes, θ = D_0 (D_1 - D_2)/(2 X Y) (RL); see the module.
 
     Args:
         first: the diagonal whose axes both run forward (pp0, p0p, 0pp).
         second: the other one (np0, n0p, 0np).
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: they are not the two diagonals of one face, or ``check_ends`` refuses.
@@ -264,11 +281,14 @@ def from_face(first: DiagonalLength, second: DiagonalLength) -> DiagonalSquarene
     name = next(name for name, pair in PAIRS.items() if pair == tuple(moved))
     one, other = np.abs(first.travel)[moved]
     factor = first.nominal / (2.0 * one * other)
-    spread = sqrt(first.standard_uncertainty**2 + second.standard_uncertainty**2)
+    variance = first.standard_uncertainty**2 + second.standard_uncertainty**2
+    both = (first, second)
+    ends, lengths = [one.ends for one in both], np.array([one.nominal for one in both])
+    others = added_variances(np.array([[1.0, -1.0]]), ends, lengths, chain, plausible)
     return DiagonalSquareness(
         name=name,
         theta=float(factor * (first.error - second.error)),
-        standard_uncertainty=float(factor * spread),
+        standard_uncertainty=float(factor * sqrt(variance + float(others[0]))),
         diagonals=(first.line, second.line),
     )
 
@@ -276,12 +296,16 @@ def from_face(first: DiagonalLength, second: DiagonalLength) -> DiagonalSquarene
 def from_body(
     diagonals: Sequence[DiagonalLength],
     linear: Mapping[str, tuple[float, float]] | None = None,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:
     """Return the three squareness errors from body diagonals; see the module.
 
     Args:
         diagonals: the four body diagonals, or three with the linear tests of all axes.
         linear: axis X, Y, Z → (positioning error over the travel, its standard uncertainty), m.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: too few diagonals, one of them twice, or ``check_ends`` refuses.
@@ -313,12 +337,23 @@ def from_body(
         values.append(float(sum(shares[k] * linear[a][0] for k, a in enumerate(AXES))))
         squares = sum((shares[k] * linear[a][1]) ** 2 for k, a in enumerate(AXES))
         spreads.append(sqrt(float(squares)))
-    estimate, covariance = _weighted(np.array(rows), np.array(values), np.array(spreads))
+    # The linear tests together are as long as a diagonal, and no rotation acts on them.
+    start = np.asarray(diagonals[0].start)
+    ends = [*(one.ends for one in diagonals), *[(start, start)] * with_linear]
+    lengths = np.full(len(values), nominal)
+
+    def others(weights: Vector) -> Vector:
+        return added_variances(weights, ends, lengths, chain, plausible)
+
+    solution = _solution(np.array(rows), np.array(spreads))
+    estimate = solution @ values
+    deviations = np.sqrt(solution**2 @ np.square(spreads) + others(solution))
     closure = closure_uncertainty = nan
     if with_linear and len(names) == 4:
-        closure = float(np.mean(values[:4]) - values[4])
-        closure_uncertainty = sqrt(sum(s * s for s in spreads[:4]) / 16.0 + spreads[4] ** 2)
-    deviations = np.sqrt(np.diag(covariance))
+        check = np.array([[0.25, 0.25, 0.25, 0.25, -1.0]])
+        closure = float(check[0] @ values)
+        variance = check**2 @ np.square(spreads) + others(check)
+        closure_uncertainty = sqrt(float(variance[0]))
     return SquarenessResult(
         values=tuple(
             DiagonalSquareness(name, float(estimate[k + 1]), float(deviations[k + 1]), tuple(names))
@@ -332,17 +367,15 @@ def from_body(
     )
 
 
-def _weighted(design: Vector, values: Vector, spreads: Vector) -> tuple[Vector, Vector]:
-    """Solve by weighted least squares; the covariance is NaN where a spread is not known."""
+def _solution(design: Vector, spreads: Vector) -> Vector:
+    """Return the matrix of weighted least squares from lengths to unknowns."""
     known = bool(np.all(np.isfinite(spreads)) and np.all(spreads > 0))
-    weights = 1.0 / spreads if known else np.ones(len(values))
+    weights = 1.0 / spreads if known else np.ones(len(spreads))
     # Lengths and angles differ in size: columns are scaled before they are solved.
     scale = np.linalg.norm(design, axis=0)
     pseudo_inverse = np.linalg.pinv(weights[:, None] * design / scale) / scale[:, None]
-    estimate: Vector = pseudo_inverse @ (weights * values)
-    spread_map = pseudo_inverse * weights
-    covariance: Vector = (spread_map * spreads**2) @ spread_map.T
-    return estimate, covariance
+    solution: Vector = pseudo_inverse * weights
+    return solution
 
 
 def squareness_of(measurement: Measurement) -> SquarenessResult:
@@ -354,17 +387,23 @@ def squareness_of(measurement: Measurement) -> SquarenessResult:
     Raises:
         ValueError: nothing can be said; names what is missing.
     """
-    return squareness_from(lengths_of(measurement), linear_errors_of(measurement))
+    lengths, linear = lengths_of(measurement), linear_errors_of(measurement)
+    return squareness_from(lengths, linear, measurement.chain, measurement.plausible)
 
 
 def squareness_from(
-    lengths: Sequence[DiagonalLength], linear: Mapping[str, tuple[float, float]] | None = None
+    lengths: Sequence[DiagonalLength],
+    linear: Mapping[str, tuple[float, float]] | None = None,
+    chain: str = "",
+    plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:
     """Return squareness from the lengths of diagonals; see ``squareness_of``.
 
     Args:
         lengths: of face and body diagonals in any order; of several of one name the first counts.
         linear: see ``from_body``.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act although no length tells it.
 
     Raises:
         ValueError: nothing can be said; names what is missing.
@@ -381,7 +420,7 @@ def squareness_from(
         if first in by_name and second in by_name:
             pair = (by_name[first], by_name[second])
             try:
-                values.append(from_face(*pair))
+                values.append(from_face(*pair, chain, plausible))
             except ValueError as error:
                 remarks.append(f"left out: {error}")
             else:
@@ -392,7 +431,7 @@ def squareness_from(
     bodies = [by_name[name] for name in BODY_DIAGONALS if name in by_name]
     if bodies:
         try:
-            body = from_body(bodies, linear)
+            body = from_body(bodies, linear, chain, plausible)
         except ValueError as error:
             remarks.append(f"left out: {error}")
     values.extend(body.values)
@@ -405,7 +444,7 @@ def squareness_from(
         mean_length_uncertainty=body.mean_length_uncertainty,
         closure=body.closure,
         closure_uncertainty=body.closure_uncertainty,
-        remarks=(*remarks, *body.remarks),
+        remarks=(*remarks, *body.remarks, remark(chain, plausible)),
     )
 
 

@@ -143,7 +143,7 @@ def evaluate(
     # The fewer runs decide: the other direction is known better than U says.
     fewest = min(count for count in counts if count)
     uncertainty = expanded_uncertainties(
-        description or UncertaintyDescription(), runs.length, fewest, len(runs.target)
+        description or UncertaintyDescription(), runs.length, fewest
     )
     return PositioningTest(
         name=runs.name,

@@ -9,7 +9,7 @@ uncertainty r/(2·√3); expanded by k = 2 that is the 0.6 r (0.577 r) of the st
     U_MISALIGNMENT = R²/(2 L) / √3          (0.3 R²/L: cosine error, R parallel deviation over L)
     U_TEMPERATURE  = α · L · R(θ) / √3      (0.6 α L R(θ))
     U_EXPANSION    = |θ - 20 °C| · L · R(α) / √3
-    U_EVE          = E_VE / √3              (0.6 E_VE), independent from one reading to the next
+    U_EVE          = E_VE / √3              (0.6 E_VE), independent from one run to the next
 
 The first four scale the length and act on every deviation alike; with U_L their root sum of
 squares over the measured length, and with n runs in each direction, the definitions of the
@@ -18,11 +18,13 @@ parameters give (derived here, since the annex's text is not among the project's
     U(B)           = √(2/n) · U_EVE               difference of two means; no length between them
     U(E), U(E↑↓)   = √(U_L² + (2/n) · U_EVE²)     difference of two unidirectional means
     U(M)           = √(U_L² + (1/n) · U_EVE²)     difference of two bidirectional means
-    U(mean B)      = √(2/(n·m)) · U_EVE           mean over m targets
+    U(mean B)      = √(2/n) · U_EVE               mean over targets
     U(R↑↓), U(R)   = 2 · U_EVE                    4 s with s no more than u_EVE of the environment
     U(A), U(A↑↓)   = √(U_L² + (2/n + 4) · U_EVE²) E and R together
 
-What the machine itself does from one run to the next is part of what is measured (R), not of U.
+A zero that wanders shifts all targets of a run alike, so that more targets do not make U(mean B)
+smaller. What the machine itself does from one run to the next is part of what is measured (R), not
+of U.
 """
 
 from collections.abc import Mapping
@@ -138,7 +140,7 @@ def contributions(description: UncertaintyDescription, length: float) -> Contrib
 
 
 def expanded_uncertainties(
-    description: UncertaintyDescription, length: float, runs: int, targets: int
+    description: UncertaintyDescription, length: float, runs: int
 ) -> dict[str, float]:
     """Return U (k = 2) of the parameters of ISO 230-2, m; NaN where an input is not known.
 
@@ -146,23 +148,22 @@ def expanded_uncertainties(
         description: of the measuring conditions.
         length: between the first and the last target, m.
         runs: n in each direction.
-        targets: m.
 
     Returns:
         U by the name of the parameter: B, mean B, E, E↑, E↓, M, R, R↑, R↓, A, A↑, A↓.
 
     Raises:
-        ValueError: the length is not positive, or there is no run or target.
+        ValueError: the length is not positive, or there is no run.
     """
-    if runs < 1 or targets < 1:
-        raise ValueError(f"{runs} runs over {targets} targets: expected at least one of each")
+    if runs < 1:
+        raise ValueError(f"{runs} runs: expected at least one")
     known = contributions(description, length)
     through_length, eve = known.length, known.environment
     systematic = sqrt(through_length**2 + 2.0 / runs * eve**2)
     accuracy = sqrt(through_length**2 + (2.0 / runs + 4.0) * eve**2)
     made = {
         "B": sqrt(2.0 / runs) * eve,
-        "mean B": sqrt(2.0 / (runs * targets)) * eve,
+        "mean B": sqrt(2.0 / runs) * eve,
         "M": sqrt(through_length**2 + eve**2 / runs),
     }
     for arrow in ("", "↑", "↓"):

@@ -16,9 +16,11 @@ from math import fsum, nan, sqrt
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import ErrorCurves, levers, tool_point
+from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
 from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 MOST_POINTS = 1_000_000
 """Nodes that are looked at in one go; more are done plane by plane, to bound the memory."""
@@ -92,17 +94,21 @@ def volumetric_accuracy(
     )
 
 
-def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
+def of_result(
+    result: VolumetricErrors, chain: str = "", plausible: Plausible = ORDINARY
+) -> VolumetricAccuracy:
     """Return the volumetric accuracy of a solved error map, with its uncertainty.
 
     The uncertainty is that of the length of the error vector at the worst place (linear, with the
-    covariance of the curves); that another place may be the worst is not in it. Where the
+    covariance of the curves, and with what rotations do that were not solved for, see
+    ``volumetric_map``); that another place may be the worst is not in it. Where the
     covariance is not at hand (a recorded result), the standard uncertainties of the curves still
     tell a limit: u(Σ w_i x_i) <= Σ |w_i| u(x_i).
 
     Args:
         result: curves that were not solved for (rotations) count as not known and are named.
         chain: order of the axes from workpiece to tool; needed where the result has rotations.
+        plausible: how large rotations are of which the result tells nothing.
 
     Raises:
         ValueError: the result has rotations and no chain is given.
@@ -123,7 +129,9 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
             ),
         )
     if not rotations:
-        remarks.append("angular errors were not solved for; they are not in it")
+        remarks.append(
+            "angular errors were not solved for; they are not in it, but in its uncertainty"
+        )
     elif not chain:
         raise ValueError("the error map has angular errors: name the machine's chain, such as YXZ")
     elif len(rotations) < len(ROTATIONS):
@@ -136,16 +144,17 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
     found = volumetric_accuracy(
         ErrorCurves.from_curves(shifted, result.curves), chain or "XYZ", result.frame
     )
-    weights = _length_weights(result, found, chain or "XYZ")
-    spread = nan
-    if result.covariance.shape == (weights.size, weights.size) and found.value > 0:
-        spread = float(np.sqrt(max(float(weights @ result.covariance @ weights), 0.0)))
-    each = np.concatenate([result.standard_uncertainty[name] for name in result.curves])
-    used = weights != 0.0
-    limit = float(np.abs(weights[used]) @ each[used]) if found.value > 0 else nan
+    place = np.asarray(found.position) + corner
+    spread = limit = nan
+    if found.value > 0:
+        error_map = VolumetricMap.of_result(result, chain, plausible)
+        along = np.asarray(found.vector) / found.value
+        variance = along @ error_map.covariance_at(place[None, :])[0] @ along
+        spread = float(np.sqrt(np.maximum(variance, 0.0)))
+        limit = float(np.abs(along) @ error_map.uncertainty_limit_at(place[None, :])[0])
     return VolumetricAccuracy(
         value=found.value,
-        position=_triple(np.asarray(found.position) + corner),
+        position=_triple(place),
         vector=found.vector,
         standard_uncertainty=spread,
         frame=result.frame,
@@ -153,30 +162,6 @@ def of_result(result: VolumetricErrors, chain: str = "") -> VolumetricAccuracy:
         rms=found.rms,
         uncertainty_limit=limit,
     )
-
-
-def _length_weights(result: VolumetricErrors, found: VolumetricAccuracy, chain: str) -> Vector:
-    """Return the derivative of the length by all curve values, stacked in the result's order.
-
-    To first order e(q) = Σ_i t_i(q_i) + ε_i(q_i) × L_i(q), less the same at the first corner, from
-    which q counts here and where the levers L_i are zero.
-    """
-    direction = np.asarray(found.vector) / found.value if found.value > 0 else np.zeros(3)
-    position = np.asarray(found.position)
-    rows = []
-    for name in result.curves:
-        error, axis = name[2], AXES.index(name[3])
-        row = np.zeros(len(result.nodes[axis]))
-        way = result.nodes[axis] - result.nodes[axis][0]
-        node = int(np.argmin(np.abs(way - position[axis])))
-        if error in AXES:
-            row[node] += direction[AXES.index(error)]
-            row[0] -= direction[AXES.index(error)]
-        else:
-            lever = levers(position[None, :], chain)[axis][0]
-            row[node] += float(np.cross(np.eye(3)["ABC".index(error)], lever) @ direction)
-        rows.append(row)
-    return np.concatenate(rows)
 
 
 def _triple(values: Vector) -> tuple[float, float, float]:

@@ -117,11 +117,12 @@ def make_budget(
     found = sensitivity(measurement, method)
     readings = readings_of(measurement, found.observations, expansion, material_temperature)
     sources = tuple(sources_of(readings, instrument, found.estimator))
-    count = len(found.quantities)
+    names = [quantity.name for quantity in found.quantities]
+    count = len(names)
     contributions = np.zeros((len(sources), count))
     covariance = np.zeros((count, count))
     for row, source in enumerate(sources):
-        factors = source.factors(found.matrix)
+        factors = source.errors(found.matrix, names)
         size = np.linalg.norm(factors, axis=1)
         acts = size > _NOTHING * _scale(source, found)
         if source.known:

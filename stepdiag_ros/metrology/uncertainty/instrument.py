@@ -68,7 +68,8 @@ class Instrument:
         expansion: coefficient of thermal expansion, 1/K.
         alignment: beam and mirror together from their line, rad, each of two angles of each setup.
         return_angle: mirror from square to the beam, rad, each of two angles of each setup.
-        angular_errors: of the machine, rad at the end of the travel, each of nine.
+        angular_errors: of the machine, rad at the end of the travel, each of nine; if unknown, the
+            plausible size of the measurement is taken (``metrology.plausible``).
     """
 
     name: str = "nothing known"

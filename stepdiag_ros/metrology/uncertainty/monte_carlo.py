@@ -63,10 +63,15 @@ def check_budget(
         for start in range(0, count, _ROWS):
             rows = min(_ROWS, count - start)
             excess = np.tile(found.observations.excess, (rows, 1))
+            true = np.zeros((rows, len(found.quantities)))
             for source in budget.sources:
                 if source.known and source.standard_uncertainty > 0.0:
-                    excess += source.draw(rows, rng)
-            drawn[start : start + rows] = found.of_curves(found.estimator.curves(excess))
+                    effect, changes = source.draw(rows, rng)
+                    excess += effect
+                    for place, quantity in enumerate(found.quantities):
+                        true[:, place] += changes.get(quantity.name, 0.0)
+            curves = found.estimator.curves(excess)
+            drawn[start : start + rows] = found.of_curves(curves) - true
         return drawn
 
     outcome = monte_carlo(

@@ -1,6 +1,7 @@
 """One source of uncertainty: what is known of an input, and what it does to every reading."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -56,6 +57,8 @@ class Source:
         slopes: change of each reading by a unit of each component, m per unit, shape (c, n).
         member: which value of the input acts on each reading, shape (n,).
         note: what the reader should know of it; often empty.
+        truly: name of a quantity → what a unit of each component changes of its true value, shape
+            (c,): a reading that shows this does not err. Of inputs that are common to all readings.
     """
 
     name: str
@@ -69,11 +72,26 @@ class Source:
     slopes: Vector
     member: Integers
     note: str = ""
+    truly: Mapping[str, Vector] = field(default_factory=dict)
 
     @property
     def known(self) -> bool:
         """Say whether its standard uncertainty and its effect are known."""
         return bool(np.isfinite(self.standard_uncertainty) and np.all(np.isfinite(self.slopes)))
+
+    def errors(self, matrix: Vector, names: Sequence[str]) -> Vector:
+        """Return ``factors`` less what the input does to the true values of the quantities.
+
+        Args:
+            matrix: see ``factors``.
+            names: of the quantities.
+        """
+        made = self.factors(matrix)
+        size = self.standard_uncertainty if np.isfinite(self.standard_uncertainty) else 1.0
+        for row, name in enumerate(names):
+            if name in self.truly:
+                made[row] -= size * self.truly[name]
+        return made
 
     def factors(self, matrix: Vector) -> Vector:
         """Return what the values of the input do to output quantities, each in its unit.
@@ -100,8 +118,13 @@ class Source:
         joined: Vector = np.concatenate(made, axis=1)
         return joined
 
-    def draw(self, count: int, rng: np.random.Generator) -> Vector:
-        """Return what the source does to the readings in many trials, m, shape (count, n)."""
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Vector, dict[str, Vector]]:
+        """Return what the source does in many trials.
+
+        Returns:
+            to the readings, m, shape (count, n); to the true values of quantities, by their names,
+            each shape (count,).
+        """
         values = int(self.member.max()) + 1
         effect = np.zeros((count, len(self.member)))
         # The scale of a type A evaluation is itself uncertain, and the same for all its values:
@@ -110,13 +133,16 @@ class Source:
         if np.isfinite(self.degrees_of_freedom):
             freedom = self.degrees_of_freedom
             scale = scale * np.sqrt(freedom / rng.chisquare(freedom, (count, 1)))
-        for slope in self.slopes:
+        true = {name: np.zeros(count) for name in self.truly}
+        for number, slope in enumerate(self.slopes):
             drawn = _standard(self.distribution, (count, values), rng) * scale
+            for name, changes in self.truly.items():
+                true[name] += drawn[:, 0] * changes[number]
             if values == 1:
                 effect += drawn * slope
             else:
                 effect += drawn[:, self.member] * slope
-        return effect
+        return effect, true
 
 
 def _standard(distribution: str, shape: tuple[int, int], rng: np.random.Generator) -> Vector:

@@ -7,9 +7,17 @@ here are setup, scatter, drift, misfit and the angular errors that a model leave
 import numpy as np
 
 from stepdiag_ros.metrology.forward import levers, perpendiculars
-from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    ROTATIONS,
+    Vector,
+    line_signs,
+)
+from stepdiag_ros.metrology.plausible import MODES, modes, rotation_readings
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
+from stepdiag_ros.metrology.standards.length_effects import rotation_effects
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.length_sources import (
     Readings,
@@ -206,24 +214,27 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
 def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
     """Return the angular errors that the model of the method leaves out.
 
-    Each of the nine is taken to grow in a straight line from the first corner of the box to the
-    stated size at its last node: a tilt that grows does not average out over a line.
+    Each of the nine is a random curve from zero at the first corner of the box, of the stated size
+    at its last node, with waves on the way (``plausible``): a tilt that grows does not average out
+    over a line, and waves make straightness. Where the instrument description tells no size, it is
+    the plausible one of the measurement.
     """
-    seen = readings.observations
-    chain = readings.measurement.chain
-    note = "" if chain else "the order of the machine's axes is not known"
-    slopes = np.full((len(ROTATIONS), len(seen.displacement)), _UNKNOWN)
-    if chain:
+    seen, measurement = readings.observations, readings.measurement
+    spread, note = instrument.angular_errors, ""
+    if not spread.known:
+        spread = Spread(measurement.plausible.rotation)
+        note = f"not told: {spread.standard_uncertainty * 1e6:.3g} µrad are taken as plausible"
+    slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
+    truly: dict[str, Vector] = {}
+    if measurement.chain:
         direction = np.array([setup.direction for setup in seen.setups])[seen.setup]
-        place = seen.position
-        start = place - seen.way
         travel = np.asarray(seen.volume.step) * seen.volume.blocks
-        for axis, lever in enumerate(levers(place, chain)):
-            arm = place - lever - start
-            for turn in range(3):
-                effect = np.sum(np.cross(np.eye(3)[turn], direction) * arm, axis=1)
-                slopes[3 * axis + turn] = effect * place[:, axis] / travel[axis]
-    spread = instrument.angular_errors
+        after = levers(seen.position, measurement.chain)
+        arms = np.stack([seen.way - after[axis] for axis in range(3)], axis=1)
+        slopes = rotation_readings(seen.position / travel, direction, arms).T.reshape(slopes.shape)
+        truly = _of_diagonals(travel, measurement.chain)
+    else:
+        note = "the order of the machine's axes is not known"
     return [
         Source(
             f"angular errors of {letter}",
@@ -234,12 +245,29 @@ def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
             spread.distribution,
             spread.degrees_of_freedom,
             COMMON,
-            slopes[3 * axis : 3 * axis + 3],
+            slopes[axis],
             np.zeros(len(seen.displacement), dtype=np.int64),
             note,
+            {name: effects[axis] for name, effects in truly.items()},
         )
         for axis, letter in enumerate(AXES)
     ]
+
+
+def _of_diagonals(travel: Vector, chain: str) -> dict[str, Vector]:
+    """Return what each mode of each rotation does to the lengths of body diagonals, m/rad.
+
+    Returns:
+        name of the figure → rotations and their modes for X, Y, Z, shape (3, 3 · ``MODES``).
+    """
+    signs = np.array([line_signs(line) for line in BODY_DIAGONALS])
+    ends = [(travel * (sense < 0), travel * (sense > 0)) for sense in signs]
+    at_the_end = modes(np.ones(1))[0]
+    lengths = rotation_effects(ends, chain)[:, :, None] * at_the_end
+    return {
+        f"diagonal {line}": lengths[row].reshape(3, 3 * MODES)
+        for row, line in enumerate(BODY_DIAGONALS)
+    }
 
 
 def _squared(spread: Spread) -> Spread:
