@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import add_namespace_option
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    progress_bar,
+    say,
+    warn_of_undetermined,
+)
 
 if TYPE_CHECKING:
     from stepdiag_ros.run.sequence import State
@@ -44,7 +49,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.session.joining import JoinedRun
 
     # Read and checked here: what is executed is what the user sees, wherever the sequencer runs.
-    text = configuration.load_plan(arguments.plan)[1] if arguments.plan else ""
+    text = ""
+    if arguments.plan:
+        plan, text = configuration.load_plan(arguments.plan)
+        warn_of_undetermined(plan)
     with progress_bar("measuring") as progress:
 
         def tell(told: "Told") -> None:
