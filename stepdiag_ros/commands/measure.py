@@ -14,6 +14,7 @@ from stepdiag_ros.commands.output import (
 )
 
 if TYPE_CHECKING:
+    from stepdiag_ros.report.lead import RunLead
     from stepdiag_ros.run.sequence import State
     from stepdiag_ros.session.following import Measured, Told
 
@@ -112,7 +113,28 @@ def _enter_was_pressed() -> bool:
     return bool(ready and sys.stdin.readline())
 
 
+def _lead(measured: "Measured") -> "RunLead":
+    """Return what is said first of the run, before anything is solved."""
+    from stepdiag_ros.bags.passes import Completeness
+    from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+    from stepdiag_ros.report.lead import RunLead
+    from stepdiag_ros.run.conclusion import UNKNOWN
+
+    name = NOT_DIAGNOSED if measured.verdict == UNKNOWN else measured.verdict
+    missing = tuple(line.partition(":")[0] for line in measured.incomplete)
+    return RunLead(
+        Verdict(name, measured.sentence),
+        Completeness(
+            *(measured.stops_total, measured.stops_done, missing, measured.text), unit="stops"
+        ),
+        measured.bag,
+    )
+
+
 def _show(measured: "Measured", as_json: bool) -> None:
+    from stepdiag_ros.report.summary import lead_document, next_lines, sentences_of
+
+    lead = _lead(measured)
     bag = None if measured.bag is None else str(measured.bag)
     if as_json:
         document = {
@@ -127,6 +149,7 @@ def _show(measured: "Measured", as_json: bool) -> None:
             "bag": bag,
             "bag_closed": measured.bag_closed,
             "bag_text": measured.bag_text,
+            "lead": lead_document(lead),
         }
         print(schemas.json_text(schemas.document("measurement", document)))
         return
@@ -134,5 +157,6 @@ def _show(measured: "Measured", as_json: bool) -> None:
     print(f"outcome: {measured.text} ({measured.stops_done} of {measured.stops_total} stops)")
     for line in measured.incomplete:
         print(f"left:    {line}")
-    print(f"verdict: {measured.verdict}, {measured.sentence}")
     print(f"bag:     {bag or 'unknown'} ({measured.bag_text})")
+    for line in ("", "In short:", *sentences_of(lead), *next_lines(lead)):
+        print(line)
