@@ -64,7 +64,7 @@ def permission(
     if left:
         return Permission(
             f"the verdict on the run is {verdict.name}, and {', '.join(left)} would not be in the"
-            " tables, but in part in the error curves that they are made of"
+            " tables, and a part of that may be in the error curves that they are made of"
         )
     return Permission(warnings=tuple(_warnings(verdict, identified.passes)))
 
