@@ -59,7 +59,9 @@ def run(arguments: Namespace) -> int:
         def tell(told: "Told") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
 
-        joined = JoinedRun(arguments.namespace, tell, _Attendant())
+        # What was given is warned of already.
+        on_plan = None if text else _warn_beside
+        joined = JoinedRun(arguments.namespace, tell, _Attendant(), on_plan)
         try:
             joined.measure(text)
         finally:
@@ -68,6 +70,19 @@ def run(arguments: Namespace) -> int:
     if joined.measured is not None and not joined.measured.bag_closed:
         raise RunFailed(f"the bag is not whole: {joined.measured.bag_text}")
     return 0
+
+
+def _warn_beside(text: str) -> None:
+    """Warn of what the lines of the sequencer's own plan do not tell.
+
+    In a thread of its own: who follows a run must not fall silent.
+    """
+    from threading import Thread
+
+    from stepdiag_ros.configuration import plan_from_text
+
+    plan = plan_from_text(text, "the plan of the run")
+    Thread(target=warn_of_undetermined, args=(plan,), daemon=True).start()
 
 
 class _Attendant:
