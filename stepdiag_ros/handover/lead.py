@@ -179,7 +179,7 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
                 "measure lines that test each other, with repeats: nothing in this run could"
                 " contradict its figures."
             )
-    if not math.isfinite(judged.value):
+    if not math.isfinite(judged.value) and run.whole:
         needed = run.remedy or "the lines that the whole volume still needs"
         said.append(f"measure {needed} as well; the last section names what is unknown.")
     elif material.compensation is not None and material.compensation.identified.warning:
