@@ -84,11 +84,13 @@ def next_steps(lead: RunLead) -> list[Step]:
     """Return what to do next, most urgent first; what comes after it only where it may."""
     if lead.bag is None:
         return []
+    more_acts = lead.verdict.more_acts
     named = [
         *_complete_first(lead),
         *([_SOLVE] if lead.solved is None else []),
-        *_after_verdict(lead.verdict),
+        *(_after_verdict(lead.verdict) if more_acts else []),
         *_for_unknown(lead),
+        *([] if more_acts else _after_verdict(lead.verdict)),
         _REPORT,
         _MONITOR,
         *_compensation(lead),
