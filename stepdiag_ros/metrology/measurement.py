@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Volume
 
@@ -176,11 +177,14 @@ class Measurement:
         lines: in the order of the plan.
         chain: order of the machine's axes from workpiece to tool, one of ``geometry.CHAINS``; empty
             if not known. Only angular errors need it.
+        direct: error curves and squareness that were measured directly, for the least-squares
+            methods to weigh in; None if there are none.
     """
 
     volume: Volume
     lines: tuple[MeasuredLine, ...]
     chain: str = ""
+    direct: DirectMeasurement | None = None
 
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:

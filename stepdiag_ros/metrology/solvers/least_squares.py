@@ -6,16 +6,25 @@ zero for every setup. A mirror is set to return the beam, so both are taken to b
 the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
 the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
 linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
-Angular errors of the machine are not in this model; ``rigid_body`` has them too.
+Angular errors of the machine are not in this model; ``rigid_body`` has them too. Those that were
+measured directly at every node are unknowns here as well, told by that measurement and its
+uncertainty; the other rotations are taken as zero.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    FRAME,
+    REFERENCE_POINT,
+    ROTATIONS,
+    TRANSLATIONS,
+)
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.design import Design, Fit
+from stepdiag_ros.metrology.solvers.direct_rows import remarks_of, told_rotations
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import (
@@ -43,7 +52,19 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
-    return solve_design("least_squares", Design(observe(measurement)), measurement.chain)
+    design = least_squares_design(observe(measurement), measurement.chain)
+    return solve_design("least_squares", design, measurement.chain)
+
+
+def least_squares_design(observations: Observations, chain: str) -> Design:
+    """Return the design of the translations and of the rotations that were measured directly.
+
+    Args:
+        observations: the readings.
+        chain: order of the machine's axes; empty if not known: then no rotation can be used.
+    """
+    known = told_rotations(observations.direct, observations.volume) if chain else ()
+    return Design(observations, chain if known else "", rotations=known)
 
 
 def solve_design(method: str, design: Design, chain: str) -> VolumetricErrors:
@@ -82,11 +103,21 @@ def solve_design(method: str, design: Design, chain: str) -> VolumetricErrors:
                 f"uncertainties explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the "
                 "model. All uncertainties were multiplied by this factor."
             )
-            if chain and not design.chain:
+            if chain and not set(ROTATIONS) <= set(design.names):
                 remarks.append(
-                    "Angular errors of the machine are not in this model: see whether the method "
-                    "rigid_body, which has them, explains the readings."
+                    "Not all angular errors of the machine are in this model: see whether the "
+                    "method rigid_body, which has them, explains the readings."
                 )
+    if np.isfinite(design.noise_estimated):
+        remarks.append(
+            f"The readings have no uncertainty: {design.noise_estimated * 1e6:.3g} µm was estimated"
+            " from the residuals of a fit without what was measured directly."
+        )
+    if observations.direct is not None:
+        remarks.extend(remarks_of(observations.direct, observations.volume, design.names))
+        left = [name for name in ROTATIONS if name not in design.names]
+        if design.chain and left:
+            remarks.append(f"{', '.join(left)} are taken as zero: they were not measured directly.")
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
     estimate = CurveEstimate(

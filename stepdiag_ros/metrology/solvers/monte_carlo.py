@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.alternative import alternative_map
 from stepdiag_ros.metrology.solvers.conventional import conventional_map
 from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.least_squares import least_squares_design
 from stepdiag_ros.metrology.solvers.linear import LinearMap, noise_of
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations, observe
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
@@ -89,15 +90,15 @@ class LeastSquaresEstimator:
     """Least squares with the exact model of the setups.
 
     Args:
-        observations: the readings.
-        chain: order of the axes, to estimate the rotations too; empty for translations only.
+        design: of the readings, and of what was measured directly.
     """
 
     models_cosine = True
 
-    def __init__(self, observations: Observations, chain: str = "") -> None:
+    def __init__(self, design: Design) -> None:
+        observations = design.observations
         self.observations = observations
-        self._design = Design(observations, chain)
+        self._design = design
         self.names = self._design.names
         group, first = observations.groups()
         known = observations.noise_known
@@ -194,13 +195,13 @@ def estimator(
         ValueError: no such method.
     """
     if method == "least_squares":
-        return LeastSquaresEstimator(observations)
+        return LeastSquaresEstimator(least_squares_design(observations, chain))
     if method == "rigid_body":
         if not chain:
             raise NotDeterminable(
                 "needs the kinematic chain of the machine, which is not known for this measurement"
             )
-        return LeastSquaresEstimator(observations, chain)
+        return LeastSquaresEstimator(Design(observations, chain))
     if method in LINEAR_MAPS:
         return LinearEstimator(observations, LINEAR_MAPS[method](observations))
     raise ValueError(f"'{method}' is no method for this; use one of {', '.join(METHODS)}")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
@@ -63,6 +64,7 @@ class Observations:
         displacement: m, shape (n,).
         uncertainty: standard uncertainty of each, m, shape (n,); NaN everywhere where unknown.
         lines: number of lines with at least one reading.
+        direct: what was measured directly beside the lines; None if nothing was.
     """
 
     volume: Volume
@@ -74,6 +76,7 @@ class Observations:
     displacement: Vector
     uncertainty: Vector
     lines: int
+    direct: DirectMeasurement | None = None
 
     @property
     def noise_known(self) -> bool:
@@ -182,6 +185,7 @@ def observe(measurement: Measurement) -> Observations:
         displacement=np.concatenate(values),
         uncertainty=uncertainty,
         lines=len(values),
+        direct=measurement.direct,
     )
 
 
