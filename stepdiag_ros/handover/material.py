@@ -242,19 +242,23 @@ class Material:
         """
 
         def made() -> DiagnosisReport:
+            lines_alone = replace(self.measurement, direct=None)
             report = build_diagnosis(
-                self.measurement,
+                lines_alone,
                 MachineModel(),
                 catalogue(),
                 bag=self.recorded.path if self.recorded.path.is_file() else None,
                 run_id=self.report.run_id,
                 again=False,
+                remarks=()
+                if self.measurement.direct is None
+                else ("what was measured directly is not in this comparison",),
             )
             if report.diagnosis.verdict != AMBIGUOUS:
                 return report
             plan = self.recorded.plan
             ask = Ask(plan if plan.feed > 0.0 else None, self.machine)
-            return with_proposal(report, self.measurement, ask)
+            return with_proposal(report, lines_alone, ask)
 
         return self._made_or_missing("diagnosis", made)
 

@@ -27,7 +27,7 @@ of the measured box. The comparison does not use them.
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -198,6 +198,20 @@ class DirectSquareness:
         return float(np.hypot(self.stated_uncertainty, _of_mean(self.values)))
 
 
+class DirectFile(NamedTuple):
+    """A file that something was measured directly in.
+
+    Attributes:
+        name: what the user calls it.
+        sha256: of its bytes, hexadecimal.
+        errors: names of the curves and squareness in it.
+    """
+
+    name: str
+    sha256: str
+    errors: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class DirectMeasurement:
     """Everything that was measured directly.
@@ -206,11 +220,73 @@ class DirectMeasurement:
         curves: by name, in the order of ``geometry.CURVES``.
         squareness: by name.
         notes: of the file.
+        files: that it was read from.
     """
 
     curves: Mapping[str, DirectCurve]
     squareness: Mapping[str, DirectSquareness]
     notes: tuple[str, ...] = ()
+    files: tuple[DirectFile, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all errors in it."""
+        return (*self.curves, *self.squareness)
+
+    def origin(self, name: str) -> str:
+        """Return the name of an error with that of its file, where it is known."""
+        files = [f"{name} in {file.name}" for file in self.files if name in file.errors]
+        return files[0] if files else name
+
+
+def joined(parts: Sequence[DirectMeasurement]) -> DirectMeasurement:
+    """Return several direct measurements as one.
+
+    Raises:
+        ValueError: an error is in two of them.
+    """
+    curves: dict[str, DirectCurve] = {}
+    squareness: dict[str, DirectSquareness] = {}
+    for part in parts:
+        twice = [name for name in part.names if name in curves or name in squareness]
+        if twice:
+            raise ValueError(
+                f"{', '.join(twice)} is in more than one file of direct measurements; give it once,"
+                " as repeats of one table if it was measured again"
+            )
+        curves.update(part.curves)
+        squareness.update(part.squareness)
+    return DirectMeasurement(
+        {name: curves[name] for name in CURVES if name in curves},
+        {name: squareness[name] for name in SQUARENESS if name in squareness},
+        tuple(note for part in parts for note in part.notes),
+        tuple(file for part in parts for file in part.files),
+    )
+
+
+def direct_text(direct: DirectMeasurement) -> str:
+    """Return the table of a direct measurement, which ``read_direct`` reads back."""
+    rows = [f"# {note}" for note in direct.notes]
+    rows.append(",".join(COLUMNS))
+
+    def add(name: str, position: str, repeat: int, value: float, u: float, place: Place) -> None:
+        cells = [name, position, repr(float(value)), str(repeat), _cell(u)]
+        cells.append("rotation" if name in SQUARENESS else "")
+        rows.append(",".join([*cells, *map(_cell, (*place.standing, *place.reflector))]))
+
+    for name, curve in direct.curves.items():
+        for repeat, values in enumerate(curve.values):
+            cells = zip(curve.positions, values, curve.stated_uncertainty, strict=True)
+            for position, value, uncertainty in cells:
+                add(name, repr(float(position)), repeat, value, uncertainty, curve.place)
+    for name, angle in direct.squareness.items():
+        for repeat, value in enumerate(angle.values):
+            add(name, "", repeat, value, angle.stated_uncertainty, angle.place)
+    return "\n".join(rows) + "\n"
+
+
+def _cell(value: float) -> str:
+    return repr(float(value)) if math.isfinite(value) else ""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """From a recorded run to its lines and its results: for a command, a notebook and a page alike."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.measurement import (
     MeasuredLine,
     Measurement,
@@ -40,6 +42,7 @@ def report_of_run(
     with_visibility: bool = False,
     air: AirChoice | None = None,
     warn: Callable[[str], None] = silent,
+    direct: DirectMeasurement | None = None,
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -53,12 +56,15 @@ def report_of_run(
         with_visibility: say of each error whether these lines tell it.
         air: compensate the readings for the air anew; None: as it was done in the run.
         warn: told in a sentence if the lines are not those that were recorded.
+        direct: errors that were measured directly, weighed in; a result with them is not compared
+            with the recorded one, which was made without.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
     """
     measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
+    measurement = replace(measurement, direct=direct)
     name = recorded.machine.get("name", "")
     return build_report(
         measurement,
@@ -71,10 +77,11 @@ def report_of_run(
         truth=_truth(recorded, measurement, truth),
         bag=recorded.path,
         with_visibility=with_visibility,
-        recorded=() if corrections or air else recorded.results,
+        recorded=() if corrections or air or direct else recorded.results,
         remarks=(
             remark,
             *corrections,
+            *direct_origin(direct),
             *_target_corrections(recorded),
             *out_of_step(recorded),
             *diagnosed(recorded),
@@ -90,6 +97,14 @@ def _target_corrections(recorded: RecordedRun) -> tuple[str, ...]:
         if one.name.endswith(TARGET_CORRECTION) and one.level == _WARN
     }
     return tuple(f"in this run {words}: the errors are those that it left" for words in said)
+
+
+def direct_origin(direct: DirectMeasurement | None) -> tuple[str, ...]:
+    """Say which errors were measured directly, and in which files they are."""
+    return tuple(
+        f"{', '.join(file.errors)} measured directly: {file.name}, SHA-256 {file.sha256}"
+        for file in (() if direct is None else direct.files)
+    )
 
 
 def out_of_step(recorded: RecordedRun) -> tuple[str, ...]:

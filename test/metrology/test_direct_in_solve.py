@@ -18,7 +18,11 @@ from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATION
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import NotDeterminable, solve
 from stepdiag_ros.metrology.solvers.least_squares import least_squares_design
+from stepdiag_ros.metrology.solvers.monte_carlo import replicate
 from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.instrument import Instrument, Spread
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR, DIRECT
 
 PLAN = make_plan(6, step=(0.02, 0.02, 0.02), repeats=2, directions=("forward", "backward"))
 VOLUME = PLAN.volume
@@ -300,3 +304,45 @@ def test_more_repeats_of_an_angle_make_it_more_certain():
         spread.append(solve(replace(lines, direct=direct)).standard_uncertainty["E_BY"][3])
     assert spread[0] > 1.4 * spread[1]
     assert spread[1] > 1e-6
+
+
+def test_the_budget_has_what_was_measured_directly_among_its_sources():
+    cell = machine()
+    lines = uncertain(simulate(PLAN, cell, seed=1), 0.1e-6)
+    lines = replace(lines, direct=measured_directly(cell, ROTATIONS))
+    result = solve(lines)
+    budget = make_budget(lines, Instrument())
+    found = budget.sensitivity
+    noise = found.matrix * 0.1e-6
+    known = found.by_direct @ found.by_direct.T + noise @ noise.T
+    for row, quantity in enumerate(found.quantities):
+        if quantity.curve:
+            stated = result.standard_uncertainty[quantity.curve][quantity.node]
+            assert np.sqrt(known[row, row]) == pytest.approx(stated, rel=2e-3)
+    assert np.all(budget.groups()[DIRECT][: budget.row("E_AX at 1")] > 0.0)
+    assert not [source for source in budget.sources if source.group == ANGULAR]
+
+
+def test_replicates_draw_what_was_measured_directly_too():
+    cell = machine()
+    lines = uncertain(simulate(PLAN, cell, seed=1), 0.1e-6)
+    lines = replace(lines, direct=measured_directly(cell, ROTATIONS))
+    result = solve(lines)
+    spread = np.std(replicate(lines, 4000, seed=1), axis=0)
+    stated = np.concatenate(list(result.standard_uncertainty.values()))
+    free = stated > 1e-15
+    np.testing.assert_allclose(spread[free], stated[free], rtol=0.06)
+
+
+def test_only_rotations_that_the_model_leaves_out_are_a_source_of_the_budget():
+    cell = machine()
+    instrument = replace(Instrument(), angular_errors=Spread(3e-6))
+    lines = uncertain(simulate(PLAN, cell, seed=1), 0.1e-6)
+
+    def angular(names):
+        direct = measured_directly(cell, names) if names else None
+        return make_budget(replace(lines, direct=direct), instrument).groups().get(ANGULAR)
+
+    nothing, some, every = (angular(names) for names in ((), ROTATIONS[:6], ROTATIONS))
+    assert every is None
+    assert np.max(some) < np.max(nothing)

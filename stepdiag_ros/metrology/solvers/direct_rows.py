@@ -96,23 +96,24 @@ def used_of(direct: DirectMeasurement, volume: Volume) -> dict[str, DirectCurve]
         free = curve.nuisance.shape[1]
         if len(inside.positions) <= free:
             raise ValueError(
-                f"{name} was measured directly at {len(inside.positions)} positions within the"
-                f" measured travel of {nodes[0]:g} to {nodes[-1]:g} m; {free + 1} are needed to"
-                " tell anything: leave it out"
+                f"{direct.origin(name)} was measured directly at {len(inside.positions)} positions"
+                f" within the measured travel of {nodes[0]:g} to {nodes[-1]:g} m; {free + 1} are"
+                " needed to tell anything: leave it out"
             )
         if not np.all(np.isfinite(inside.stated_uncertainty)):
-            raise ValueError(
-                f"{name} was measured directly, but its standard_uncertainty is not known, so that"
-                " it cannot be weighed against the readings: give it"
-            )
+            raise _not_weighed(direct, name)
         used[name] = inside
     for name, angle in direct.squareness.items():
         if not np.isfinite(angle.standard_uncertainty):
-            raise ValueError(
-                f"{name} was measured directly, but its standard_uncertainty is not known, so that"
-                " it cannot be weighed against the readings: give it"
-            )
+            raise _not_weighed(direct, name)
     return used
+
+
+def _not_weighed(direct: DirectMeasurement, name: str) -> ValueError:
+    return ValueError(
+        f"{direct.origin(name)} was measured directly, but its standard_uncertainty is not known,"
+        " so that it cannot be weighed against the readings: give it"
+    )
 
 
 def told_rotations(direct: DirectMeasurement | None, volume: Volume) -> tuple[str, ...]:

@@ -61,8 +61,19 @@ def least_squares_design(observations: Observations, chain: str) -> Design:
 
     Args:
         observations: the readings.
-        chain: order of the machine's axes; empty if not known: then no rotation can be used.
+        chain: order of the machine's axes; empty if not known.
+
+    Raises:
+        ValueError: rotations were measured directly, and the chain is not known.
     """
+    turning = [
+        name for name in ROTATIONS if observations.direct and name in observations.direct.curves
+    ]
+    if turning and not chain:
+        raise ValueError(
+            f"{', '.join(turning)} cannot be used: the order of the machine's axes from workpiece"
+            " to tool (chain), by which rotations act, is not known for this measurement"
+        )
     known = told_rotations(observations.direct, observations.volume) if chain else ()
     return Design(observations, chain if known else "", rotations=known)
 

@@ -57,6 +57,7 @@ def check_budget(
         ValueError: an argument is out of range.
     """
     found = budget.sensitivity
+    by_direct = np.nan_to_num(found.estimator.by_direct())
 
     def sample(count: int, rng: np.random.Generator) -> Vector:
         drawn = np.empty((count, len(found.quantities)))
@@ -66,7 +67,10 @@ def check_budget(
             for source in budget.sources:
                 if source.known and source.standard_uncertainty > 0.0:
                     excess += source.draw(rows, rng)
-            drawn[start : start + rows] = found.of_curves(found.estimator.curves(excess))
+            curves = found.estimator.curves(excess)
+            if by_direct.size:
+                curves += rng.standard_normal((rows, by_direct.shape[1])) @ by_direct.T
+            drawn[start : start + rows] = found.of_curves(curves)
         return drawn
 
     outcome = monte_carlo(

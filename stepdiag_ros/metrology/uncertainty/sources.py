@@ -21,14 +21,17 @@ from stepdiag_ros.metrology.uncertainty.repeats import repeats_of
 from stepdiag_ros.metrology.uncertainty.source import (
     ANGULAR,
     COMMON,
+    DIRECT,
     DRIFT,
     MODEL,
     PER_PASS,
     PER_PLACE,
+    PER_POSITION,
     PER_READING,
     REPEATABILITY,
     SETUP,
     SQUARED_ANGLE,
+    DirectSource,
     Source,
     each_setup,
 )
@@ -46,7 +49,9 @@ def sources_of(readings: Readings, instrument: Instrument, method: Estimator) ->
         method: that the result comes from; what its model holds is no source.
     """
     scatter = _scatter(readings)
-    angular = [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument)
+    angular = (
+        [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument, method.names)
+    )
     return [
         *instrument_sources(readings, instrument),
         *air_sources(readings, instrument),
@@ -203,7 +208,7 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     ]
 
 
-def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
+def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...]) -> list[Source]:
     """Return the angular errors that the model of the method leaves out.
 
     Each of the nine is taken to grow in a straight line from the first corner of the box to the
@@ -223,6 +228,7 @@ def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
             for turn in range(3):
                 effect = np.sum(np.cross(np.eye(3)[turn], direction) * arm, axis=1)
                 slopes[3 * axis + turn] = effect * place[:, axis] / travel[axis]
+    slopes[[name in names for name in ROTATIONS]] = 0.0
     spread = instrument.angular_errors
     return [
         Source(
@@ -239,6 +245,34 @@ def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
             note,
         )
         for axis, letter in enumerate(AXES)
+    ]
+
+
+def direct_sources(readings: Readings, by_direct: Vector) -> list[Source]:
+    """Return what was measured directly as a source; none where nothing was, or nothing uses it.
+
+    Args:
+        readings: beside which it was measured.
+        by_direct: see ``Sensitivity``.
+    """
+    count = len(readings.observations.displacement)
+    if not by_direct.size:
+        return []
+    return [
+        DirectSource(
+            "errors measured directly",
+            DIRECT,
+            1.0,
+            "1",
+            "B",
+            NORMAL,
+            _INFINITE,
+            PER_POSITION,
+            np.zeros((1, count)),
+            np.zeros(count, dtype=np.int64),
+            "in units of the standard uncertainty that is stated for each value",
+            by_direct,
+        )
     ]
 
 
