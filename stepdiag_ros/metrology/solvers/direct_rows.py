@@ -1,6 +1,6 @@
 """Directly measured errors as rows of the least-squares problem, beside those of the stops.
 
-Ibaraki & Hata 2010, section 4.3, name angular errors as what spoils the step diagonal. A lab that
+Ibaraki & Hata 2010, sections 3.3 and 4.2, name angular errors as what spoils the step diagonal. A lab that
 has measured them by an autocollimator or an angular interferometer, or straightness by a
 straightedge, gives them here, and they count by their uncertainty. A value at a position between
 two nodes speaks of both, on a straight line between them. What is free in each repeat (zero; of a
