@@ -75,7 +75,7 @@ def run(arguments: Namespace) -> int:
     except ValueError as error:
         raise ValueError(f"{arguments.measured}: {error}") from None
     if experiment is None:
-        reason = report.refused.get("setup_robust", "it holds no measured lines")
+        reason = report.refused.get("setup_robust", "not all nine curves are determined")
         raise ValueError(f"{arguments.bag}: there is nothing to compare with: {reason}")
 
     def draw() -> "dict[str, Picture]":

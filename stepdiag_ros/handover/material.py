@@ -156,7 +156,7 @@ class Material:
         """Return Table 1 of Ibaraki & Hata 2010; None where the lines are not enough for it."""
         found = experiment_of(self.report)
         if found is None:
-            why = self.report.refused.get("setup_robust", "it was not solved")
+            why = self.report.refused.get("setup_robust", "not all nine curves are determined")
             self._missing["experiment"] = (
                 f"The table needs the setup-robust method: {why.rstrip('.')}."
             )

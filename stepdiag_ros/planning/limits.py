@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, ROTATIONS
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
     DIAGONAL,
@@ -185,7 +185,9 @@ def _angular_sentences(
 
 def _with_orders(plan: Plan) -> list[tuple[str, Plan]]:
     """Return the plan with three move orders in one alignment, if it has step diagonals."""
-    steps = [line for line in plan.lines if line.kind == STEP_DIAGONAL]
+    steps = [
+        line for line in plan.lines if line.kind == STEP_DIAGONAL and line.name in BODY_DIAGONALS
+    ]
     orders = {line.order for line in steps}
     if not steps or (orders >= set(THREE_ORDERS) and plan.one_alignment_per_diagonal):
         return []

@@ -38,6 +38,7 @@ from stepdiag_ros.metrology.forward import levers, perpendiculars
 from stepdiag_ros.metrology.geometry import (
     AXES,
     CHAINS,
+    FIXED_AT_END,
     ROTATIONS,
     TRANSLATIONS,
     Vector,
@@ -49,8 +50,6 @@ from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.positive import inverse_positive
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 
-_FIXED_AT_END = ("E_YX", "E_ZX", "E_YZ")
-"""Curves that end at zero (IH eq. 17)."""
 _INFLATION_LIMIT = 1e8
 """Variance inflation (diagonal of C times that of H) beyond which a rank analysis is made."""
 _RANK_LIMIT = 1e-11
@@ -170,8 +169,8 @@ class Design:
     def _number_unknowns(self) -> None:
         free = np.ones((len(self.names), self._size), dtype=bool)
         free[:, 0] = False
-        for name in _FIXED_AT_END:
-            free[self.names.index(name), -1] = False
+        for name in FIXED_AT_END:
+            free[self.names.index(name), -1] = not self.observations.shows(name)
         curves = int(np.count_nonzero(free))
         setups, tilted = len(self.observations.setups), len(self.tilt_setups)
         effects = self._effects.shape[1]

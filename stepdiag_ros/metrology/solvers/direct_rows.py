@@ -1,7 +1,7 @@
 """Directly measured errors as rows of the least-squares problem, beside those of the stops.
 
-Ibaraki & Hata 2010, sections 3.3 and 4.2, name angular errors as what spoils the step diagonal. A lab that
-has measured them by an autocollimator or an angular interferometer, or straightness by a
+Ibaraki & Hata 2010, sections 3.3 and 4.2, name angular errors as what spoils the step diagonal. A
+lab that has measured them by an autocollimator or an angular interferometer, or straightness by a
 straightedge, gives them here, and they count by their uncertainty. A value at a position between
 two nodes speaks of both, on a straight line between them. What is free in each repeat (zero; of a
 straightness the slope too) is projected out, so that n positions make n - 1 or n - 2 rows.

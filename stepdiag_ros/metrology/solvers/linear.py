@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import FRAME, Vector
+from stepdiag_ros.metrology.geometry import FRAME, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.solvers.observations import Observations
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, make_result
@@ -18,7 +18,7 @@ class LinearMap(NamedTuple):
     """A formulation as a matrix on the readings' excess over a perfect machine and setup.
 
     Attributes:
-        curves: shape (9(N+1), n).
+        curves: shape (9(N+1), n); rows of NaN where the formulation does not tell a value.
         parameters: shape (m, n), setup parameters in m.
         names: of the parameters.
     """
@@ -62,7 +62,9 @@ def apply(
     """
     noise, noise_remarks = noise_of(observations)
     excess = observations.excess
-    spread = linear.curves * noise
+    told = np.all(np.isfinite(linear.curves), axis=1)
+    curves = np.where(told[:, None], linear.curves, 0.0)
+    spread = curves * noise
     values, uncertainties = (
         linear.parameters @ excess,
         np.linalg.norm(linear.parameters * noise, axis=1),
@@ -71,8 +73,9 @@ def apply(
         Figure(name, float(value), float(uncertainty), "m")
         for name, value, uncertainty in zip(linear.names, values, uncertainties, strict=True)
     ]
-    size = len(linear.curves)
-    estimate = CurveEstimate(linear.curves @ excess, spread @ spread.T, np.zeros((size, 0)))
+    estimate = CurveEstimate(curves @ excess, spread @ spread.T, np.eye(len(curves))[:, ~told])
+    by_curve = told.reshape(len(TRANSLATIONS), -1)
+    untold = [name for name, row in zip(TRANSLATIONS, by_curve, strict=True) if not np.all(row)]
     used = [
         setup in used_lines for setup in (observations.setups[i].line for i in observations.setup)
     ]
@@ -83,6 +86,7 @@ def apply(
         used_lines,
         len(set(observations.passes[np.array(used)])),
         figures,
+        not_determined=[f"{', '.join(untold)}: these lines do not tell them."] if untold else [],
         remarks=[*remarks, *noise_remarks],
         frame=frame,
     )
@@ -104,7 +108,9 @@ def accumulate(increments: Vector) -> Vector:
     return stacked
 
 
-def remarks_on_unused(formulation: str, observations: Observations) -> list[str]:
-    """Say which step diagonals lie beyond the three that a formulation's equations use."""
-    unused = sorted({s.line for s in observations.setups if s.diagonal and s.line not in DIAGONALS})
+def remarks_on_unused(
+    formulation: str, observations: Observations, used: Sequence[str] = DIAGONALS
+) -> list[str]:
+    """Say which diagonals lie beyond those that a formulation's equations use."""
+    unused = sorted({s.line for s in observations.setups if s.diagonal and s.line not in used})
     return [f"The {formulation} formulation cannot use {', '.join(unused)}."] if unused else []

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.direct import DirectMeasurement
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
@@ -103,6 +103,14 @@ class Observations:
         directions = np.array([setup.direction for setup in self.setups])[self.setup]
         beyond: Vector = self.displacement - np.sum(directions * self.way, axis=1)
         return beyond
+
+    def shows(self, straightness: str) -> bool:
+        """Say whether anything speaks of a straightness: a line along which both its axes move."""
+        signs = np.array([setup.signs for setup in self.setups])
+        both = signs[:, moving_axis(straightness)] * signs[:, AXES.index(straightness[2])]
+        return bool(np.any(both)) or (
+            self.direct is not None and straightness in self.direct.curves
+        )
 
     def groups(self) -> tuple[Integers, Integers]:
         """Group readings of the same setup at the same nodes: repeats of one another.
