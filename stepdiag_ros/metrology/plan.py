@@ -1,6 +1,6 @@
 """The test plan: which lines are measured, in which order, with which stops."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -124,6 +124,20 @@ class Line:
         The stop that ends a block belongs to it; the first of the line, 0, belongs to none: 0.
         """
         return -(-stop // max(len(self.order), 1))
+
+
+def axes_at_hand(lines: Iterable[Line]) -> str:
+    """Return the axes that further lines may move: all of them, or the two of a machine with two.
+
+    That is taken for one if it was measured by step diagonals of one face, and no line moves its
+    third axis.
+    """
+    listed = tuple(lines)
+    moving = np.any([line_signs(line.name) != 0 for line in listed], axis=0)
+    stepped = any(line.kind == STEP_DIAGONAL for line in listed)
+    if not stepped or np.count_nonzero(moving) != 2:
+        return "".join(AXES)
+    return "".join(axis for axis, moves in zip(AXES, moving, strict=True) if moves)
 
 
 def of_run(words: str, run: int) -> str:

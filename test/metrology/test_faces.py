@@ -5,11 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import make_cell
+from hidden_runs import with_change
 from test_direct_in_solve import measured_directly, true_squareness, uncertain
 
+from stepdiag_ros.metrology.discrepancy import CONSISTENT, NAMED, diagnose
+from stepdiag_ros.metrology.discrepancy.extra_lines import alignments
+from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, move_orders, translation
 from stepdiag_ros.metrology.measurement import MeasuredLine
-from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plan import Plan, axes_at_hand
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import NotDeterminable, solve, solve_all
 from stepdiag_ros.metrology.visibility import DETERMINED, INVISIBLE, visibility
@@ -213,3 +219,34 @@ def test_a_face_at_another_height_counts_by_its_lever():
     rigid = solve(lines, "rigid_body")
     assert rigid.chi_squared < rigid.degrees_of_freedom + 5 * np.sqrt(rigid.degrees_of_freedom)
     assert all(isinstance(line, MeasuredLine) for line in lines.lines)
+
+
+def hidden(effect, seed=5, **plan):
+    lines = simulate(face_plan(**plan), machine(seed=seed), seed)
+    stops = stops_of(lines)
+    added = np.zeros(len(stops.time)) if effect is None else effect.readings(stops)
+    return with_change(lines, added)
+
+
+def test_the_diagnosis_of_a_face_names_backlash_and_is_content_without():
+    backlash = ActiveEffect(BACKLASH, {"axis": "X"}, {"lost_motion": 1e-6})
+    assert diagnose(hidden(None)).verdict == CONSISTENT
+    found = diagnose(hidden(backlash))
+    assert found.verdict == NAMED
+    assert [finding.label for finding in found.findings] == ["backlash of X"]
+
+
+@pytest.mark.parametrize("plane", FACES)
+def test_further_lines_stay_on_the_two_axes(plane):
+    plan = face_plan(plane)
+    assert axes_at_hand(plan.lines) == plane.upper()
+    for option in alignments(plan.volume, True, plane.upper()):
+        for line in option.lines:
+            moved = np.ptp(line.stops(plan.volume), axis=0) > 0
+            still = np.array([letter not in plane for letter in "xyz"])
+            assert not np.any(moved & still)
+            assert not np.any(np.asarray(line.offset)[still])
+    body = [{"kind": "step_diagonal", "names": ["ppp"]}, {"kind": "linear", "names": ["x"]}]
+    assert axes_at_hand(face_plan(groups=body).lines) == "XYZ"
+    alone = [{"kind": "linear", "names": ["x", "y"]}]
+    assert axes_at_hand(face_plan(groups=alone).lines) == "XYZ"
