@@ -116,7 +116,7 @@ def test_a_wrong_name_or_order_is_refused_with_its_row(table, old, new):
     text = table.read_text()
     assert old in text
     table.write_text(text.replace(old + ",0,forward", new + ",0,forward"))
-    with pytest.raises(TableError, match="row|moves Z"):
+    with pytest.raises(TableError, match=r"row|moves Z"):
         load_table(table)
 
 
