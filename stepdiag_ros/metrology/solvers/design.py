@@ -170,7 +170,7 @@ class Design:
         free = np.ones((len(self.names), self._size), dtype=bool)
         free[:, 0] = False
         for name in FIXED_AT_END:
-            free[self.names.index(name), -1] = not self.observations.shows(name)
+            free[self.names.index(name), -1] = False
         curves = int(np.count_nonzero(free))
         setups, tilted = len(self.observations.setups), len(self.tilt_setups)
         effects = self._effects.shape[1]
@@ -473,10 +473,18 @@ class Design:
     def curves_unseen(self) -> Vector:
         """Return the curves' part of the undetermined directions, (c(N+1), r), angles by the arm.
 
-        The rows of ``summary.CurveEstimate.unseen``.
+        The rows of ``summary.CurveEstimate.unseen``. Of a straightness that nothing shows, the end
+        that the frame fixes is not known either.
         """
         padded = np.concatenate([self.unseen, np.zeros((1, self.unseen.shape[1]))])
-        part: Vector = padded[self.curve_column.reshape(-1)]
+        ends = [
+            self.names.index(name) * self._size + self._size - 1
+            for name in FIXED_AT_END
+            if not self.observations.shows(name)
+        ]
+        part: Vector = np.column_stack(
+            [padded[self.curve_column.reshape(-1)], np.eye(self.curve_column.size)[:, ends]]
+        )
         return part
 
 
