@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepdiag_ros import cli
+from stepdiag_ros import cli, notebook
 from stepdiag_ros.metrology.geometry import ROTATIONS
 
 CASE = Path(__file__).parent / "data" / "cases" / "paper_like"
@@ -56,6 +56,13 @@ def test_the_document_says_by_which_file_it_can_be_had_again(bag, angles, tmp_pa
     for method in ("setup_robust", "conventional"):
         assert told["methods"][method]["curves"] == plain["methods"][method]["curves"]
         assert len(told["methods"][method]["remarks"]) > len(plain["methods"][method]["remarks"])
+
+
+def test_a_notebook_says_the_same(bag, angles, tmp_path, capsys):
+    told = solved(capsys, bag, tmp_path, "--direct", str(angles))
+    report = notebook.solve(notebook.open_run(bag), direct=[angles])
+    expected = told["methods"]["least_squares"]["curves"]["E_BY"]
+    assert list(report.preferred().curves["E_BY"]) == expected
 
 
 def test_budget_and_report_weigh_it_in_too(bag, angles, tmp_path, capsys):
