@@ -25,6 +25,9 @@ the table of direct measurements is CSV in SI units; lines that begin with # are
   standard_uncertainty  of the value without its repeatability (the artefact's); empty if unknown
   definition            of a squareness: rotation (right-handed, ISO 230-1) or angle (positive where
                         the angle between the positive axes is larger than 90 degrees)
+  x_m y_m z_m, reflector_x_m reflector_y_m reflector_z_m
+                        where a straightness was measured, for 'solve --direct' (docs/direct.md);
+                        not used here
 a straightness may have any zero and slope: deviations from least-squares lines are compared.
 
 examples:

@@ -143,14 +143,7 @@ class DirectCurve:
                 f"{self.name} was measured directly at {AXES[moving_axis(self.name)]} ="
                 f" {position:g} m, outside the measured travel of {nodes[0]:g} to {nodes[-1]:g} m"
             )
-        inside = np.clip(self.positions, nodes[0], nodes[-1])
-        upper = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
-        share = (inside - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1])
-        matrix = np.zeros((len(inside), len(nodes)))
-        rows = np.arange(len(inside))
-        matrix[rows, upper] = share
-        matrix[rows, upper - 1] = 1.0 - share
-        return matrix
+        return between_nodes(nodes, self.positions)
 
     def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
         """Return values and standard uncertainties of linear functionals of the curve.
@@ -168,6 +161,18 @@ class DirectCurve:
         found = self.values @ functionals.T
         stated = np.sqrt(functionals**2 @ self.stated_uncertainty**2)
         return np.mean(found, axis=0), np.hypot(stated, _of_mean(found))
+
+
+def between_nodes(nodes: Vector, positions: Vector) -> Vector:
+    """Return the matrix from values at nodes to values between them, shape (positions, nodes)."""
+    inside = np.clip(positions, nodes[0], nodes[-1])
+    upper = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
+    share = (inside - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1])
+    matrix = np.zeros((len(inside), len(nodes)))
+    rows = np.arange(len(inside))
+    matrix[rows, upper] = share
+    matrix[rows, upper - 1] = 1.0 - share
+    return matrix
 
 
 @dataclass(frozen=True)

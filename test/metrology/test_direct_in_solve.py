@@ -207,6 +207,30 @@ def test_the_place_of_a_straightedge_counts_by_the_levers_of_the_rotations(chain
     assert squares(replace(edge, place=ANYWHERE)) > 10.0
 
 
+@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("name", SQUARENESS_SLOPES)
+def test_the_place_of_a_square_counts_by_levers_and_by_what_stands_before_its_axes(chain, name):
+    cell = make_cell(7, chain, high=TRAVEL, noise=0.0, tilt=0.0, rotation=20e-6)
+    # At nodes: between them the cell's curves are not straight.
+    place = Place((0.04, 0.08, 0.1), (0.03, -0.02, 0.07))
+    factor, pair = SQUARENESS_SLOPES[name]
+    slopes = [
+        np.polyfit(VOLUME.nodes(moving_axis(one)), displaced(cell, one, place), 1)[0]
+        for one in pair
+    ]
+    square = DirectSquareness(name, np.array([factor * sum(slopes)]), 1e-7, place)
+    angles = measured_directly(cell, ROTATIONS, noise=0.0).curves
+    lines = uncertain(simulate(PLAN, cell), 0.1e-6)
+
+    def squares(one):
+        return solve(replace(lines, direct=DirectMeasurement(angles, {name: one}))).chi_squared
+
+    assert squares(square) < 0.1
+    assert squares(replace(square, place=ANYWHERE)) > 2.0
+    with pytest.raises(ValueError, match=name):
+        squares(replace(square, place=Place((9.0, 9.0, 9.0))))
+
+
 def test_positions_between_nodes_are_told_by_both_and_those_outside_are_left_out():
     cell = make_cell(7, high=TRAVEL, noise=0.0, tilt=0.0, rotation=2e-6)
     truth = cell.truth(VOLUME)

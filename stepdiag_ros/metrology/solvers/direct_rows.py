@@ -8,7 +8,8 @@ straightness the slope too) is projected out, so that n positions make n - 1 or 
 
 A translation that was measured beside the mirror's point, or with other axes elsewhere than at the
 first corner, holds the rotations of its own axis by the lever A + r: A, the way of the axes after
-it in the chain from the first corner; r, from the mirror's point to the reflector.
+it in the chain from the first corner; r, from the mirror's point to the reflector. A squareness
+holds besides by what the axes before its own, where they stood, have turned the lines of these.
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from stepdiag_ros.metrology.direct import (
     DirectMeasurement,
     DirectSquareness,
     Place,
+    between_nodes,
 )
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
 from stepdiag_ros.metrology.geometry import (
@@ -184,12 +186,44 @@ class RowMaker:
         for name in pair:
             slope = slope_weights(self._volume.nodes(moving_axis(name)))
             matrix += factor * self._weights(name, slope[None, :], angle.place)
+            matrix += factor * self._turned(name, angle)
         # Times the arm: a row in metres, as the others.
         return Rows(
             self._arm * matrix,
             np.array([self._arm * angle.mean]),
             np.array([(self._arm * angle.standard_uncertainty) ** -2.0]),
         )
+
+    def _turned(self, name: str, angle: DirectSquareness) -> Vector:
+        """Return by what the axes before a moving one have turned its line, as in ``_weights``.
+
+        Each stands, and its rotations there turn what comes after it: a slope (ε × ê_j)·ê_e of the
+        error along ê_e as the axis j moves. A straightness has its slope free, a square has not.
+
+        Raises:
+            ValueError: an axis stood outside the measured box, where its rotations are not known.
+        """
+        matrix = np.zeros((1, len(self._names), self._size))
+        moving = AXES[moving_axis(name)]
+        across = np.cross(np.eye(3)[AXES.index(moving)], np.eye(3)[AXES.index(name[2])])
+        for letter in self._chain[: self._chain.index(moving)] if self._chain else "":
+            nodes = self._volume.nodes(AXES.index(letter))
+            stood = angle.place.standing[AXES.index(letter)]
+            slack = EDGE_SHARE * (nodes[1] - nodes[0])
+            if not np.isfinite(stood):
+                stood = nodes[0]
+            if not nodes[0] - slack <= stood <= nodes[-1] + slack:
+                raise ValueError(
+                    f"{angle.name} was measured directly with {letter} at {stood:g} m, outside the"
+                    " measured box, where the rotations of that axis are not known: leave it out"
+                )
+            for which, about in enumerate("ABC"):
+                rotation = f"E_{about}{letter}"
+                if rotation in self._names:
+                    at = between_nodes(nodes, np.array([stood]))
+                    # (ε × ê_j)·ê_e = ε·(ê_j × ê_e)
+                    matrix[:, self._names.index(rotation)] += at * across[which] / self._arm
+        return matrix.reshape(1, -1)
 
     def _weights(self, name: str, at: Vector, place: Place) -> Vector:
         """Return functionals of one curve as functionals of all stacked unknowns.
