@@ -38,6 +38,7 @@ COMMANDS = (
     "compensate_nc",
     "tracker",
     "import_table",
+    "direct",
     "by_hand",
     "export",
     "recover",

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.metrology.agreement import Changes
     from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -42,7 +44,11 @@ def open_run(path: str | Path, run_id: str | None = None) -> "RecordedRun":
 
 
 def solve(
-    run: "RecordedRun", *, recorded_lines: bool = False, with_visibility: bool = False
+    run: "RecordedRun",
+    *,
+    recorded_lines: bool = False,
+    with_visibility: bool = False,
+    direct: "Sequence[str | Path]" = (),
 ) -> "Report":
     """Solve a run by every method that its lines are enough for, as ``stepdiag solve`` does.
 
@@ -51,17 +57,23 @@ def solve(
         recorded_lines: take the lines as recorded; otherwise they are assembled again from the
             readings.
         with_visibility: say of each error what these lines can tell of it.
+        direct: tables of what was measured directly, weighed in (``--direct``).
 
     Returns:
         The results by method, and what is known of the run; ``preferred()`` is the one to rely on.
 
     Raises:
-        ValueError: there is nothing to solve.
+        ValueError: there is nothing to solve, or a table cannot be read.
     """
+    from stepdiag_ros.bags.direct_table import load_direct
     from stepdiag_ros.report.recorded_run import report_of_run
 
     return report_of_run(
-        run, recorded_lines=recorded_lines, with_visibility=with_visibility, warn=warnings.warn
+        run,
+        recorded_lines=recorded_lines,
+        with_visibility=with_visibility,
+        warn=warnings.warn,
+        direct=load_direct(direct),
     )
 
 

@@ -20,10 +20,10 @@ from stepdiag_ros.bags.table_rows import Row, refusal
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.geometry import (
     AXES,
-    MOVE_ORDERS,
     Vector,
     beam_direction,
     line_signs,
+    move_orders,
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import (
@@ -120,20 +120,27 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
     Raises:
         TableError: they do not tell all of it, or it is so large that the unit must be mistaken.
     """
-    # Step diagonals show the whole box, and the most of its stops.
+    # Step diagonals show the most of its stops, and all of the axes that they move.
     steps = [stops for stops in passes if stops[0].which.kind == STEP_DIAGONAL]
     counts: Counter[int] = Counter()
-    low, high = np.full(3, np.nan), np.full(3, np.nan)
     for stops in steps or passes:
+        counts[(len(stops) - 1) // max(len(stops[0].which.order), 1)] += 1
+    stepped = np.zeros(3, dtype=bool)
+    for stops in steps:
+        stepped |= line_signs(stops[0].which.line) != 0
+    low, high = np.full(3, np.nan), np.full(3, np.nan)
+    for stops in passes:
         which = stops[0].which
-        counts[(len(stops) - 1) // max(len(which.order), 1)] += 1
         points = np.array([row.position for row in stops])
         moves = line_signs(which.line) != 0
+        if which.kind != STEP_DIAGONAL:
+            moves &= ~stepped
         low[moves] = np.fmin(low, points.min(axis=0))[moves]
         high[moves] = np.fmax(high, points.max(axis=0))[moves]
     blocks = counts.most_common(1)[0][0]
     if blocks < 1:
         raise refusal(source, passes[0][0].number, "the line has a single stop; nothing moved")
+    low, high = _with_standing_axis(low, high, stepped, passes[0][0])
     for axis, name in enumerate(AXES):
         if not high[axis] - low[axis] > 0:
             raise TableError(
@@ -149,6 +156,22 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
             "millimetres (if they are right, state step_m in a case.yaml beside the table)",
         )
     return Volume(_rounded(low), _rounded(step), blocks)
+
+
+def _with_standing_axis(
+    low: Vector, high: Vector, stepped: NDArray[np.bool_], row: Row
+) -> tuple[Vector, Vector]:
+    """Return the box of a face's step diagonals with a third side, of an axis that never moved.
+
+    A box has three sides, a machine with two axes a face: the third gets the shortest side of the
+    other two. No line tells anything of its errors.
+    """
+    never = np.isnan(low)
+    if np.count_nonzero(stepped) != 2 or not np.array_equal(never, ~stepped):
+        return low, high
+    side = np.min((high - low)[stepped])
+    place = np.asarray(row.position)
+    return np.where(never, place, low), np.where(never, place + side, high)
 
 
 def _rounded(values: Vector) -> tuple[float, float, float]:
@@ -222,10 +245,9 @@ def _equal(first: Vector, second: Vector) -> NDArray[np.bool_]:
 
 def _moved_like(line: Line, actual: Vector, volume: Volume) -> str:
     """Say what the positions are if they are those of another pass; an empty text if of none."""
-    orders = MOVE_ORDERS if line.kind == STEP_DIAGONAL else ("",)
     for direction in (FORWARD, BACKWARD):
         for name in LINE_NAMES[line.kind]:
-            for order in orders:
+            for order in move_orders(name) if line.kind == STEP_DIAGONAL else ("",):
                 other = Line(line.kind, name, order, line.repeat, direction, line.offset)
                 expected = other.stops(volume)
                 if len(expected) != len(actual) or not _equal(expected, actual).all():

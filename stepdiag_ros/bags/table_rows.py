@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.metrology.geometry import MOVE_ORDERS
+from stepdiag_ros.metrology.geometry import move_orders
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
@@ -223,7 +223,7 @@ def _row(cells: _RowCells) -> Row:
     line = cells.one_of("line", LINE_NAMES[kind])
     order = ""
     if kind == STEP_DIAGONAL:
-        order = cells.one_of("order", MOVE_ORDERS)
+        order = cells.one_of("order", move_orders(line))
     elif cells.text("order"):
         raise cells.wrong("order", f"nothing for a line of kind {kind}")
     which = Pass(

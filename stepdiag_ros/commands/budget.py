@@ -3,12 +3,14 @@
 import io
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
+from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_run_option,
@@ -89,6 +91,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         action="store_true",
         help="take the lines as recorded, do not assemble them again from the readings",
     )
+    add_direct_option(parser)
     add_air_options(parser)
     add_correction_options(parser)
     parser.add_argument("--json", action="store_true", help="print JSON (SI units), not tables")
@@ -116,7 +119,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
     from stepdiag_ros.report.budget import BudgetReport, budget_json, print_budget
     from stepdiag_ros.report.publish import results_folder, write_results
-    from stepdiag_ros.report.recorded_run import measurement_of
+    from stepdiag_ros.report.recorded_run import direct_origin, measurement_of
     from stepdiag_ros.report.tables import make_console
 
     instrument = Instrument()
@@ -127,6 +130,7 @@ def run(arguments: Namespace) -> int:
         air = air_choice(arguments)
         measured, remark = measurement_of(recorded, arguments.recorded_lines, progress, air, warn)
     measurement, corrections = corrected(measured, arguments)
+    measurement = replace(measurement, direct=direct_measurement(arguments))
     if not measurement.lines:
         raise ValueError(f"{arguments.bag}: no line was finished, so there is nothing to solve")
     budget = make_budget(
@@ -143,7 +147,13 @@ def run(arguments: Namespace) -> int:
             check = check_budget(
                 budget, arguments.digits, int(arguments.trials), arguments.seed, progress
             )
-    report = BudgetReport(budget, check, recorded.run_id, recorded.path, (remark, *corrections))
+    report = BudgetReport(
+        budget,
+        check,
+        recorded.run_id,
+        recorded.path,
+        (remark, *corrections, *direct_origin(measurement.direct)),
+    )
     text = io.StringIO()
     print_budget(report, make_console(text))
     contents = {"budget.json": budget_json(report), "budget.txt": text.getvalue()}

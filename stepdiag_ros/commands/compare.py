@@ -25,6 +25,9 @@ the table of direct measurements is CSV in SI units; lines that begin with # are
   standard_uncertainty  of the value without its repeatability (the artefact's); empty if unknown
   definition            of a squareness: rotation (right-handed, ISO 230-1) or angle (positive where
                         the angle between the positive axes is larger than 90 degrees)
+  x_m y_m z_m, reflector_x_m reflector_y_m reflector_z_m
+                        where a straightness was measured, for 'solve --direct' (docs/direct.md);
+                        not used here
 a straightness may have any zero and slope: deviations from least-squares lines are compared.
 
 examples:
@@ -75,7 +78,7 @@ def run(arguments: Namespace) -> int:
     except ValueError as error:
         raise ValueError(f"{arguments.measured}: {error}") from None
     if experiment is None:
-        reason = report.refused.get("setup_robust", "it holds no measured lines")
+        reason = report.refused.get("setup_robust", "not all nine curves are determined")
         raise ValueError(f"{arguments.bag}: there is nothing to compare with: {reason}")
 
     def draw() -> "dict[str, Picture]":

@@ -7,6 +7,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     Progress,
@@ -88,6 +89,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FILE",
         help="what is known of the conditions of the ISO 230 tests: see 'stepdiag iso230'",
     )
+    add_direct_option(parser)
     parser.add_argument(
         "--control",
         choices=_CONTROLS,
@@ -128,10 +130,13 @@ def _material(arguments: Namespace, given: "Given") -> "Material":
     from stepdiag_ros.handover.material import Material, unsolved
     from stepdiag_ros.report.recorded_run import report_of_run
 
+    direct = direct_measurement(arguments)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
         try:
-            report = report_of_run(recorded, progress, with_visibility=True, warn=warn)
+            report = report_of_run(
+                recorded, progress, with_visibility=True, warn=warn, direct=direct
+            )
         except ValueError as error:
             if not recorded.lines:
                 raise

@@ -156,6 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
         "recorded_lines": False,
         "truth": None,
         **AS_MEASURED,
+        "direct": [],
         "expansion": None,
         "material_temperature": None,
         "visibility": False,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
+from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_result_options,
@@ -17,6 +18,7 @@ from stepdiag_ros.commands.output import (
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.air.recompensation import AirChoice
+    from stepdiag_ros.metrology.direct import DirectMeasurement
     from stepdiag_ros.report.content import Report
     from stepdiag_ros.report.recorded_run import Correct
 
@@ -38,7 +40,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
         "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
         "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C\n"
-        "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew",
+        "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew\n"
+        "  stepdiag solve run.mcap --direct angles.csv             with angles measured directly",
         formatter_class=HelpFormatter,
     )
     parser.add_argument(
@@ -63,6 +66,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="say of each of the 21 errors whether these lines determine it, what it is confounded"
         " with, and how certain it can be",
     )
+    add_direct_option(parser)
     add_air_options(parser)
     add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
@@ -81,6 +85,7 @@ def run(arguments: Namespace) -> int:
         arguments.visibility,
         arguments.run_id,
         air_choice(arguments),
+        direct_measurement(arguments),
     )
     return show_report(report, arguments, results_folder(arguments.bag))
 
@@ -93,6 +98,7 @@ def report_of(
     with_visibility: bool = False,
     run_id: str | None = None,
     air: "AirChoice | None" = None,
+    direct: "DirectMeasurement | None" = None,
 ) -> "Report":
     """Solve a bag by every method.
 
@@ -105,6 +111,7 @@ def report_of(
         with_visibility: say of each error whether these lines tell it.
         run_id: which run, where the bag holds several.
         air: compensate the readings for the air anew; None: as it was done in the run.
+        direct: what was measured directly; None: nothing.
 
     Raises:
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
@@ -117,4 +124,5 @@ def report_of(
         return report_of_run(
             *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
             with_verdict=True,
+            direct=direct,
         )

@@ -160,7 +160,7 @@ class Material:
         """Return Table 1 of Ibaraki & Hata 2010; None where the lines are not enough for it."""
         found = experiment_of(self.report)
         if found is None:
-            why = self.report.refused.get("setup_robust", "it was not solved")
+            why = self.report.refused.get("setup_robust", "not all nine curves are determined")
             self._missing["experiment"] = (
                 f"The table needs the setup-robust method: {why.rstrip('.')}."
             )
@@ -251,19 +251,23 @@ class Material:
         """
 
         def made() -> DiagnosisReport:
+            lines_alone = replace(self.measurement, direct=None)
             report = build_diagnosis(
-                self.measurement,
+                lines_alone,
                 MachineModel(),
                 catalogue(),
                 bag=self.recorded.path if self.recorded.path.is_file() else None,
                 run_id=self.report.run_id,
                 again=False,
+                remarks=()
+                if self.measurement.direct is None
+                else ("what was measured directly is not in this comparison",),
             )
             if report.diagnosis.verdict != AMBIGUOUS:
                 return report
             plan = self.recorded.plan
             ask = Ask(plan if plan.feed > 0.0 else None, self.machine)
-            return with_proposal(report, self.measurement, ask)
+            return with_proposal(report, lines_alone, ask)
 
         return self._made_or_missing("diagnosis", made)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.direct import DirectCurve, DirectMeasurement
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
-from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, curve_unit, moving_axis
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector, curve_unit, moving_axis
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line, slope_weights
 
@@ -166,7 +166,7 @@ def compare_directly(result: VolumetricErrors, direct: DirectMeasurement) -> Dir
 
 def _compare_curve(result: VolumetricErrors, curve: DirectCurve) -> CurveComparison:
     axis = moving_axis(curve.name)
-    at = _interpolation(result.nodes[axis], curve)
+    at = curve.interpolation(result.nodes[axis])
     straightness = curve.name in TRANSLATIONS and curve.name[2] != curve.name[3]
     if straightness:
         reduce = deviations_from_line(curve.positions)
@@ -192,30 +192,6 @@ def _compare_curve(result: VolumetricErrors, curve: DirectCurve) -> CurveCompari
         direct=direct,
         direct_uncertainty=direct_uncertainty,
     )
-
-
-def _interpolation(nodes: Vector, curve: DirectCurve) -> Vector:
-    """Return the matrix from values at nodes to values at a curve's positions.
-
-    Raises:
-        ValueError: a position is outside the nodes.
-    """
-    slack = 1e-4 * (nodes[1] - nodes[0])
-    outside = (curve.positions < nodes[0] - slack) | (curve.positions > nodes[-1] + slack)
-    if np.any(outside):
-        position = float(curve.positions[outside][0])
-        raise ValueError(
-            f"{curve.name} was measured directly at {AXES[moving_axis(curve.name)]} = {position:g}"
-            f" m, outside the measured travel of {nodes[0]:g} to {nodes[-1]:g} m"
-        )
-    inside = np.clip(curve.positions, nodes[0], nodes[-1])
-    upper = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
-    share = (inside - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1])
-    matrix = np.zeros((len(inside), len(nodes)))
-    rows = np.arange(len(inside))
-    matrix[rows, upper] = share
-    matrix[rows, upper - 1] = 1.0 - share
-    return matrix
 
 
 def in_result_frame(direct: DirectMeasurement) -> dict[str, Vector]:

@@ -1,4 +1,7 @@
-"""Errors measured directly, with an artefact or another instrument, to compare a result with.
+"""Errors measured directly, with an artefact or another instrument.
+
+A result is compared with them (``comparison``), or they go into the solve
+(``solvers.direct_rows``).
 
 The table is CSV with a header, SI units, one row a value; lines that begin with ``#`` are notes
 (instrument, artefact, certificate, date):
@@ -14,12 +17,19 @@ in rad). ``position_m`` is the machine coordinate of the moving axis, empty for 
 its repeatability, so mostly the artefact's; empty: unknown. ``definition`` says which sign a
 squareness has: ``rotation`` (right-handed, ISO 230-1) or ``angle`` (positive where the angle is
 larger than 90°). The zero and, of a straightness, the slope of a curve are free.
+
+Six more columns may say where a translation or a squareness was measured, in which rotations then
+show by their levers: ``x_m,y_m,z_m``, where the axes stood that did not move, and
+``reflector_x_m,reflector_y_m,reflector_z_m``, how far the point that was measured lies from the
+mirror of the laser lines. Without them: the mirror's own point, the other axes at the first corner
+of the measured box. The comparison does not use them.
 """
 
 import csv
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,11 +38,45 @@ from stepdiag_ros.metrology.forward import (
     RIGHT_HANDED,
     SQUARENESS_DEFINITIONS,
 )
-from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, Vector
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    CURVES,
+    ROTATIONS,
+    SQUARENESS,
+    Vector,
+    moving_axis,
+)
 
 NEEDED_COLUMNS = ("name", "position_m", "value")
-COLUMNS = (*NEEDED_COLUMNS, "repeat", "standard_uncertainty", "definition")
+STANDING_COLUMNS = ("x_m", "y_m", "z_m")
+REFLECTOR_COLUMNS = ("reflector_x_m", "reflector_y_m", "reflector_z_m")
+COLUMNS = (
+    *NEEDED_COLUMNS,
+    "repeat",
+    "standard_uncertainty",
+    "definition",
+    *STANDING_COLUMNS,
+    *REFLECTOR_COLUMNS,
+)
+EDGE_SHARE = 1e-4
+"""Share of a step by which a position may lie beyond the first or last node."""
 _DEFINITIONS = {"rotation": RIGHT_HANDED, "angle": OVER_90_DEGREES}
+
+
+class Place(NamedTuple):
+    """Where an error was measured.
+
+    Attributes:
+        standing: machine coordinates of the axes that stood, m; NaN where not told.
+        reflector: from the mirror of the laser lines to the point that was measured, m.
+    """
+
+    standing: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    reflector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+ANYWHERE = Place()
+"""Not told: the mirror's own point."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +89,61 @@ class DirectCurve:
         values: of each repeat, m or rad, shape (repeats, n).
         stated_uncertainty: standard uncertainty of a value but for its repeatability, shape (n,);
             NaN if unknown.
+        place: where it was measured.
     """
 
     name: str
     positions: Vector
     values: Vector
     stated_uncertainty: Vector
+    place: Place = ANYWHERE
 
     @property
     def mean(self) -> Vector:
         """Return the mean of the repeats, shape (n,)."""
         found: Vector = np.mean(self.values, axis=0)
         return found
+
+    @property
+    def nuisance(self) -> Vector:
+        """Return what is free in each repeat: a zero, and a slope of a straightness, shape (n, k).
+
+        An angular interferometer or autocollimator reads from its first position, a straightness
+        interferometer or straightedge lies at any angle. The slope of a positioning error or of an
+        angle is measured.
+        """
+        ones = np.ones(len(self.positions))
+        if self.name in ROTATIONS or self.name[2] == self.name[3]:
+            return ones[:, None]
+        return np.column_stack([ones, self.positions - np.mean(self.positions)])
+
+    def between(self, low: float, high: float) -> "DirectCurve":
+        """Return the part of the curve whose positions lie within [low, high], m."""
+        inside = (self.positions >= low) & (self.positions <= high)
+        return replace(
+            self,
+            positions=self.positions[inside],
+            values=self.values[:, inside],
+            stated_uncertainty=self.stated_uncertainty[inside],
+        )
+
+    def interpolation(self, nodes: Vector) -> Vector:
+        """Return the matrix from values at nodes (m) to values at the curve's positions.
+
+        Between nodes values lie on straight lines.
+
+        Raises:
+            ValueError: a position is outside the nodes.
+        """
+        slack = EDGE_SHARE * (nodes[1] - nodes[0])
+        outside = (self.positions < nodes[0] - slack) | (self.positions > nodes[-1] + slack)
+        if np.any(outside):
+            position = float(self.positions[outside][0])
+            raise ValueError(
+                f"{self.name} was measured directly at {AXES[moving_axis(self.name)]} ="
+                f" {position:g} m, outside the measured travel of {nodes[0]:g} to {nodes[-1]:g} m"
+            )
+        return between_nodes(nodes, self.positions)
 
     def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
         """Return values and standard uncertainties of linear functionals of the curve.
@@ -76,6 +163,18 @@ class DirectCurve:
         return np.mean(found, axis=0), np.hypot(stated, _of_mean(found))
 
 
+def between_nodes(nodes: Vector, positions: Vector) -> Vector:
+    """Return the matrix from values at nodes to values between them, shape (positions, nodes)."""
+    inside = np.clip(positions, nodes[0], nodes[-1])
+    upper = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
+    share = (inside - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1])
+    matrix = np.zeros((len(inside), len(nodes)))
+    rows = np.arange(len(inside))
+    matrix[rows, upper] = share
+    matrix[rows, upper - 1] = 1.0 - share
+    return matrix
+
+
 @dataclass(frozen=True)
 class DirectSquareness:
     """A squareness as it was measured directly, as a right-handed rotation (ISO 230-1).
@@ -85,11 +184,13 @@ class DirectSquareness:
         values: of each repeat, rad, shape (repeats,).
         stated_uncertainty: standard uncertainty of a value but for its repeatability, rad; NaN if
             unknown.
+        place: where both its axes were measured.
     """
 
     name: str
     values: Vector
     stated_uncertainty: float
+    place: Place = ANYWHERE
 
     @property
     def mean(self) -> float:
@@ -102,6 +203,20 @@ class DirectSquareness:
         return float(np.hypot(self.stated_uncertainty, _of_mean(self.values)))
 
 
+class DirectFile(NamedTuple):
+    """A file that something was measured directly in.
+
+    Attributes:
+        name: what the user calls it.
+        sha256: of its bytes, hexadecimal.
+        errors: names of the curves and squareness in it.
+    """
+
+    name: str
+    sha256: str
+    errors: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class DirectMeasurement:
     """Everything that was measured directly.
@@ -110,11 +225,73 @@ class DirectMeasurement:
         curves: by name, in the order of ``geometry.CURVES``.
         squareness: by name.
         notes: of the file.
+        files: that it was read from.
     """
 
     curves: Mapping[str, DirectCurve]
     squareness: Mapping[str, DirectSquareness]
     notes: tuple[str, ...] = ()
+    files: tuple[DirectFile, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all errors in it."""
+        return (*self.curves, *self.squareness)
+
+    def origin(self, name: str) -> str:
+        """Return the name of an error with that of its file, where it is known."""
+        files = [f"{name} in {file.name}" for file in self.files if name in file.errors]
+        return files[0] if files else name
+
+
+def joined(parts: Sequence[DirectMeasurement]) -> DirectMeasurement:
+    """Return several direct measurements as one.
+
+    Raises:
+        ValueError: an error is in two of them.
+    """
+    curves: dict[str, DirectCurve] = {}
+    squareness: dict[str, DirectSquareness] = {}
+    for part in parts:
+        twice = [name for name in part.names if name in curves or name in squareness]
+        if twice:
+            raise ValueError(
+                f"{', '.join(twice)} is in more than one file of direct measurements; give it once,"
+                " as repeats of one table if it was measured again"
+            )
+        curves.update(part.curves)
+        squareness.update(part.squareness)
+    return DirectMeasurement(
+        {name: curves[name] for name in CURVES if name in curves},
+        {name: squareness[name] for name in SQUARENESS if name in squareness},
+        tuple(note for part in parts for note in part.notes),
+        tuple(file for part in parts for file in part.files),
+    )
+
+
+def direct_text(direct: DirectMeasurement) -> str:
+    """Return the table of a direct measurement, which ``read_direct`` reads back."""
+    rows = [f"# {note}" for note in direct.notes]
+    rows.append(",".join(COLUMNS))
+
+    def add(name: str, position: str, repeat: int, value: float, u: float, place: Place) -> None:
+        cells = [name, position, repr(float(value)), str(repeat), _cell(u)]
+        cells.append("rotation" if name in SQUARENESS else "")
+        rows.append(",".join([*cells, *map(_cell, (*place.standing, *place.reflector))]))
+
+    for name, curve in direct.curves.items():
+        for repeat, values in enumerate(curve.values):
+            cells = zip(curve.positions, values, curve.stated_uncertainty, strict=True)
+            for position, value, uncertainty in cells:
+                add(name, repr(float(position)), repeat, value, uncertainty, curve.place)
+    for name, angle in direct.squareness.items():
+        for repeat, value in enumerate(angle.values):
+            add(name, "", repeat, value, angle.stated_uncertainty, angle.place)
+    return "\n".join(rows) + "\n"
+
+
+def _cell(value: float) -> str:
+    return repr(float(value)) if math.isfinite(value) else ""
 
 
 @dataclass(frozen=True)
@@ -125,6 +302,7 @@ class _Value:
     repeat: int
     value: float
     uncertainty: float
+    place: Place
 
 
 def read_direct(text: str, source: str) -> DirectMeasurement:
@@ -215,7 +393,30 @@ def _value(number: int, line: str, header: list[str], where: str) -> _Value:
         raise ValueError(
             f"{where}: value is {row['value']}; expected an error in m or rad, at most 0.1"
         )
-    return _Value(number, name, position, int(repeat), value, uncertainty)
+    return _Value(number, name, position, int(repeat), value, uncertainty, _place(row, where))
+
+
+def _place(row: Mapping[str, str], where: str) -> Place:
+    def point(columns: tuple[str, ...], untold: float) -> tuple[float, float, float]:
+        x, y, z = (
+            _number(row[column], column, where) if row.get(column) else untold for column in columns
+        )
+        return x, y, z
+
+    return Place(point(STANDING_COLUMNS, math.nan), point(REFLECTOR_COLUMNS, 0.0))
+
+
+def _one_place(values: list[_Value], source: str) -> Place:
+    """Return where an error was measured, which must be the same in all its rows."""
+    first = values[0]
+    for value in values:
+        # NaN is not told, and equals only itself.
+        if repr(value.place) != repr(first.place):
+            raise ValueError(
+                f"{source}, row {value.row}: {value.name} was measured at another place than in row"
+                f" {first.row}; give each file one place for an error"
+            )
+    return first.place
 
 
 def _number(text: str, column: str, where: str) -> float:
@@ -261,6 +462,7 @@ def _curve(values: list[_Value], source: str) -> DirectCurve:
             [[table[repeat][position].value for position in positions] for repeat in sorted(table)]
         ),
         stated_uncertainty=np.where(known, uncertainty, np.nan),
+        place=_one_place(values, source),
     )
 
 
@@ -280,6 +482,7 @@ def _squareness(values: list[_Value], source: str) -> DirectSquareness:
         name=name,
         values=np.array([value.value for value in sorted(values, key=lambda one: one.repeat)]),
         stated_uncertainty=max(uncertainties) if known else math.nan,
+        place=_one_place(values, source),
     )
 
 

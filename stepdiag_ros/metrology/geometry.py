@@ -19,6 +19,9 @@ BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
 FACE_DIAGONALS = ("pp0", "np0", "p0p", "n0p", "0pp", "0np")
 """Two in each plane XY, XZ, YZ; 0: the axis stands."""
 MOVE_ORDERS = tuple("".join(order) for order in permutations(AXES))
+FACE_ORDERS = tuple("".join(order) for order in permutations(AXES, 2))
+STEP_ORDERS = (*MOVE_ORDERS, *FACE_ORDERS)
+"""Orders of the moves of a block of a step diagonal, of the body or of a face."""
 CHAINS = MOVE_ORDERS
 """Orders of the axes from workpiece to tool."""
 
@@ -33,6 +36,8 @@ CURVES = (*TRANSLATIONS, *ROTATIONS)
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 """Of Y to X, of Z to X, of Z to Y."""
 FRAME = "mean slopes of E_YX, E_ZX and E_YZ over the travel are zero (Ibaraki & Hata 2010, eq. 17)"
+FIXED_AT_END = ("E_YX", "E_ZX", "E_YZ")
+"""Curves that end at zero in this frame."""
 REFERENCE_POINT = (
     "curves of the mirror's point with the other axes at the first corner of the measured box, "
     "zero at the first node"
@@ -69,6 +74,19 @@ def line_signs(line: str) -> NDArray[np.int64]:
         f"'{line}' is no line: use x, y, z, a body diagonal such as ppp, npp, pnp, ppn, or a face "
         "diagonal such as pp0, n0p, 0np"
     )
+
+
+def move_orders(line: str) -> tuple[str, ...]:
+    """Return the orders in which the axes of a step diagonal may move in a block.
+
+    Six on a body diagonal (Ibaraki & Hata 2010, section 4.2), two on a face, such as XY and YX on
+    pp0 and np0.
+
+    Raises:
+        ValueError: there is no such line.
+    """
+    moving = "".join(axis for axis, sign in zip(AXES, line_signs(line), strict=True) if sign)
+    return tuple("".join(order) for order in permutations(moving))
 
 
 def beam_direction(line: str, step: Vector) -> Vector:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
@@ -178,12 +179,15 @@ class Measurement:
         chain: order of the machine's axes from workpiece to tool, one of ``geometry.CHAINS``; empty
             if not known. Only angular errors need it.
         plausible: what may act although no reading shows it.
+        direct: error curves and squareness that were measured directly, for the least-squares
+            methods to weigh in; None if there are none.
     """
 
     volume: Volume
     lines: tuple[MeasuredLine, ...]
     chain: str = ""
     plausible: Plausible = ORDINARY
+    direct: DirectMeasurement | None = None
 
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:

@@ -1,6 +1,6 @@
 """The test plan: which lines are measured, in which order, with which stops."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,10 +12,11 @@ from stepdiag_ros.metrology.geometry import (
     BODY_DIAGONALS,
     FACE_DIAGONALS,
     LINEAR_LINES,
-    MOVE_ORDERS,
+    STEP_ORDERS,
     Vector,
     beam_direction,
     line_signs,
+    move_orders,
 )
 
 LINEAR = "linear"
@@ -24,7 +25,7 @@ DIAGONAL = "diagonal"
 """A body or face diagonal along which all its axes move at once, as ISO 230-6 tests it."""
 LINE_NAMES = {
     LINEAR: LINEAR_LINES,
-    STEP_DIAGONAL: BODY_DIAGONALS,
+    STEP_DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
     DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
 }
 """Kind of a line → the names that it may have."""
@@ -59,9 +60,9 @@ class Line:
 
     Attributes:
         kind: ``linear``, ``step_diagonal`` or ``diagonal``, the keys of ``LINE_NAMES``.
-        name: x, y, z, a body diagonal, or a face diagonal (kind ``diagonal`` only).
-        order: order of a block's three moves along the forward direction; empty for lines along
-            which all their axes move at once.
+        name: x, y, z, a body diagonal, or a face diagonal.
+        order: order of a block's moves along the forward direction, three letters on a body
+            diagonal, two on a face; empty for lines along which all their axes move at once.
         repeat: from 0.
         direction: ``forward`` or ``backward``; backward runs the forward stops the other way round.
         offset: shift from the box's first corner of a linear line, or of a face diagonal along the
@@ -123,6 +124,20 @@ class Line:
         The stop that ends a block belongs to it; the first of the line, 0, belongs to none: 0.
         """
         return -(-stop // max(len(self.order), 1))
+
+
+def axes_at_hand(lines: Iterable[Line]) -> str:
+    """Return the axes that further lines may move: all of them, or the two of a machine with two.
+
+    That is taken for one if it was measured by step diagonals of one face, and no line moves its
+    third axis.
+    """
+    listed = tuple(lines)
+    moving = np.any([line_signs(line.name) != 0 for line in listed], axis=0)
+    stepped = any(line.kind == STEP_DIAGONAL for line in listed)
+    if not stepped or np.count_nonzero(moving) != 2:
+        return "".join(AXES)
+    return "".join(axis for axis, moves in zip(AXES, moving, strict=True) if moves)
 
 
 def of_run(words: str, run: int) -> str:
@@ -324,22 +339,42 @@ class Plan:
 def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:
     kind = group.names("kind", tuple(LINE_NAMES))[0]
     names = group.names("names", LINE_NAMES[kind])
-    orders: tuple[str, ...] = ("",)
-    offset = (0.0, 0.0, 0.0)
+    orders: dict[str, tuple[str, ...]] = dict.fromkeys(names, ("",))
     if kind == STEP_DIAGONAL:
-        orders = group.names("orders", MOVE_ORDERS, default=("XYZ",))
-    else:
-        offset = group.vector("offset_m", default=offset)
-    if kind == DIAGONAL:
+        orders = _orders(names, group)
+    offset = group.vector("offset_m", default=(0.0, 0.0, 0.0))
+    if kind != LINEAR:
         _check_offset(names, offset, group.source)
     group_directions = group.names("directions", (FORWARD, BACKWARD), default=directions)
     group_repeats = group.integer("repeats", low=1, high=1000, default=repeats)
     group.finish()
     for name in names:
-        for order in orders:
+        for order in orders[name]:
             for repeat in range(group_repeats):
                 for direction in group_directions:
                     yield Line(kind, name, order, repeat, direction, offset)
+
+
+def _orders(names: tuple[str, ...], group: Section) -> dict[str, tuple[str, ...]]:
+    """Return the orders of each step diagonal of a group: of those told, the ones of its axes.
+
+    Where none are told: X before Y before Z.
+    """
+    plainest = tuple(dict.fromkeys(move_orders(name)[0] for name in names))
+    told = group.names("orders", STEP_ORDERS, default=plainest)
+    orders = {name: tuple(one for one in told if one in move_orders(name)) for name in names}
+    for name, own in orders.items():
+        if not own:
+            raise ValueError(
+                f"{group.source}: no order in 'orders' is one of {name}; use"
+                f" {', '.join(move_orders(name))}"
+            )
+    idle = [one for one in told if not any(one in own for own in orders.values())]
+    if idle:
+        raise ValueError(
+            f"{group.source}: the order {idle[0]} moves the axes of none of {', '.join(names)}"
+        )
+    return orders
 
 
 def _check_offset(names: tuple[str, ...], offset: tuple[float, ...], source: str) -> None:

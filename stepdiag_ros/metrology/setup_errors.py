@@ -28,7 +28,7 @@ from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.plausible import rotation_readings
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
-from stepdiag_ros.metrology.solvers.setup_robust import LAMBDAS, setup_robust_map
+from stepdiag_ros.metrology.solvers.setup_robust import LAMBDAS, body_map
 
 LAMBDA_TERMS: dict[str, tuple[tuple[int, str], tuple[int, str]]] = {
     "xx": ((+1, "ppp"), (+1, "npp")),
@@ -86,7 +86,7 @@ def setup_errors(measurement: Measurement) -> tuple[SetupError, ...]:
     noise, _ = noise_of(observations)
     untold = _not_told(observations, measurement)
     excess = observations.excess
-    lambdas = setup_robust_map(observations).parameters
+    lambdas = body_map(observations).parameters
     inverse = np.linalg.inv(lambda_matrix())
     readings = (inverse @ lambdas).reshape(len(DIAGONALS), 3, -1)
 

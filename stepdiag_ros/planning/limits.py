@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
     DIAGONAL,
@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.plan import (
     STEP_DIAGONAL,
     Line,
     Plan,
+    axes_at_hand,
 )
 from stepdiag_ros.metrology.visibility import DETERMINED, Visibility, visibility
 from stepdiag_ros.planning.candidates import EDGE_LINES, THREE_ORDERS, Group, Scheme, lines_of
@@ -185,7 +186,9 @@ def _angular_sentences(
 
 def _with_orders(plan: Plan) -> list[tuple[str, Plan]]:
     """Return the plan with three move orders in one alignment, if it has step diagonals."""
-    steps = [line for line in plan.lines if line.kind == STEP_DIAGONAL]
+    steps = [
+        line for line in plan.lines if line.kind == STEP_DIAGONAL and line.name in BODY_DIAGONALS
+    ]
     orders = {line.order for line in steps}
     if not steps or (orders >= set(THREE_ORDERS) and plan.one_alignment_per_diagonal):
         return []
@@ -198,8 +201,15 @@ def _with_orders(plan: Plan) -> list[tuple[str, Plan]]:
 def _with_edge_lines(plan: Plan) -> list[tuple[str, Plan]]:
     """Return the plan with each linear line at another edge of the box that it has not."""
     made = []
+    axes = axes_at_hand(plan.lines)
     for group in EDGE_LINES:
         added = single(group, plan)
+        needed = {group.names[0].upper()}
+        needed |= {
+            letter for line in added for letter, way in zip(AXES, line.offset, strict=True) if way
+        }
+        if not needed <= set(axes):
+            continue
         if not any(line.setup == one.setup for line in plan.lines for one in added):
             place = added[0].setup.partition("@")[2]
             words = f"a linear line {group.names[0]} shifted by {place} m"

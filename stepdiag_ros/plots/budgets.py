@@ -48,6 +48,7 @@ _LOOKS = dict(
             (YELLOW, ""),
             (BLACK, ""),
             (PURPLE, "++"),
+            (GREY, "xx"),
         ),
         strict=True,
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.content import Comparison, Report, Truth, compare_with_truth
@@ -68,6 +69,15 @@ def _comparison_document(found: Comparison) -> dict[str, Any]:
     }
 
 
+def direct_document(measurement: Measurement | None) -> list[dict[str, Any]]:
+    """Return the files of what was measured directly and went into a solve."""
+    direct = None if measurement is None else measurement.direct
+    return [
+        {"file": file.name, "sha256": file.sha256, "errors": list(file.errors)}
+        for file in (() if direct is None else direct.files)
+    ]
+
+
 def visibility_document(visibility: Visibility) -> dict[str, Any]:
     """Return a visibility table as a mapping that ``json`` can write."""
     return {
@@ -124,6 +134,7 @@ def report_document(report: Report, lead: RunLead | None = None) -> dict[str, An
             "remarks": list(report.remarks),
         },
         "bag": None if report.bag is None else str(report.bag),
+        "direct": direct_document(report.measurement),
         "squareness_sign": SIGN_DEFINITIONS["rotation"],
         "methods": {
             result.method: method_document(result, report) for result in report.ordered_results()

@@ -100,15 +100,16 @@ def experiment_of(report: Report, direct: DirectMeasurement | None = None) -> Ex
         direct: measurements with artefacts.
 
     Returns:
-        None where there is nothing to evaluate: no measurement, or not the lines of the
-        setup-robust formulation.
+        None where there is nothing to evaluate: no measurement, not the lines of the setup-robust
+        formulation, or no method that tells all nine curves, as where a face alone was measured.
 
     Raises:
         ValueError: a direct curve reaches beyond the measured travel.
     """
     measurement = report.measurement
     methods = {result.method: result for result in report.ordered_results()}
-    if measurement is None or "setup_robust" not in methods:
+    translational = {result.method: result for result in _translational(report)}
+    if measurement is None or "setup_robust" not in methods or not translational:
         return None
     repeats: dict[str, RepeatResults] = {}
     if len(split_repeats(measurement)) >= ENOUGH_REPEATS:
@@ -117,7 +118,6 @@ def experiment_of(report: Report, direct: DirectMeasurement | None = None) -> Ex
         setups = setup_errors(measurement)
     except NotDeterminable:
         setups = ()
-    translational = {result.method: result for result in _translational(report)}
     displacement = _displacement_uncertainty(measurement)
     angles: dict[str, AngleUncertainty] = {}
     if measurement.chain and "soons" in methods and math.isfinite(displacement):

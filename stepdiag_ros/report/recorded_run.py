@@ -1,6 +1,7 @@
 """From a recorded run to its lines and its results: for a command, a notebook and a page alike."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.diagnosing import verdict_on
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.measurement import (
     MeasuredLine,
     Measurement,
@@ -43,6 +45,7 @@ def report_of_run(
     air: AirChoice | None = None,
     warn: Callable[[str], None] = silent,
     with_verdict: bool = False,
+    direct: DirectMeasurement | None = None,
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -57,12 +60,15 @@ def report_of_run(
         air: compensate the readings for the air anew; None: as it was done in the run.
         warn: told in a sentence if the lines are not those that were recorded.
         with_verdict: diagnose the lines that are solved.
+        direct: errors that were measured directly, weighed in; a result with them is not compared
+            with the recorded one, which was made without.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
     """
     measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
+    measurement = replace(measurement, direct=direct)
     name = recorded.machine.get("name", "")
     return build_report(
         measurement,
@@ -75,10 +81,11 @@ def report_of_run(
         truth=_truth(recorded, measurement, truth),
         bag=recorded.path,
         with_visibility=with_visibility,
-        recorded=() if corrections or air else recorded.results,
+        recorded=() if corrections or air or direct else recorded.results,
         remarks=(
             remark,
             *corrections,
+            *direct_origin(direct),
             *_target_corrections(recorded),
             *out_of_step(recorded),
             *diagnosed(recorded),
@@ -96,6 +103,14 @@ def _target_corrections(recorded: RecordedRun) -> tuple[str, ...]:
         if one.name.endswith(TARGET_CORRECTION) and one.level == _WARN
     }
     return tuple(f"in this run {words}: the errors are those that it left" for words in said)
+
+
+def direct_origin(direct: DirectMeasurement | None) -> tuple[str, ...]:
+    """Say which errors were measured directly, and in which files they are."""
+    return tuple(
+        f"{', '.join(file.errors)} measured directly: {file.name}, SHA-256 {file.sha256}"
+        for file in (() if direct is None else direct.files)
+    )
 
 
 def out_of_step(recorded: RecordedRun) -> tuple[str, ...]:

@@ -116,6 +116,21 @@ def test_a_wrong_table_is_refused_in_one_sentence(old, new, message):
     assert "\n" not in str(refusal.value)
 
 
+PLACED = (
+    "name,position_m,value,x_m,y_m,z_m,reflector_z_m\n"
+    "E_YX,0.00,0,,0.1,0.2,0.05\nE_YX,0.01,1e-7,,0.1,0.2,0.05\nE_YX,0.02,0,,0.1,0.2,0.05\n"
+)
+
+
+def test_the_place_of_a_curve_is_read_and_must_be_one():
+    place = read_direct(PLACED, "a.csv").curves["E_YX"].place
+    assert np.isnan(place.standing[0]) and place.standing[1:] == (0.1, 0.2)
+    assert place.reflector == (0.0, 0.0, 0.05)
+    for old, new in (("1e-7,,0.1", "1e-7,,0.3"), ("0.2,0.05", "0.2,"), ("0.2,0.05", "x,0.05")):
+        with pytest.raises(ValueError, match=r"a\.csv, row [23]"):
+            read_direct(PLACED.replace(old, new, 1), "a.csv")
+
+
 def test_two_positions_show_no_shape():
     with pytest.raises(ValueError, match="E_XX has 2 positions; three are needed"):
         read_direct("name,position_m,value\nE_XX,0,0\nE_XX,1,1e-6\n", "a.csv")

@@ -29,7 +29,7 @@ from stepdiag_ros.bags.table_lines import (
 )
 from stepdiag_ros.bags.table_rows import Pass, Row, refusal
 from stepdiag_ros.configuration import find, parse_yaml, plan_from_text, read_text
-from stepdiag_ros.metrology.geometry import MOVE_ORDERS, beam_direction
+from stepdiag_ros.metrology.geometry import beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
 
@@ -305,9 +305,11 @@ def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[
             source, cells.row, f"the line is '{name}'; expected one of {', '.join(sorted(known))}"
         )
     order = cells.texts.get("order", mapping.order).upper()
-    if order and order not in MOVE_ORDERS:
+    if order and len(name) > 1 and order not in move_orders(name):
         raise refusal(
-            source, cells.row, f"the order is '{order}'; expected one of {', '.join(MOVE_ORDERS)}"
+            source,
+            cells.row,
+            f"the order of {name} is '{order}'; expected one of {', '.join(move_orders(name))}",
         )
     if len(name) == 1 and order and "order" in cells.texts:
         raise refusal(source, cells.row, f"a line along one axis ({name}) has no order '{order}'")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
-from stepdiag_ros.metrology.geometry import AXES, MOVE_ORDERS
+from stepdiag_ros.metrology.geometry import AXES, STEP_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
@@ -281,7 +281,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
     names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
     for key, known in (
         ("line", tuple(names)),
-        ("order", MOVE_ORDERS),
+        ("order", STEP_ORDERS),
         ("direction", (FORWARD, BACKWARD)),
     ):
         made[key] = top.names(key, known)[0] if _has(top, key) else ""

@@ -53,6 +53,7 @@ _OTHER_TESTS = {
     ".rtf": "flatness",
     ".rtx": "a rotary axis",
 }
+_DIRECT = ("angles", "straightness")
 _FACTS = {
     "Owner": "software",
     "Version no": "software_version_of_file",
@@ -65,12 +66,21 @@ _FACTS = {
     "TITLE": "title",
 }
 _NO_SENSOR = -10.0
-_MILLI, _MICRO = 1e-3, 1e-6
+_MILLI, MICRO = 1e-3, 1e-6
 
 
 @dataclass
-class _Content:
-    """What was found in the sections; rows in the lines of the file."""
+class Content:
+    """What was found in the sections.
+
+    Attributes:
+        entries: of each section, by their keys: line of the file and text.
+        targets: mm.
+        rows: of the deviations: line of the file and text.
+        unknown: names of sections that are not understood.
+        ended: whether EOF:: was there.
+        last_row: last line of the file that is not empty.
+    """
 
     entries: dict[str, dict[str, tuple[int, str]]] = field(default_factory=dict)
     targets: list[float] = field(default_factory=list)
@@ -104,11 +114,15 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     if other:
         raise TableError(
             f"{source.name} is, by its name, a test of {other}; only linear positioning (.rtl) is"
-            " read"
+            " a measurement of its own"
+            + (
+                "; 'stepdiag direct' makes a table of it that 'stepdiag solve --direct' uses"
+                if other in _DIRECT
+                else ""
+            )
         )
     text = source.text(options.encoding)
-    content = _sections(text, options.decimal)
-    rows = _rows(text.name, content, options.decimal)
+    content, rows = deviations(text, options.decimal)
     axis = axis_name(content.entry("USER-TEXT", "Axis")[1], options, text.name)
     remarks = [*text.remarks]
     if not content.ended:
@@ -131,8 +145,18 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     return axis_test(text.name, NAME, axis, rows, options, environment, facts, remarks)
 
 
-def _sections(text: SourceText, decimal: str) -> _Content:
-    content = _Content()
+def deviations(text: SourceText, decimal: str) -> tuple[Content, list[AxisRow]]:
+    """Return the sections of a file and its deviations, those in µm as metres.
+
+    Raises:
+        TableError: the file is cut off or contradicts itself; names file and row.
+    """
+    content = _sections(text, decimal)
+    return content, _rows(text.name, content, decimal)
+
+
+def _sections(text: SourceText, decimal: str) -> Content:
+    content = Content()
     section, listing = "", False
     for number, line in text.lines():
         plain = line.strip()
@@ -173,7 +197,7 @@ def _sections(text: SourceText, decimal: str) -> _Content:
     return content
 
 
-def _rows(source: str, content: _Content, decimal: str) -> list[AxisRow]:
+def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
     for section in ("TARGET DATA", "DEVIATIONS"):
         if section not in content.entries:
             raise refusal(
@@ -201,7 +225,7 @@ def _rows(source: str, content: _Content, decimal: str) -> list[AxisRow]:
         if target > len(targets):
             raise refusal(source, number, f"there is no target {target}, only {len(targets)}")
         deviation = number_in(cells[2], source, number, "the deviation", decimal)
-        made.append(AxisRow(number, run, _MILLI * targets[target - 1], _MICRO * deviation))
+        made.append(AxisRow(number, run, _MILLI * targets[target - 1], MICRO * deviation))
     measured = {one.target for one in made}
     for place, position in enumerate(targets, start=1):
         if _MILLI * position not in measured:
@@ -221,7 +245,7 @@ def _rows(source: str, content: _Content, decimal: str) -> list[AxisRow]:
     return made
 
 
-def _environment(content: _Content, decimal: str) -> tuple[Environment, dict[str, str], list[str]]:
+def _environment(content: Content, decimal: str) -> tuple[Environment, dict[str, str], list[str]]:
     """Return means of start and end in SI units, all entries as text, and what is not known."""
     facts: dict[str, str] = {}
     remarks: list[str] = []

@@ -14,10 +14,10 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
-    LINEAR_LINES,
-    MOVE_ORDERS,
+    FACE_DIAGONALS,
     Vector,
     beam_direction,
+    move_orders,
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan, Volume
@@ -51,20 +51,23 @@ class Option:
         return len({line.order for line in self.lines})
 
 
-def alignments(volume: Volume, often: bool) -> tuple[Option, ...]:
+def alignments(volume: Volume, often: bool, axes: str = "XYZ") -> tuple[Option, ...]:
     """Return every alignment for a box with all that can be measured in it, both ways.
 
     Args:
         volume: the box.
         often: linear lines four times, diagonals, which are long, twice in each order; else once.
+        axes: that the lines may move; see ``plan.axes_at_hand``.
     """
     made = []
-    for name in BODY_DIAGONALS:
+    for name in (*BODY_DIAGONALS, *FACE_DIAGONALS):
         repeats = _DIAGONAL_REPEATS if often else 1
-        made.append(Option(tuple(_passes(STEP_DIAGONAL, name, MOVE_ORDERS, _BOTH, repeats))))
-    for name in LINEAR_LINES:
+        orders = move_orders(name)
+        if axes in orders:
+            made.append(Option(tuple(_passes(STEP_DIAGONAL, name, orders, _BOTH, repeats))))
+    for name in axes.lower():
         repeats = _LINEAR_REPEATS if often else 1
-        for offset in _edges(name, volume):
+        for offset in _edges(name, volume, axes):
             made.append(Option(tuple(_passes(LINEAR, name, ("",), _BOTH, repeats, offset))))
     return tuple(made)
 
@@ -73,7 +76,8 @@ def parts(option: Option) -> tuple[Option, ...]:
     """Return what may be measured of an alignment instead of all of it, the fewest passes first."""
     lines = set(option.lines)
     first = option.lines[0]
-    every = (*((one,) for one in MOVE_ORDERS), *_THREE, tuple(MOVE_ORDERS))
+    whole = move_orders(first.name)
+    every = (*((one,) for one in whole), *(_THREE if len(whole) > 2 else ()), whole)
     found = []
     for directions, repeats in _PASSES:
         for orders in every if first.kind == STEP_DIAGONAL else (("",),):
@@ -96,10 +100,10 @@ def _passes(
         yield Line(kind, name, order, repeat, direction, offset)
 
 
-def _edges(name: str, volume: Volume) -> Iterator[tuple[float, float, float]]:
-    """Yield the places of the four edges of the box along a linear line."""
+def _edges(name: str, volume: Volume, axes: str) -> Iterator[tuple[float, float, float]]:
+    """Yield the places of the edges of the box along a linear line, as far as axes can be moved."""
     x, y, z = [
-        (0.0,) if letter.lower() == name else (0.0, volume.blocks * step)
+        (0.0,) if letter.lower() == name or letter not in axes else (0.0, volume.blocks * step)
         for letter, step in zip(AXES, volume.step, strict=True)
     ]
     yield from product(x, y, z)

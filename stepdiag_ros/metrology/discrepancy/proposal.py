@@ -33,7 +33,7 @@ from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival, is_bound
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plan import Plan, axes_at_hand
 
 _SHUFFLES = 2
 _FOREMOST = 2
@@ -186,12 +186,13 @@ def propose(
 
     whole = contests(groups)
     slow = replace(basis, sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell))
+    axes = axes_at_hand(line.line for line in measurement.lines)
     judge, lost, everything = _least_lost(
         (
             (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), often)
             for conditions, often in ((basis, False), (basis, True), (slow, False))
         ),
-        {often: alignments(measurement.volume, often) for often in (False, True)},
+        {often: alignments(measurement.volume, often, axes) for often in (False, True)},
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
@@ -289,7 +290,8 @@ class _Search:
     def _quickest(self) -> tuple[Option, ...]:
         """Take away from all alignments what is not needed, in several orders."""
         made = self._found_in(self._everything)
-        often = alignments(self._judge.basis.volume, True)
+        axes = axes_at_hand(line for option in self._everything for line in option.lines)
+        often = alignments(self._judge.basis.volume, True, axes)
         if min(len(one) for one in made) > _MANY and self._good(often):
             # More passes in fewer alignments may be quicker.
             made += self._found_in(often)

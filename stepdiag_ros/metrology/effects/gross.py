@@ -17,7 +17,13 @@ from itertools import permutations
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, MOVE_ORDERS, beam_direction
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    FACE_DIAGONALS,
+    beam_direction,
+    move_orders,
+)
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Line, Volume
 
@@ -72,13 +78,13 @@ def renamed(measurement: Measurement) -> Iterator[tuple[str, Measurement]]:
         orders = {line.line.order for line in measurement.lines if line.setup == setup}
         if not first.order:
             continue
-        for name in BODY_DIAGONALS:
-            if name != first.name:
+        for name in (*BODY_DIAGONALS, *FACE_DIAGONALS):
+            if name != first.name and first.order in move_orders(name):
                 yield (
                     f"what is called {setup} was measured as {name}",
                     _taken_as(measurement, setup, name, ""),
                 )
-        for order in MOVE_ORDERS if len(orders) == 1 else ():
+        for order in move_orders(first.name) if len(orders) == 1 else ():
             if order != first.order:
                 yield (
                     f"what is called {setup} was measured in the order {order}",

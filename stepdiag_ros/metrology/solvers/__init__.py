@@ -1,6 +1,7 @@
 """Solvers: from measured lines to volumetric errors, all with one result type."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.alternative import solve_alternative
@@ -22,6 +23,8 @@ SOLVERS: dict[str, Solver] = {
     "rigid_body": solve_rigid_body,
 }
 """Name of the method → solver, from the plainest to the one that uses everything."""
+_WEIGHING = ("least_squares", "rigid_body")
+"""Methods that use what was measured directly."""
 
 
 def solve(measurement: Measurement, method: str = "least_squares") -> VolumetricErrors:
@@ -33,7 +36,13 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
     """
     if method not in SOLVERS:
         raise ValueError(f"'{method}' is no method; use one of {', '.join(SOLVERS)}")
-    return SOLVERS[method](measurement)
+    result = SOLVERS[method](measurement)
+    if measurement.direct is None or method in _WEIGHING:
+        return result
+    return replace(
+        result,
+        remarks=(*result.remarks, "What was measured directly is not used by this method."),
+    )
 
 
 def solve_all(
@@ -49,9 +58,9 @@ def solve_all(
     """
     results: dict[str, VolumetricErrors] = {}
     reasons: dict[str, str] = {}
-    for method, solver in SOLVERS.items():
+    for method in SOLVERS:
         try:
-            results[method] = solver(measurement)
+            results[method] = solve(measurement, method)
         except NotDeterminable as missing:
             reasons[method] = str(missing)
     return results, reasons

@@ -5,8 +5,11 @@ they scatter about it beyond their zeros goes into χ². The matrix is that of t
 is factored once, and since misalignments are small the iteration with the exact model converges in
 a few steps.
 
+What was measured directly (``direct_rows``) adds rows that are linear in the curves.
+
 Without a kinematic chain the unknowns are the nine translations, two angles for every diagonal
-setup and a zero for every pass; with a chain, the nine rotations too. A reading then is
+setup and a zero for every pass; with a chain, the nine rotations too, or some of them, the others
+taken as zero. A reading then is
 
     s = g·(w + Σ t_i(q_i) + Σ v_i × ε_i(q_i)) + zero,     v_i = w - A_i(u),
 
@@ -27,7 +30,8 @@ What is left out is of second order: angles by errors, tilts by the dead path (0
 Σ (ε_i × n)·b (1 mm · 20 µrad = 0.02 µm).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,45 +39,33 @@ from stepdiag_ros.metrology.forward import levers, perpendiculars
 from stepdiag_ros.metrology.geometry import (
     AXES,
     CHAINS,
-    CURVES,
+    FIXED_AT_END,
     ROTATIONS,
     TRANSLATIONS,
     Vector,
     moving_axis,
 )
+from stepdiag_ros.metrology.solvers.direct_rows import RowMaker
+from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
-from stepdiag_ros.metrology.solvers.positive import inverse_positive
+from stepdiag_ros.metrology.solvers.positive import (
+    inverse_of_rank,
+    inverse_positive,
+    normal_of_entries,
+)
+from stepdiag_ros.metrology.solvers.result import NotDeterminable
 
-_FIXED_AT_END = ("E_YX", "E_ZX", "E_YZ")
-"""Curves that end at zero (IH eq. 17)."""
 _INFLATION_LIMIT = 1e8
 """Variance inflation (diagonal of C times that of H) beyond which a rank analysis is made."""
-_RANK_LIMIT = 1e-11
-"""Eigenvalues of the scaled normal matrix below this share of the largest count as zero."""
 _FEW_UNKNOWNS = 200
 _CONVERGED = 1e-13
 _LARGEST_TILT = 0.2
 _ITERATIONS = 60
 _IDLE = 3
 _OFF_GRID = 1e-4
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A solution.
-
-    Attributes:
-        curves: m and rad, shape (..., c(N+1)) in the order of ``Design.names``.
-        tilts: rad, shape (..., diagonal setups, 2).
-        fitted: excess of the readings' group means by the model, m, shape (..., groups).
-        squares: weighted sum of squares of all residuals, NaN for replicates.
-    """
-
-    curves: Vector
-    tilts: Vector
-    fitted: Vector
-    squares: float
+_LEAST_NOISE = 1e-9
+"""m: no interferometer knows the place of a machine better, though its readings may repeat."""
 
 
 class Design:
@@ -86,28 +78,51 @@ class Design:
         effects: further columns, what a unit of each effect adds to each reading, m, shape (n, e);
             none if None. With effects no readings are averaged, and the passes of a setup share
             one zero, since an effect may act on single passes.
+        rotations: those that are unknowns where there is a chain; the others are taken as zero.
 
     Attributes:
+        observations: the readings; where they have no uncertainty and something was measured
+            directly, with the one that a fit without that leaves.
+        noise_estimated: that uncertainty, m; NaN where none had to be estimated.
+        direct: rows of what was measured directly, by the unknowns.
+        normal: the weighted normal matrix, shape (p, p).
         names: of the curves among the unknowns.
         arm: distance at which angles are counted in metres, so that all unknowns are of one size.
         group: averaged row of each reading, shape (n,).
         tilt_setups: indices of the setups that have two angles.
         unseen: orthonormal directions of the unknowns that the readings do not tell, (p, r).
-        degrees_of_freedom: readings minus determined unknowns.
+        degrees_of_freedom: readings and direct rows minus determined unknowns.
         tilt_known: 1 where a tilt is determined, else NaN, shape (diagonal setups, 2).
 
     Raises:
+        NotDeterminable: something was measured directly, the readings have no uncertainty, and no
+            degree of freedom is left to estimate it.
         ValueError: no such chain, or an axis that stands between nodes where its rotation counts.
     """
 
     def __init__(
-        self, observations: Observations, chain: str = "", effects: Vector | None = None
+        self,
+        observations: Observations,
+        chain: str = "",
+        effects: Vector | None = None,
+        rotations: Sequence[str] = ROTATIONS,
     ) -> None:
         if chain and chain not in CHAINS:
             raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
+        self.noise_estimated = float("nan")
+        if observations.direct is not None and not observations.noise_known:
+            self.noise_estimated = _noise_without_direct(observations, chain)
+            observations = replace(
+                observations,
+                uncertainty=np.full(len(observations.displacement), self.noise_estimated),
+            )
         self.observations = observations
         self.chain = chain
-        self.names: tuple[str, ...] = CURVES if chain else TRANSLATIONS
+        self._rotations = [ROTATIONS.index(name) for name in rotations] if chain else []
+        self.names: tuple[str, ...] = (
+            *TRANSLATIONS,
+            *(ROTATIONS[place] for place in self._rotations),
+        )
         volume = observations.volume
         self._size = volume.blocks + 1
         self.tilt_setups = [i for i, setup in enumerate(observations.setups) if setup.diagonal]
@@ -135,14 +150,17 @@ class Design:
         self.arm = float(np.linalg.norm(np.asarray(volume.step)) * volume.blocks)
         self._number_unknowns()
         self._columns, self._values = self._entries()
+        maker = RowMaker(volume, self.names, chain, self.arm)
+        self.direct = maker.rows(observations.direct).by_unknowns(self.curve_column, self.count)
         self._factor()
         determined = self.count - self.unseen.shape[1]
-        self.degrees_of_freedom = len(self._first) + repeats - determined
+        rows = len(self._first) + len(self.direct.values)
+        self.degrees_of_freedom = rows + repeats - determined
 
     def _number_unknowns(self) -> None:
         free = np.ones((len(self.names), self._size), dtype=bool)
         free[:, 0] = False
-        for name in _FIXED_AT_END:
+        for name in FIXED_AT_END:
             free[self.names.index(name), -1] = False
         curves = int(np.count_nonzero(free))
         zeros, tilted = int(np.max(self._zero)) + 1, len(self.tilt_setups)
@@ -171,7 +189,7 @@ class Design:
         if self.chain:
             self._arms = self._arm_vectors(node)
             turning = [np.cross(direction, self._arms[:, axis]) for axis in range(3)]
-            for place, name in enumerate(ROTATIONS, start=len(TRANSLATIONS)):
+            for place, name in enumerate(self.names[9:], start=len(TRANSLATIONS)):
                 axis = moving_axis(name)
                 at = node[:, axis]
                 here = at >= 0
@@ -230,43 +248,28 @@ class Design:
 
     def _factor(self) -> None:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
-        normal = self._normal(self.weight)
+        self.normal: Vector = self._normal(self.weight) + self.direct.normal()
         self.unseen: Vector = np.zeros((self.count, 0))
-        inverse = self._inverse(normal)
-        if inverse is None or not np.all(np.diag(inverse) * np.diag(normal) <= _INFLATION_LIMIT):
-            inverse = self._pseudo_inverse(normal, self._normal(np.ones(len(self.weight))))
+        inverse = self._inverse(self.normal)
+        limit = _INFLATION_LIMIT
+        if inverse is None or not np.all(np.diag(inverse) * np.diag(self.normal) <= limit):
+            alike = replace(self.direct, weight=np.ones(len(self.direct.values)))
+            unweighted = self._normal(np.ones(len(self.weight))) + alike.normal()
+            inverse, self.unseen = inverse_of_rank(self.normal, unweighted)
         self.covariance: Vector = inverse
 
     def _inverse(self, normal: Vector) -> Vector | None:
         """Return the inverse of the normal matrix, None if it is not positive definite."""
         # Up to this size a general inverse is as fast.
-        if self.count > _FEW_UNKNOWNS:
+        # What was measured directly ties all nodes of a curve.
+        if self.count > _FEW_UNKNOWNS and not len(self.direct.values):
             levels = fold(self.curve_column, self._curve_places, self.count)
             if levels is not None:
                 return inverse_folded(normal, levels)
         return inverse_positive(normal)
 
     def _normal(self, weight: Vector) -> Vector:
-        width = self.count + 1
-        columns, values = self._columns, self._values
-        weighted = values * weight[:, None]
-        one, other = np.triu_indices(columns.shape[1])
-        products = weighted[:, one] * values[:, other]
-        places = columns[:, one] * width + columns[:, other]
-        half = np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
-        half = half.reshape(width, width)[: self.count, : self.count]
-        normal: Vector = half + half.T
-        normal.flat[:: self.count + 1] -= np.diag(half)
-        return normal
-
-    def _pseudo_inverse(self, normal: Vector, unweighted: Vector) -> Vector:
-        """Invert on the determined directions; which these are does not depend on weights."""
-        values, vectors = np.linalg.eigh(unweighted)
-        none = values <= _RANK_LIMIT * values[-1]
-        self.unseen = vectors[:, none]
-        seen = vectors[:, ~none]
-        reduced: Vector = seen @ np.linalg.solve(seen.T @ normal @ seen, seen.T)
-        return reduced
+        return normal_of_entries(self._columns, self._values, weight, self.count)
 
     def fit(self, means: Vector | None = None) -> Fit:
         """Solve for the curves, tilts and zeros by the exact model.
@@ -289,6 +292,8 @@ class Design:
             left = given - modelled
             pulled = left @ solver if many else self.covariance @ self._pull(left * self.weight)
             change: Vector = np.asarray(pulled)
+            if len(self.direct.values):
+                change = change + self.direct.pull(unknowns) @ self.covariance
             unknowns = unknowns + change
             modelled = self._model(unknowns)
             size = float(np.max(np.abs(change)))
@@ -304,6 +309,7 @@ class Design:
         if not many:
             unknowns, modelled = self._refined(given, unknowns, modelled)
             squares = float(np.sum(self.weight * (given - modelled) ** 2)) + self._repeat_squares
+            squares += self.direct.squares(unknowns)
         return Fit(
             self._padded(unknowns)[..., self.curve_column.reshape(-1)] / self.curve_scale,
             unknowns[..., self.tilt_column] / self.arm,
@@ -344,7 +350,8 @@ class Design:
         # Rounding is left, or a tilt is beyond all alignment, when changes grow no smaller.
         while idle < _IDLE:
             weighted = (given - modelled) * self.weight
-            change = self.covariance @ self._pull(weighted, self._derivatives(unknowns))
+            pulled = self._pull(weighted, self._derivatives(unknowns))
+            change = self.covariance @ (pulled + self.direct.pull(unknowns))
             unknowns = unknowns + change
             modelled = self._model(unknowns)
             size, idle = float(np.max(np.abs(change))), idle + 1
@@ -359,7 +366,9 @@ class Design:
         values[:, : len(TRANSLATIONS)] = np.tile(turned, 3)
         if self.chain:
             turning = np.cross(turned[:, None, :], self._arms) / self.arm
-            values[:, len(TRANSLATIONS) : len(self.names)] = turning.reshape(len(values), -1)
+            values[:, len(TRANSLATIONS) : len(self.names)] = turning.reshape(len(values), -1)[
+                :, self._rotations
+            ]
         errors = self._mirror_errors(self._padded(unknowns)[self._curve_places])
         tilts = unknowns[self.tilt_column] / self.arm
         shortening = tilts / np.sqrt(1.0 - np.sum(tilts**2, axis=-1, keepdims=True))
@@ -402,10 +411,13 @@ class Design:
 
     def _mirror_errors(self, values: Vector) -> Vector:
         """Return Σ t_i + Σ v_i × ε_i of each row from its unknowns, m, shape (..., groups, 3)."""
-        by_axis = values.reshape(*values.shape[:-1], len(self.names) // 3, 3)
-        errors: Vector = np.sum(by_axis[..., :3, :], axis=-2)
-        for axis in range(3 if self.chain else 0):
-            errors = errors + np.cross(self._arms[:, axis] / self.arm, by_axis[..., 3 + axis, :])
+        shape = (*values.shape[:-1], 3, 3)
+        errors: Vector = np.sum(values[..., :9].reshape(shape), axis=-2)
+        if self._rotations:
+            turns = np.zeros((*values.shape[:-1], len(ROTATIONS)))
+            turns[..., self._rotations] = values[..., 9:]
+            for axis, turn in enumerate(np.moveaxis(turns.reshape(shape), -2, 0)):
+                errors = errors + np.cross(self._arms[:, axis] / self.arm, turn)
         return errors
 
     @property
@@ -460,8 +472,27 @@ class Design:
     def curves_unseen(self) -> Vector:
         """Return the curves' part of the undetermined directions, (c(N+1), r), angles by the arm.
 
-        The rows of ``summary.CurveEstimate.unseen``.
+        The rows of ``summary.CurveEstimate.unseen``. Of a straightness that nothing shows, the end
+        that the frame fixes is not known either.
         """
         padded = np.concatenate([self.unseen, np.zeros((1, self.unseen.shape[1]))])
-        part: Vector = padded[self.curve_column.reshape(-1)]
+        ends = [
+            self.names.index(name) * self._size + self._size - 1
+            for name in FIXED_AT_END
+            if not self.observations.shows(name)
+        ]
+        part: Vector = np.column_stack(
+            [padded[self.curve_column.reshape(-1)], np.eye(self.curve_column.size)[:, ends]]
+        )
         return part
+
+
+def _noise_without_direct(observations: Observations, chain: str) -> float:
+    """Return the standard uncertainty of a reading that a fit to the readings alone leaves, m."""
+    alone = Design(replace(observations, direct=None), chain)
+    if alone.degrees_of_freedom == 0:
+        raise NotDeterminable(
+            "the readings have no uncertainty, and no degree of freedom is left to estimate it, so"
+            " that directly measured errors cannot be weighed against them: measure repeats"
+        )
+    return max(float(np.sqrt(alone.fit().squares / alone.degrees_of_freedom)), _LEAST_NOISE)

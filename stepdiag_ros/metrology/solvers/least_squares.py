@@ -8,7 +8,8 @@ the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 201
 linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
 Rotations of the axes are random functions of a size that the readings tell (``rotations``): those
 that the readings show are taken out, and what they do not show is in the uncertainties, as large as
-is plausible. ``rigid_body`` has the rotations as free curves instead.
+is plausible. Those that were measured directly at every node are unknowns instead, told by that
+measurement and its uncertainty. ``rigid_body`` has all rotations as free curves.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
@@ -18,7 +19,9 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plausible import Plausible
-from stepdiag_ros.metrology.solvers.design import Design, Fit
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.direct_rows import remarks_of
+from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.lengths import by_lengths
 from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
@@ -46,10 +49,10 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
-    observations = observe(measurement)
-    both = turned(measurement, observations)
+    both = turned(measurement, observe(measurement))
     design, fit, rotations = both.design, both.fit, both.rotations
-    remarks = _noise_remarks(design, rotations.noise_factor)
+    observations = design.observations
+    remarks = [*_noise_remarks(design, rotations.noise_factor), *_direct_remarks(design)]
     remarks += rotation_remarks(measurement, rotations)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
@@ -70,7 +73,7 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         _not_determined(observations, estimate),
         remarks,
         chain=measurement.chain,
-        shown=TRANSLATIONS,
+        shown=design.names,
         by_readings=covariance + both.scatter(),
     )
 
@@ -87,7 +90,7 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
     fit = design.fit()
     freedom = design.degrees_of_freedom
     factor = noise_factor(fit.squares, freedom, observations.noise_known)
-    remarks = _noise_remarks(design, factor)
+    remarks = [*_noise_remarks(design, factor), *_direct_remarks(design)]
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
     lengths = by_lengths(design, plausible)
@@ -142,6 +145,20 @@ def _noise_remarks(design: Design, factor: float) -> list[str]:
             "model. All uncertainties were multiplied by this factor."
         ]
     return []
+
+
+def _direct_remarks(design: Design) -> list[str]:
+    """Say how what was measured directly was used."""
+    observations = design.observations
+    remarks = []
+    if np.isfinite(design.noise_estimated):
+        remarks.append(
+            f"The readings have no uncertainty: {design.noise_estimated * 1e6:.3g} µm was estimated"
+            " from the residuals of a fit without what was measured directly."
+        )
+    if observations.direct is not None:
+        remarks += remarks_of(observations.direct, observations.volume, design.names)
+    return remarks
 
 
 def _not_told(design: Design) -> list[str]:

@@ -1,6 +1,7 @@
 """What the two formulations of Ibaraki & Hata have in common: both are linear in the readings."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ class LinearMap(NamedTuple):
     """A formulation as a matrix on the readings' excess over a perfect machine and setup.
 
     Attributes:
-        curves: shape (9(N+1), n).
+        curves: shape (9(N+1), n); rows of NaN where the formulation does not tell a value.
         parameters: shape (m, n), setup parameters in m.
         names: of the parameters.
     """
@@ -81,7 +82,9 @@ def apply(
     """
     noise, noise_remarks = noise_of(observations)
     excess = observations.excess
-    both = turned(measurement, observations)
+    told = np.all(np.isfinite(linear.curves), axis=1)
+    curves = np.where(told[:, None], linear.curves, 0.0)
+    both = turned(measurement, replace(observations, direct=None))
     plausible = measurement.plausible
     systematic = length_readings(observations, plausible)
     if aligned and plausible.misaligned:
@@ -89,7 +92,7 @@ def apply(
         systematic = np.column_stack([systematic, tilts])
     by_readings, by_parameters = (
         np.column_stack([matrix * noise, matrix @ systematic])
-        for matrix in (linear.curves, linear.parameters)
+        for matrix in (curves, linear.parameters)
     )
     moment = both.rotations.second_moment
     by_mode = linear.parameters @ both.by_reading
@@ -101,15 +104,16 @@ def apply(
         Figure(name, float(value), float(uncertainty), "m")
         for name, value, uncertainty in zip(linear.names, values, uncertainties, strict=True)
     ]
-    size = len(linear.curves)
     estimate = with_rotations(
-        linear.curves @ excess,
+        curves @ excess,
         by_readings @ by_readings.T,
-        np.zeros((size, 0)),
+        np.eye(len(curves))[:, ~told],
         both,
-        -linear.curves @ both.by_reading,
+        -curves @ both.by_reading,
         predicted=False,
     )
+    by_curve = told.reshape(len(TRANSLATIONS), -1)
+    untold = [name for name, row in zip(TRANSLATIONS, by_curve, strict=True) if not np.all(row)]
     used = [
         setup in used_lines for setup in (observations.setups[i].line for i in observations.setup)
     ]
@@ -120,6 +124,7 @@ def apply(
         used_lines,
         len(set(observations.passes[np.array(used)])),
         figures,
+        not_determined=[f"{', '.join(untold)}: these lines do not tell them."] if untold else [],
         remarks=[*remarks, *noise_remarks, *rotation_remarks(measurement, both.rotations)],
         frame=frame,
         chain=measurement.chain,
@@ -154,7 +159,9 @@ def accumulate(increments: Vector) -> Vector:
     return stacked
 
 
-def remarks_on_unused(formulation: str, observations: Observations) -> list[str]:
-    """Say which step diagonals lie beyond the three that a formulation's equations use."""
-    unused = sorted({s.line for s in observations.setups if s.diagonal and s.line not in DIAGONALS})
+def remarks_on_unused(
+    formulation: str, observations: Observations, used: Sequence[str] = DIAGONALS
+) -> list[str]:
+    """Say which diagonals lie beyond those that a formulation's equations use."""
+    unused = sorted({s.line for s in observations.setups if s.diagonal and s.line not in used})
     return [f"The {formulation} formulation cannot use {', '.join(unused)}."] if unused else []

@@ -55,6 +55,12 @@ class Estimator(Protocol):
     def jacobian(self) -> Vector:
         """Return the derivatives of the curves by the readings, shape (k, n); NaN as above."""
 
+    def by_direct(self) -> Vector:
+        """Return what one standard uncertainty of each direct row does to the curves, (k, rows).
+
+        No rows where nothing was measured directly, or the method does not use it.
+        """
+
 
 class LinearEstimator:
     """A formulation that is one matrix on the readings.
@@ -85,12 +91,16 @@ class LinearEstimator:
         """Return the matrix; see ``Estimator``."""
         return self._matrix
 
+    def by_direct(self) -> Vector:
+        """Return no rows; see ``Estimator``."""
+        return np.zeros((len(self._matrix), 0))
+
 
 class LeastSquaresEstimator:
     """Least squares with the exact model of the setups.
 
     Args:
-        measurement: the finished lines.
+        measurement: the finished lines, and what was measured directly.
         observations: the readings of it.
         rotations: estimate the nine rotations as free curves too; if not, they are random functions
             beside the translations, as ``least_squares`` has them.
@@ -101,11 +111,12 @@ class LeastSquaresEstimator:
     def __init__(
         self, measurement: Measurement, observations: Observations, rotations: bool
     ) -> None:
-        self.observations = observations
         self._turned = None if rotations else turned(measurement, observations)
         self._design = (
             Design(observations, measurement.chain) if self._turned is None else self._turned.design
         )
+        observations = self._design.observations
+        self.observations = observations
         self.names = self._design.names
         group = self._design.group
         known = observations.noise_known
@@ -153,6 +164,15 @@ class LeastSquaresEstimator:
         by_reading: Vector = by_group[:, self._group] * self._share
         return by_reading
 
+    def by_direct(self) -> Vector:
+        """Return what each direct row does to the curves; see ``Estimator``."""
+        design = self._design
+        change = design.covariance @ (design.direct.matrix.T * np.sqrt(design.direct.weight))
+        padded = np.concatenate([change, np.zeros((1, change.shape[1]))])
+        found: Vector = padded[design.curve_column.reshape(-1)] / design.curve_scale[:, None]
+        found[self._unknown] = np.nan
+        return found
+
     def misfit(self) -> tuple[Vector, Integers, int]:
         """Return what the fit leaves of the mean reading at each place, for lack of a better model.
 
@@ -175,10 +195,15 @@ class LeastSquaresEstimator:
         spread = noise / np.sqrt(self._design.weight)
         curves = np.empty((count, len(self._unknown)))
         rows = max(1, _CHUNK // (9 * self._groups))
+        by_direct = self.by_direct()
         for start in range(0, count, rows):
             end = min(count, start + rows)
             drawn = fitted + spread * rng.standard_normal((end - start, self._groups))
             curves[start:end] = self.curves_of_means(drawn)
+            if by_direct.size:
+                curves[start:end] += (
+                    rng.standard_normal((end - start, by_direct.shape[1])) @ by_direct.T
+                )
         return curves
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.direct import DirectMeasurement
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
@@ -63,6 +64,7 @@ class Observations:
         displacement: m, shape (n,).
         uncertainty: standard uncertainty of each, m, shape (n,); NaN everywhere where unknown.
         lines: number of lines with at least one reading.
+        direct: what was measured directly beside the lines; None if nothing was.
     """
 
     volume: Volume
@@ -74,6 +76,7 @@ class Observations:
     displacement: Vector
     uncertainty: Vector
     lines: int
+    direct: DirectMeasurement | None = None
 
     @property
     def noise_known(self) -> bool:
@@ -100,6 +103,14 @@ class Observations:
         directions = np.array([setup.direction for setup in self.setups])[self.setup]
         beyond: Vector = self.displacement - np.sum(directions * self.way, axis=1)
         return beyond
+
+    def shows(self, straightness: str) -> bool:
+        """Say whether anything speaks of a straightness: a line along which both its axes move."""
+        signs = np.array([setup.signs for setup in self.setups])
+        both = signs[:, moving_axis(straightness)] * signs[:, AXES.index(straightness[2])]
+        return bool(np.any(both)) or (
+            self.direct is not None and straightness in self.direct.curves
+        )
 
     def groups(self) -> tuple[Integers, Integers]:
         """Group readings of the same setup at the same nodes: repeats of one another.
@@ -232,6 +243,7 @@ def observe(measurement: Measurement) -> Observations:
         displacement=np.concatenate(values),
         uncertainty=uncertainty,
         lines=len(values),
+        direct=measurement.direct,
     )
 
 

@@ -5,6 +5,10 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 Matrix = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_RANK_LIMIT = 1e-11
+"""Eigenvalues of the scaled normal matrix below this share of the largest count as zero."""
 
 
 def is_positive(matrix: Matrix) -> bool:
@@ -26,3 +30,42 @@ def inverse_positive(matrix: Matrix) -> Matrix | None:
     half = np.tril(inverse)
     whole: Matrix = half + np.tril(half, -1).T
     return whole
+
+
+def normal_of_entries(columns: Integers, values: Matrix, weight: Matrix, count: int) -> Matrix:
+    """Return the weighted normal matrix of a sparse matrix, shape (count, count).
+
+    Args:
+        columns: of the entries of each row, shape (rows, entries); ``count`` for entries that are
+            left out.
+        values: of the entries, same shape.
+        weight: of the rows, shape (rows,).
+        count: number of columns.
+    """
+    width = count + 1
+    weighted = values * weight[:, None]
+    one, other = np.triu_indices(columns.shape[1])
+    products = weighted[:, one] * values[:, other]
+    places = columns[:, one] * width + columns[:, other]
+    half = np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
+    half = half.reshape(width, width)[:count, :count]
+    normal: Matrix = half + half.T
+    normal.flat[:: count + 1] -= np.diag(half)
+    return normal
+
+
+def inverse_of_rank(normal: Matrix, unweighted: Matrix) -> tuple[Matrix, Matrix]:
+    """Invert on the determined directions; which these are does not depend on weights.
+
+    Args:
+        normal: to be inverted, shape (n, n).
+        unweighted: the same for equal weights.
+
+    Returns:
+        the inverse, and orthonormal directions that are not determined, shape (n, r).
+    """
+    values, vectors = np.linalg.eigh(unweighted)
+    none = values <= _RANK_LIMIT * values[-1]
+    seen = vectors[:, ~none]
+    inverse: Matrix = seen @ np.linalg.solve(seen.T @ normal @ seen, seen.T)
+    return inverse, vectors[:, none]

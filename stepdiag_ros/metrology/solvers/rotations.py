@@ -11,18 +11,21 @@ covariance of c (best linear unbiased prediction; Robinson 1991, Statistical Sci
 Results are averaged over s by its evidence times what is plausible.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stepdiag_ros.metrology.forward import levers
-from stepdiag_ros.metrology.geometry import CHAINS, CURVES, ROTATIONS, Vector
+from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plausible import modes, rotation_readings
-from stepdiag_ros.metrology.solvers.design import Design, Fit
+from stepdiag_ros.metrology.plausible import MODES, modes, rotation_readings
+from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.direct_rows import told_rotations
+from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.lengths import by_lengths
 from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
-from stepdiag_ros.metrology.solvers.observations import Observations
+from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate
 
 SHOWN = 0.01
@@ -83,11 +86,38 @@ class Rotations:
         return float(fdtrc(self.seen, self.degrees_of_freedom, self.gain / self.seen))
 
 
-def mode_readings(observations: Observations, chain: str) -> Vector:
+def translations_design(observations: Observations, chain: str) -> Design:
+    """Return the design of the translations and of the rotations that were measured directly.
+
+    Args:
+        observations: the readings.
+        chain: order of the machine's axes; empty if not known.
+
+    Raises:
+        ValueError: rotations were measured directly, and the chain is not known.
+    """
+    turning = [
+        name for name in ROTATIONS if observations.direct and name in observations.direct.curves
+    ]
+    if turning and not chain:
+        raise ValueError(
+            f"{', '.join(turning)} cannot be used: the order of the machine's axes from workpiece"
+            " to tool (chain), by which rotations act, is not known for this measurement"
+        )
+    known = told_rotations(observations.direct, observations.volume) if chain else ()
+    return Design(observations, chain if known else "", rotations=known)
+
+
+def mode_readings(observations: Observations, chain: str, without: Sequence[str] = ()) -> Vector:
     """Return what each mode of each rotation adds to each reading, m/rad, shape (n, k).
 
     Where the chain is not known, every chain may be the one: the modes of all six are there, each
     with a sixth of the variance.
+
+    Args:
+        observations: the readings.
+        chain: order of the machine's axes; empty if not known.
+        without: rotations that have no modes.
     """
     volume = observations.volume
     travel = np.asarray(volume.step) * volume.blocks
@@ -97,25 +127,31 @@ def mode_readings(observations: Observations, chain: str) -> Vector:
     chains = (chain,) if chain else CHAINS
     for one in chains:
         arms = np.stack([way - lever for lever in levers(position, one)], axis=1)
-        parts.append(rotation_readings(position / travel, direction, arms))
+        parts.append(rotation_readings(position / travel, direction, arms)[:, _places(without)])
     readings: Vector = np.column_stack(parts) / np.sqrt(len(chains))
     return readings
 
 
+def _places(without: Sequence[str]) -> Integers:
+    """Return the modes of the rotations that are not left out."""
+    kept = np.array([name not in without for name in ROTATIONS])
+    return np.flatnonzero(np.repeat(kept, MODES))
+
+
 @dataclass(frozen=True)
 class Turned:
-    """The fit of translations alone, and the rotations beside it.
+    """The fit of translations, and the rotations beside it.
 
     Attributes:
-        design: of translations.
+        design: of translations, and of rotations that were measured directly.
         fit: of them.
         rotations: that the run shows or that are plausible.
-        change: of the stacked curve values by a unit of each mode, m/rad, shape (9(N+1), k).
+        change: of the design's stacked curve values by a unit of each mode, shape (c(N+1), k).
         tilt_change: of the tilts by a unit of each mode, shape (2 · diagonal setups, k).
         by_lengths: what each uncertain scale of the laser does to the unknowns, shape (p, q).
         by_reading: of each reading by a unit of each mode, m/rad, shape (n, k).
-        curves: the nine rotations at the nodes by a unit of each mode, shape (9(N+1), k); None
-            where the chain is not known.
+        names: of the rotations that have modes; none where the chain is not known.
+        curves: these at the nodes by a unit of each mode, shape (len(names)(N+1), k).
     """
 
     design: Design
@@ -125,7 +161,8 @@ class Turned:
     tilt_change: Vector
     by_lengths: Vector
     by_reading: Vector
-    curves: Vector | None
+    names: tuple[str, ...]
+    curves: Vector
 
     @property
     def tilts(self) -> Vector:
@@ -149,6 +186,11 @@ class Turned:
         made: Vector = covariance * np.outer(known, known)
         return made
 
+    @property
+    def size(self) -> int:
+        """Return the number of values of the nine translations."""
+        return len(TRANSLATIONS) * (self.design.observations.volume.blocks + 1)
+
     def predicted(self, left: Vector) -> Vector:
         """Return what the rotations that residuals show turn the curve values by, m.
 
@@ -156,7 +198,7 @@ class Turned:
             left: averaged readings less the fitted ones, m, shape (..., groups).
 
         Returns:
-            shape (..., 9(N+1)).
+            shape (..., c(N+1)).
         """
         rotations = self.rotations
         pull = (left * self.design.weight) @ rotations.readings
@@ -177,16 +219,13 @@ def turned(measurement: Measurement, observations: Observations) -> Turned:
     Raises:
         ValueError: the lines contradict the volume or each other.
     """
-    design = Design(observations)
+    design = translations_design(observations, measurement.chain)
     fit = design.fit()
-    by_reading = mode_readings(observations, measurement.chain)
+    by_reading = mode_readings(observations, measurement.chain, design.names)
     plausible = measurement.plausible
     rotations, change = plausible_rotations(design, fit, by_reading, plausible.rotation)
-    curves: Vector | None = None
-    if measurement.chain:
-        volume = observations.volume
-        shape = modes(np.linspace(0.0, 1.0, volume.blocks + 1))
-        curves = np.asarray(np.kron(np.eye(len(ROTATIONS)), shape), dtype=np.float64)
+    names = [name for name in ROTATIONS if measurement.chain and name not in design.names]
+    shape = modes(np.linspace(0.0, 1.0, observations.volume.blocks + 1))
     return Turned(
         design=design,
         fit=fit,
@@ -195,7 +234,8 @@ def turned(measurement: Measurement, observations: Observations) -> Turned:
         tilt_change=design.of_tilts(change),
         by_lengths=by_lengths(design, plausible),
         by_reading=by_reading,
-        curves=curves,
+        names=tuple(names),
+        curves=np.asarray(np.kron(np.eye(len(names)), shape), dtype=np.float64),
     )
 
 
@@ -210,23 +250,25 @@ def with_rotations(
     """Return the curves with what the rotations make uncertain of them.
 
     Args:
-        values: of the nine translations, m, shape (9(N+1),).
-        covariance: of them by the readings alone, m².
-        unseen: directions of them that are not determined, shape (9(N+1), r).
+        values: of the translations, and of rotations among the unknowns, shape (c(N+1),).
+        covariance: of them by the readings alone.
+        unseen: directions of them that are not determined, shape (c(N+1), r).
         turned: rotations of the run.
-        change: of the true translations behind the same readings by each mode, shape (9(N+1), k).
+        change: of the true values behind the same readings by each mode, shape (c(N+1), k).
         predicted: take the rotations that the run shows out of the values; if not, these stay as
             the method gives them, and the uncertainty contains what that makes wrong.
 
     Returns:
-        eighteen curves where the chain is known, else nine.
+        the curves, then the other rotations; these not where the chain is not known.
     """
     rotations = turned.rotations
     moment = rotations.covariance if predicted else rotations.second_moment
     if predicted:
         values = values + change @ rotations.mean
-    if turned.curves is None:
-        return CurveEstimate(values, covariance + change @ moment @ change.T, unseen)
+    given = TRANSLATIONS if len(values) == turned.size else turned.design.names
+    if not turned.names:
+        whole = covariance + change @ moment @ change.T
+        return CurveEstimate(values, whole, unseen, given, turned.design.arm)
     both = np.concatenate([change, turned.curves])
     size = len(values)
     whole = both @ moment @ both.T
@@ -236,7 +278,8 @@ def with_rotations(
         np.concatenate([values, angles]),
         whole,
         np.concatenate([unseen, np.zeros((len(angles), unseen.shape[1]))]),
-        CURVES,
+        (*given, *turned.names),
+        turned.design.arm,
     )
 
 
@@ -288,7 +331,8 @@ def plausible_rotations(
     left = design.mean - fit.fitted
     score = weighted.T @ left
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    seen = values > _RANK_LIMIT * float(np.max(np.sum(rows * weighted, axis=0)))
+    largest = float(np.max(np.sum(rows * weighted, axis=0), initial=0.0))
+    seen = values > _RANK_LIMIT * largest
     values = np.where(seen, values, 0.0)
     parts = np.where(seen, vectors.T @ score, 0.0)
     gain = float(np.sum(parts[seen] ** 2 / values[seen]))

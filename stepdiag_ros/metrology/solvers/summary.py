@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
+    CURVES,
     FRAME,
     ROTATIONS,
     TRANSLATIONS,
@@ -288,7 +289,7 @@ def make_result(
 
 def _with_what_is_not_shown(estimate: CurveEstimate, shown: Sequence[str]) -> Vector:
     """Return second moments of all curves' errors, those that are not shown being given as zero."""
-    if len(estimate.names) == len(shown):
+    if estimate.names != CURVES or len(shown) == len(CURVES):
         return np.empty((0, 0))
     moments: Vector = estimate.covariance.copy()
     start = estimate.place(shown[-1]).stop

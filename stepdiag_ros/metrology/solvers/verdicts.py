@@ -105,8 +105,7 @@ class Verdicts:
         for (name, _), column in zip(self._effects, design.effect_column, strict=True):
             self._groups[name] = np.array([column])
         self._setup = np.concatenate([design.tilt_column.reshape(-1), design.zero_column])
-        weighted = design.matrix * np.sqrt(design.weight / np.max(design.weight))[:, None]
-        self._normal: Vector = weighted.T @ weighted
+        self._normal: Vector = design.normal / np.max(design.weight)
         self._information = np.diag(self._normal) * np.max(design.weight)
         values = np.linalg.eigvalsh(self._normal)
         rank = design.count - design.unseen.shape[1]

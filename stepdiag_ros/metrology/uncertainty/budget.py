@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 from stepdiag_ros.metrology.uncertainty.length_sources import readings_of
 from stepdiag_ros.metrology.uncertainty.sensitivity import Sensitivity, sensitivity
 from stepdiag_ros.metrology.uncertainty.source import GROUPS, Source
-from stepdiag_ros.metrology.uncertainty.sources import sources_of
+from stepdiag_ros.metrology.uncertainty.sources import direct_sources, sources_of
 
 _NOTHING = 1e-9
 """A source whose effect on a quantity is a smaller share of its largest has none."""
@@ -116,7 +116,10 @@ def make_budget(
         raise ValueError(f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95")
     found = sensitivity(measurement, method)
     readings = readings_of(measurement, found.observations, expansion, material_temperature)
-    sources = tuple(sources_of(readings, instrument, found.estimator))
+    sources = (
+        *sources_of(readings, instrument, found.estimator),
+        *direct_sources(readings, found.by_direct),
+    )
     names = [quantity.name for quantity in found.quantities]
     count = len(names)
     contributions = np.zeros((len(sources), count))

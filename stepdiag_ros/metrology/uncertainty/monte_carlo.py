@@ -57,6 +57,7 @@ def check_budget(
         ValueError: an argument is out of range.
     """
     found = budget.sensitivity
+    by_direct = np.nan_to_num(found.estimator.by_direct())
 
     def sample(count: int, rng: np.random.Generator) -> Vector:
         drawn = np.empty((count, len(found.quantities)))
@@ -71,6 +72,8 @@ def check_budget(
                     for place, quantity in enumerate(found.quantities):
                         true[:, place] += changes.get(quantity.name, 0.0)
             curves = found.estimator.curves(excess)
+            if by_direct.size:
+                curves += rng.standard_normal((rows, by_direct.shape[1])) @ by_direct.T
             drawn[start : start + rows] = found.of_curves(curves) - true
         return drawn
 

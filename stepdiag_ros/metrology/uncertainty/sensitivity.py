@@ -7,7 +7,7 @@ come from ``summary.common_figures`` by changing one curve value after the other
 figure is defined in one place.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,8 @@ class Sensitivity:
         matrix: shape (q, n), m/m and rad/m.
         weights: of the curve values in each quantity, shape (q, k).
         estimator: the method, ready for other readings.
+        by_direct: change of the quantities by one standard uncertainty of each row of what was
+            measured directly, m and rad, shape (q, rows).
     """
 
     method: str
@@ -64,6 +66,7 @@ class Sensitivity:
     matrix: Vector
     weights: Vector
     estimator: Estimator
+    by_direct: Vector = field(default_factory=lambda: np.zeros((0, 0)))
 
     def of_curves(self, curves: Vector) -> Vector:
         """Return the quantities of many sets of curves, by their definitions, shape (count, q).
@@ -118,6 +121,7 @@ def sensitivity(measurement: Measurement, method: str = "least_squares") -> Sens
         matrix=weights @ by_reading,
         weights=weights,
         estimator=ready,
+        by_direct=weights @ np.nan_to_num(ready.by_direct()),
     )
 
 

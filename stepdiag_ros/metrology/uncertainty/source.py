@@ -28,7 +28,19 @@ REPEATABILITY = "repeatability"
 DRIFT = "drift between passes"
 MODEL = "misfit of the model"
 ANGULAR = "angular errors"
-GROUPS = (INSTRUMENT, AIR, DEAD_PATH, MATERIAL, SETUP, REPEATABILITY, DRIFT, MODEL, ANGULAR)
+DIRECT = "measured directly"
+GROUPS = (
+    INSTRUMENT,
+    AIR,
+    DEAD_PATH,
+    MATERIAL,
+    SETUP,
+    REPEATABILITY,
+    DRIFT,
+    MODEL,
+    ANGULAR,
+    DIRECT,
+)
 """Groups of sources in the order in which they are shown."""
 
 COMMON = "common to all readings"
@@ -36,6 +48,7 @@ PER_SETUP = "anew for each setup"
 PER_PASS = "anew for each pass"
 PER_PLACE = "anew for each place of each setup"
 PER_READING = "anew for each reading"
+PER_POSITION = "anew for each position"
 
 
 @dataclass(frozen=True)
@@ -143,6 +156,23 @@ class Source:
             else:
                 effect += drawn[:, self.member] * slope
         return effect, true
+
+
+@dataclass(frozen=True)
+class DirectSource(Source):
+    """What was measured directly beside the readings: it acts on no reading.
+
+    Attributes:
+        by_direct: change of the output quantities by one standard uncertainty of each of its
+            values, shape (q, values).
+    """
+
+    by_direct: Vector = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def factors(self, matrix: Vector) -> Vector:
+        """Return what its values do to output quantities; see ``Source.factors``."""
+        del matrix
+        return self.by_direct
 
 
 def _standard(distribution: str, shape: tuple[int, int], rng: np.random.Generator) -> Vector:

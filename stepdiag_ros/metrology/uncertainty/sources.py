@@ -29,14 +29,17 @@ from stepdiag_ros.metrology.uncertainty.repeats import repeats_of
 from stepdiag_ros.metrology.uncertainty.source import (
     ANGULAR,
     COMMON,
+    DIRECT,
     DRIFT,
     MODEL,
     PER_PASS,
     PER_PLACE,
+    PER_POSITION,
     PER_READING,
     REPEATABILITY,
     SETUP,
     SQUARED_ANGLE,
+    DirectSource,
     Source,
     each_setup,
 )
@@ -54,7 +57,9 @@ def sources_of(readings: Readings, instrument: Instrument, method: Estimator) ->
         method: that the result comes from; what its model holds is no source.
     """
     scatter = _scatter(readings)
-    angular = [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument)
+    angular = (
+        [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument, method.names)
+    )
     return [
         *instrument_sources(readings, instrument),
         *air_sources(readings, instrument),
@@ -211,7 +216,7 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     ]
 
 
-def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
+def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...]) -> list[Source]:
     """Return the angular errors that the model of the method leaves out.
 
     Each of the nine is a random curve from zero at the first corner of the box, of the stated size
@@ -231,8 +236,13 @@ def _angular(readings: Readings, instrument: Instrument) -> list[Source]:
         travel = np.asarray(seen.volume.step) * seen.volume.blocks
         after = levers(seen.position, measurement.chain)
         arms = np.stack([seen.way - after[axis] for axis in range(3)], axis=1)
-        slopes = rotation_readings(seen.position / travel, direction, arms).T.reshape(slopes.shape)
+        by_mode = rotation_readings(seen.position / travel, direction, arms).T
+        in_model = [name in names for name in ROTATIONS]
+        by_mode.reshape(len(ROTATIONS), MODES, -1)[in_model] = 0.0
+        slopes = by_mode.reshape(slopes.shape)
         truly = _of_diagonals(travel, measurement.chain)
+        for effect in truly.values():
+            effect.reshape(len(ROTATIONS), MODES)[in_model] = 0.0
     else:
         note = "the order of the machine's axes is not known"
     return [
@@ -268,6 +278,34 @@ def _of_diagonals(travel: Vector, chain: str) -> dict[str, Vector]:
         f"diagonal {line}": lengths[row].reshape(3, 3 * MODES)
         for row, line in enumerate(BODY_DIAGONALS)
     }
+
+
+def direct_sources(readings: Readings, by_direct: Vector) -> list[Source]:
+    """Return what was measured directly as a source; none where nothing was, or nothing uses it.
+
+    Args:
+        readings: beside which it was measured.
+        by_direct: see ``Sensitivity``.
+    """
+    count = len(readings.observations.displacement)
+    if not by_direct.size:
+        return []
+    return [
+        DirectSource(
+            "errors measured directly",
+            DIRECT,
+            1.0,
+            "1",
+            "B",
+            NORMAL,
+            _INFINITE,
+            PER_POSITION,
+            np.zeros((1, count)),
+            np.zeros(count, dtype=np.int64),
+            "in units of the standard uncertainty that is stated for each value",
+            by_direct=by_direct,
+        )
+    ]
 
 
 def _squared(spread: Spread) -> Spread:

@@ -1,0 +1,111 @@
+"""``stepdiag direct``: a table of directly measured errors from a file of another program."""
+
+import math
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from functools import partial
+from pathlib import Path
+
+from stepdiag_ros.commands.output import HelpFormatter, number, say
+
+_MILLI = 1e-3
+_CURVES = tuple(f"E_{error}{axis}" for axis in "XYZ" for error in "XYZABC")
+_UNITS = ("urad", "mrad", "arcsec", "nm", "um", "mm")
+"""As in ``bags.imports.renishaw_direct``, which is slow to import."""
+
+_EXAMPLES = """\
+the file names neither the error nor its unit nor its uncertainty, so you say them. What its text
+does tell (angles or straightness, the axis) must agree.
+
+examples:
+  stepdiag direct pitch.rta --curve E_BX --unit arcsec --uncertainty 0.2
+                                                  writes pitch_E_BX.csv beside it
+  stepdiag direct side.rts --curve E_YX --unit um --uncertainty 0.1 --standing 0 150 80
+                                                  measured with Y at 150 mm and Z at 80 mm
+  stepdiag solve run.mcap --direct pitch_E_BX.csv uses it"""
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "direct",
+        help="make a table of directly measured angles or straightness from .rta or .rts",
+        description="Make the table of direct measurements that 'stepdiag solve --direct' weighs in"
+        " and 'stepdiag compare --measured' compares with, from a file of Renishaw's laser"
+        " software: angles (.rta), straightness (.rts) or positioning (.rtl).",
+        epilog=_EXAMPLES,
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("file", type=Path, help="the file")
+    parser.add_argument(
+        "--curve", required=True, choices=_CURVES, metavar="NAME", help="the error, such as E_BX"
+    )
+    parser.add_argument(
+        "--unit", required=True, choices=_UNITS, help="of the deviations in the file"
+    )
+    parser.add_argument(
+        "--uncertainty",
+        required=True,
+        type=partial(number, low=1e-9, high=1e6),
+        metavar="U",
+        help="standard uncertainty of a deviation but for its scatter over the runs, in that unit",
+    )
+    for name, what in (
+        (
+            "standing",
+            "where the axes stood, machine coordinates in mm; that of the moving one"
+            " counts for nothing (default: not told)",
+        ),
+        (
+            "reflector",
+            "from the mirror of the laser lines to the point that was measured, in mm"
+            " (default: 0 0 0)",
+        ),
+    ):
+        parser.add_argument(
+            f"--{name}",
+            type=partial(number, low=-1e5, high=1e5),
+            nargs=3,
+            metavar=("X", "Y", "Z"),
+            help=what,
+        )
+    parser.add_argument(
+        "--decimal", choices=(".", ","), default=".", help="sign in numbers (default: .)"
+    )
+    parser.add_argument("--encoding", default="", help="of the text (default: found out)")
+    parser.add_argument(
+        "--output", type=Path, metavar="TABLE", help="default: NAME_CURVE.csv beside the file"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the table; see the module."""
+    from stepdiag_ros.bags.imports.renishaw_direct import UNITS, Told, read_direct_test
+    from stepdiag_ros.bags.imports.source import read_source
+    from stepdiag_ros.metrology.direct import Place, direct_text
+    from stepdiag_ros.report.publish import whole_file
+
+    def point(given: "list[float] | None", untold: float) -> tuple[float, float, float]:
+        x, y, z = [untold] * 3 if given is None else [_MILLI * value for value in given]
+        return x, y, z
+
+    told = Told(
+        curve=arguments.curve,
+        unit=arguments.unit,
+        uncertainty=arguments.uncertainty * UNITS[arguments.unit],
+        place=Place(point(arguments.standing, math.nan), point(arguments.reflector, 0.0)),
+        decimal=arguments.decimal,
+        encoding=arguments.encoding,
+    )
+    direct = read_direct_test(read_source(arguments.file), told)
+    target = arguments.output or arguments.file.with_name(
+        f"{arguments.file.stem}_{arguments.curve}.csv"
+    )
+    if target.exists():
+        raise ValueError(f"{target} exists already; give the new table another name: --output")
+    with whole_file(target) as partial_file:
+        partial_file.write_text(direct_text(direct), encoding="utf-8")
+    curve = direct.curves[arguments.curve]
+    repeats, positions = curve.values.shape
+    say(f"{arguments.curve} at {positions} positions, {repeats} runs: {target}")
+    return 0
