@@ -6,7 +6,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.agreement.joint import FIXED, SIGNIFICANT, joint_test
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
+from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 

@@ -194,6 +194,10 @@ def _proof(proof: HeldOut) -> dict[str, Any]:
         "verdict_of_the_other_readings": proof.training_verdict,
         "before": part(proof.before),
         "after": part(proof.after),
+        "gain": {
+            "chi_squared": _number(proof.gain),
+            "p_value": _number(proof.gain_p_value),
+        },
     }
 
 

@@ -1,8 +1,16 @@
 """Plans and simulated cells for the tests of the solvers."""
 
+from dataclasses import replace
+
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.geometry import BODY_DIAGONALS
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plausible import NOTHING
+
+
+def by_noise_alone(measurement):
+    """Return lines of a machine and a laser of which is known that nothing acts but noise."""
+    return replace(measurement, plausible=NOTHING)
 
 
 def make_plan(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells_for_tests import make_cell, make_plan
+from cells_for_tests import by_noise_alone, make_cell, make_plan
 
 from stepdiag_ros.metrology.agreement import (
     SAME_INSTRUMENT,
@@ -38,7 +38,7 @@ INSIDE = 0.9545
 
 def measured(cell: SimulatedCell, number: int, method="setup_robust", plan=PLAN) -> Measured:
     """Measure a machine with a laser that was set up anew, and new noise."""
-    measurement = simulate(plan, replace(cell, seed=1000 + number), seed=number)
+    measurement = by_noise_alone(simulate(plan, replace(cell, seed=1000 + number), seed=number))
     return Measured(solve(measurement, method), measurement.chain, measurement)
 
 
@@ -70,6 +70,22 @@ def test_of_an_unchanged_machine_e_n_is_within_one_as_often_as_it_promises(uncha
     spread = float(np.std(inside)) / np.sqrt(PAIRS)
     assert spread < 0.008
     assert abs(np.mean(inside) - INSIDE) < 3.3 * spread
+
+
+@pytest.mark.parametrize("method", ["setup_robust", "least_squares"])
+def test_rotations_that_stay_the_same_are_no_change_and_hide_none(method):
+    """What rotations make wrong in both is the same: only the readings' noise is left."""
+    inside = []
+    for seed in range(PAIRS // 2):
+        cell = make_cell(seed=seed, rotation=10e-6)
+        runs = [
+            simulate(PLAN, replace(cell, seed=1000 + number), seed=number)
+            for number in (2 * seed, 2 * seed + 1)
+        ]
+        one = compare(*(Measured(solve(run, method), run.chain, run) for run in runs))
+        inside.append(np.mean(np.abs(one.normalised_errors) <= 1.0))
+    spread = float(np.std(inside)) / np.sqrt(len(inside))
+    assert abs(np.mean(inside) - INSIDE) < 3.3 * spread + 0.005
 
 
 def test_of_an_unchanged_machine_chi_squared_is_what_chance_makes(unchanged):

@@ -8,8 +8,10 @@ import pytest
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance, solve_least_squares
+from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
+from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 
 SEEDS = range(20)
 NOISE = 0.05e-6
@@ -28,7 +30,10 @@ lines:
 
 
 def run_of(seed, size=2e-6, rotation=0.0, repeats=2, stated=1.0):
-    """Return lines of a machine and their result; the stops say ``stated`` times their noise."""
+    """Return lines of a machine and their result; the stops say ``stated`` times their noise.
+
+    The machine is said not to turn, so that rotations are what the result lacks.
+    """
     cell = SimulatedCell.from_mapping(
         {
             "seed": seed,
@@ -52,7 +57,7 @@ def run_of(seed, size=2e-6, rotation=0.0, repeats=2, stated=1.0):
         replace(line, standard_uncertainty=stated * line.standard_uncertainty)
         for line in measurement.lines
     ]
-    measurement = replace(measurement, lines=tuple(lines))
+    measurement = replace(measurement, lines=tuple(lines), plausible=NOTHING)
     return measurement, solve_least_squares(measurement)
 
 

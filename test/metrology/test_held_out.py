@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.metrology.discrepancy.baseline import SECOND_ORDER_SCALE, fit_baseline
-from stepdiag_ros.metrology.discrepancy.findings import NAMED, Candidate
+from stepdiag_ros.metrology.discrepancy.findings import NAMED, Candidate, Loose
 from stepdiag_ros.metrology.discrepancy.held_out import _Problem, _splits, prove
 from stepdiag_ros.metrology.effects.backlash import EFFECT
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
@@ -70,6 +70,7 @@ def _diagnosis(stops, candidates=(X,), verdict=NAMED):
         noise_degrees_of_freedom=np.inf,
         noise_correlation=RHO,
         stops=stops,
+        loose=Loose(),
     )
 
 
@@ -82,11 +83,11 @@ def run():
 
 def _explicitly(baseline, stops, held, columns):
     """χ² of a prediction: r' V⁻¹ r, V the noise and the fit's uncertainty, nothing factored."""
-    free = np.column_stack([baseline.matrix, baseline.scales, columns])
+    free = np.column_stack([baseline.matrix, baseline.loose, columns])
     # The prior of the scales, and none to speak of for the rest.
     size = 1e3 / np.maximum(np.linalg.norm(free, axis=0), 1e-30) * 1e-6
     count = baseline.matrix.shape[1]
-    size[count : count + baseline.scales.shape[1]] = SECOND_ORDER_SCALE
+    size[count : count + baseline.loose.shape[1]] = SECOND_ORDER_SCALE
     apart = np.abs(stops.number[:, None] - stops.number)
     same = stops.pass_index[:, None] == stops.pass_index
     noise = np.where(same, NOISE**2 * RHO**apart, 0.0)

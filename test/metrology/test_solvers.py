@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from case_tables import load_case, rms_error
-from cells_for_tests import make_cell, make_plan
+from cells_for_tests import by_noise_alone, make_cell, make_plan
 
 from stepdiag_ros.metrology.geometry import CHAINS, TRANSLATIONS, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
@@ -186,10 +186,12 @@ def test_tilts_are_those_of_the_setup():
 def test_covariance_is_that_of_the_readings_with_shared_zeros_and_stops(method):
     plan = make_plan(4, directions=("forward", "backward"))
     cell = make_cell(high=(0.04,) * 3)
-    result = solve(simulate(plan, cell), method)
+    result = solve(by_noise_alone(simulate(plan, cell)), method)
     runs = np.array(
         [
-            np.concatenate(list(solve(simulate(plan, cell, seed), method).curves.values()))
+            np.concatenate(
+                list(solve(by_noise_alone(simulate(plan, cell, seed)), method).curves.values())
+            )
             for seed in range(300)
         ]
     )
@@ -207,7 +209,7 @@ def test_covariance_is_that_of_the_readings_with_shared_zeros_and_stops(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_replicates_have_the_covariance_of_the_result(method):
-    measured = simulate(make_plan(4), make_cell(high=(0.04,) * 3))
+    measured = by_noise_alone(simulate(make_plan(4), make_cell(high=(0.04,) * 3)))
     result = solve(measured, method)
     drawn = replicate(measured, 2000, seed=1, method=method)
     centre = np.concatenate(list(result.curves.values()))
@@ -318,7 +320,7 @@ def test_lines_that_contradict_the_volume_are_refused():
 
 
 def test_figures_follow_their_definitions():
-    measured = simulate(make_plan(), make_cell())
+    measured = by_noise_alone(simulate(make_plan(), make_cell()))
     result = solve(measured, "least_squares")
     x, y, z = result.nodes
 

@@ -45,12 +45,15 @@ def readings(plan=None, cell=None, **corrections):
     return readings_of(measurement, observe(measurement), **corrections)
 
 
+def ready(found, method):
+    return estimator(found.measurement, found.observations, method)
+
+
 def source(found, name, method="least_squares", **known):
     """Return the source of a name, with its uncertainties taken as one."""
     spreads = {key: Spread(1.0) for key in known}
     instrument = replace(perfect(), dead_path=DEAD_PATH, **spreads)
-    ready = estimator(found.observations, method)
-    return next(s for s in sources_of(found, instrument, ready) if s.name == name)
+    return next(s for s in sources_of(found, instrument, ready(found, method)) if s.name == name)
 
 
 def zero_of(found):
@@ -100,7 +103,11 @@ def test_expansion_acts_as_the_correction_does():
     assert slope * 0.2 == pytest.approx(by_temperature, rel=1e-4, abs=1e-18)
     assert "material temperature" not in {
         s.name
-        for s in sources_of(readings(), Instrument(), estimator(found.observations, "conventional"))
+        for s in sources_of(
+            readings(),
+            Instrument(),
+            ready(found, "conventional"),
+        )
     }
 
 
@@ -140,7 +147,7 @@ def test_least_squares_leaves_the_cosine_of_linear_lines_only():
     slope = source(found, "cosine of beam and mirror on the line").slopes[0]
     assert np.all(slope[diagonal] == 0.0)
     assert np.array_equal(slope[~diagonal], -seen.displacement[~diagonal])
-    names = {s.name for s in sources_of(found, perfect(), estimator(seen, "least_squares"))}
+    names = {s.name for s in sources_of(found, perfect(), ready(found, "least_squares"))}
     assert "beam and mirror off the line" not in names
 
 
@@ -257,10 +264,7 @@ def test_hysteresis_is_no_drift():
 
 def test_without_repeats_drift_is_unknown_and_the_scatter_that_of_each_stop():
     found = readings(cell=make_cell(noise=0.1e-6))
-    by_name = {
-        s.name: s
-        for s in sources_of(found, perfect(), estimator(found.observations, "least_squares"))
-    }
+    by_name = {s.name: s for s in sources_of(found, perfect(), ready(found, "least_squares"))}
     assert not by_name["drift of the zero"].known
     assert not by_name["drift along the line"].known
     scatter = by_name["repeatability of a reading"]
@@ -273,14 +277,14 @@ def test_a_misfit_of_the_model_is_a_source_and_chance_is_none():
     good = readings(plan, make_cell(noise=0.1e-6))
     bad = readings(plan, make_cell(noise=0.1e-6, rotation=30e-6))
     names = [
-        {s.name: s for s in sources_of(r, perfect(), estimator(r.observations, "least_squares"))}
+        {s.name: s for s in sources_of(r, perfect(), ready(r, "least_squares"))}
         for r in (good, bad)
     ]
     assert "misfit of the model" not in names[0]
     left = names[1]["misfit of the model"]
     assert left.standard_uncertainty > 0.1e-6
     # The method that estimates the rotations has neither a misfit nor angular errors left out.
-    ready = estimator(bad.observations, "rigid_body", bad.measurement.chain)
-    whole = {s.name for s in sources_of(bad, perfect(), ready)}
+    whole_model = ready(bad, "rigid_body")
+    whole = {s.name for s in sources_of(bad, perfect(), whole_model)}
     assert "misfit of the model" not in whole
     assert not any(name.startswith("angular") for name in whole)

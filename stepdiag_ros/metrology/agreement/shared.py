@@ -48,6 +48,34 @@ def shared_sources(
     )
 
 
+def _of_rotations(before: Measured, after: Measured) -> Vector | None:
+    """Return what the rotations that no reading tells make wrong in both alike; None if not known.
+
+    The same lines, moved in the same orders and solved by the same method, turn it into the same.
+    """
+    parts = []
+    for one in (before, after):
+        total, readings = one.result.covariance, one.result.readings_covariance
+        if one.budget is not None or not readings.size or readings.shape != total.shape:
+            return None
+        parts.append(np.nan_to_num(total - readings))
+    lines = [_lines(one) for one in (before, after)]
+    alike = lines[0] and lines[0] == lines[1] and parts[0].shape == parts[1].shape
+    return 0.5 * (parts[0] + parts[1]) if alike else None
+
+
+def _lines(measured: Measured) -> tuple[object, ...]:
+    """Return what decides what rotations do to a result."""
+    if measured.measurement is None:
+        return ()
+    volume = measured.measurement.volume
+    kinds = {
+        (one.line.name, one.line.order, one.line.direction, one.line.offset)
+        for one in measured.measurement.lines
+    }
+    return (measured.result.method, volume, tuple(sorted(kinds)))
+
+
 def cross_covariance(before: Measured, after: Measured, names: Sequence[str]) -> Vector:
     """Return the covariance of the stacked curves of one measurement with those of the other.
 
@@ -66,7 +94,8 @@ def cross_covariance(before: Measured, after: Measured, names: Sequence[str]) ->
     sizes = [sum(map(len, one.result.curves.values())) for one in (before, after)]
     made = np.zeros((sizes[0], sizes[1]))
     if before.budget is None or after.budget is None:
-        return made
+        rotations = _of_rotations(before, after)
+        return made if rotations is None else rotations
     places, rows = curve_rows(before.budget, before.result)
     other_places, other_rows = curve_rows(after.budget, after.result)
     for name in names:

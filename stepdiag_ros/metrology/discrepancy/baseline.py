@@ -13,7 +13,8 @@ changes in tilts and curves acts on the readings by products of a few nanometres
 The beam's own direction acts as a scale of second order of each setup, |δl|²/2 - δl·δm, which the
 tilts do not tell. It is a free value too, but one that is known to be small: it enters with a
 standard uncertainty, as one more observation per setup. Without that, long lines are given false
-cosine errors.
+cosine errors. What scatters in every run, the zero from pass to pass and rotations of the axes, is
+let in the same way (``loose``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,7 +48,9 @@ class Baseline:
         gap: measured minus simulated, with all free values fitted, m, shape (n,).
         matrix: derivatives of the readings by the free values, shape (n, p).
         parts: name of a part of the baseline → its columns, such as ``the curve E_XX``.
-        scales: derivative of the readings by the scale of each setup, m, shape (n, setups).
+        loose: derivatives of the readings by values that are free but known to be small, m per
+            their unit, shape (n, q).
+        deviation: standard uncertainty of each of these, shape (q,).
         weight: uncertainty of each reading as a multiple of the common one, shape (n,).
         passes: index of each reading's pass, shape (n,).
         remarks: what a reader should know of the fit.
@@ -57,10 +60,30 @@ class Baseline:
     gap: Vector
     matrix: Vector
     parts: dict[str, slice | NDArray[np.int64]]
-    scales: Vector
+    loose: Vector
+    deviation: Vector
     weight: Vector
     passes: NDArray[np.int64]
     remarks: tuple[str, ...]
+
+    def with_loose(self, columns: Vector, deviation: float) -> "Baseline":
+        """Return the baseline with more values that are free but known to be small.
+
+        Args:
+            columns: derivatives of the readings by them, shape (n, k).
+            deviation: standard uncertainty of each.
+        """
+        return replace(
+            self,
+            loose=np.column_stack([self.loose, columns]),
+            deviation=np.append(self.deviation, np.full(columns.shape[1], deviation)),
+        )
+
+    @property
+    def loose_rows(self) -> Vector:
+        """Return the observations that keep the loose values small, whitened, shape (q, q)."""
+        rows: Vector = np.diag(1.0 / self.deviation)
+        return rows
 
     def spread(self, values: Vector) -> Vector:
         """Return values of the readings at all stops, NaN at those that were rejected."""
@@ -102,6 +125,7 @@ def fit_baseline(
     free = [
         part
         for one in fitted
+        if not one.effect.typical
         for part in (one.effect.columns(one.setting, stops), one.effect.unknown(one.setting, stops))
     ]
     extra = np.column_stack([further, _approaches(stops), *untold, *free, lengths])[good]
@@ -143,7 +167,15 @@ def fit_baseline(
     setup = stops.setup[good]
     scales = np.where(setup[:, None] == np.arange(len(stops.setups)), way[:, None], 0.0)
     return Baseline(
-        good, gap, matrix, parts, scales, weight, stops.pass_index[good], tuple(remarks)
+        good=good,
+        gap=gap,
+        matrix=matrix,
+        parts=parts,
+        loose=scales,
+        deviation=np.full(scales.shape[1], SECOND_ORDER_SCALE),
+        weight=weight,
+        passes=stops.pass_index[good],
+        remarks=tuple(remarks),
     )
 
 
@@ -226,7 +258,7 @@ def _approaches(stops: Stops) -> Vector:
 class Whitened:
     """The linear problem with independent noise of unit size, baseline projected out.
 
-    Rows are the readings, then one observation of each setup's scale.
+    Rows are the readings, then one observation of each loose value.
 
     Attributes:
         baseline: from which it is made.
@@ -270,7 +302,7 @@ class Whitened:
 
 
 def whiten(columns: Vector, baseline: Baseline, noise: float, correlation: float) -> Vector:
-    """Return columns in units of the noise, made independent along each pass, with scale rows."""
+    """Return columns in units of the noise, independent along each pass, with rows of the loose."""
     count = len(baseline.gap)
     scaled = columns / (noise * baseline.weight[:, None])
     if correlation:
@@ -280,18 +312,17 @@ def whiten(columns: Vector, baseline: Baseline, noise: float, correlation: float
             1.0 - correlation * correlation
         )
         scaled = white
-    padded: Vector = np.zeros((count + baseline.scales.shape[1], columns.shape[1]))
+    padded: Vector = np.zeros((count + len(baseline.deviation), columns.shape[1]))
     padded[:count] = scaled
     return padded
 
 
 def whitened(baseline: Baseline, noise: float, correlation: float) -> Whitened:
     """Return the problem for a given noise (m) and its correlation from stop to stop."""
-    count, setups = baseline.scales.shape
     free = whiten(baseline.matrix, baseline, noise, correlation)
-    scales = whiten(baseline.scales, baseline, noise, correlation)
-    scales[count:] = np.eye(setups) / SECOND_ORDER_SCALE
-    whole = np.column_stack([free, scales])
+    loose = whiten(baseline.loose, baseline, noise, correlation)
+    loose[len(baseline.gap) :] = baseline.loose_rows
+    whole = np.column_stack([free, loose])
     lengths = np.linalg.norm(whole, axis=0)
     # Singular vectors by the small normal matrix would lose half of the digits.
     left, values, _ = np.linalg.svd(

@@ -102,6 +102,8 @@ def signatures(
     again = replace(stops, displacement=stops.displacement + noise)
     good = problem.baseline.good
     for effect in catalogue:
+        if effect.typical:
+            continue
         tried = 0
         for setting in effect.settings(stops):
             tried += 1

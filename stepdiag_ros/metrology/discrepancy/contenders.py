@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.loose import loosened
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker
 from stepdiag_ros.metrology.discrepancy.rivals import Rival, is_bound
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
@@ -46,6 +47,7 @@ class Contenders:
     ) -> None:
         stops = diagnosis.stops
         baseline = fit_baseline(measurement, stops, known, fitted, curves)
+        baseline = loosened(baseline, stops, diagnosis.loose)
         problem = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation)
         taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
         self._found = signatures(catalogue, stops, problem, taken)

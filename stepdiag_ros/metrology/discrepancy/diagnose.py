@@ -16,20 +16,34 @@ from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, si
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
+    Candidate,
     Diagnosis,
     Finding,
+    Loose,
     Pattern,
+    RunnerUp,
 )
 from stepdiag_ros.metrology.discrepancy.gross import mislabelled
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFit, LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.locate import gap_map, sentences
+from stepdiag_ros.metrology.discrepancy.loose import (
+    RotationTest,
+    estimate_wander,
+    judge_rotations,
+    loosened,
+)
 from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
 from stepdiag_ros.metrology.discrepancy.patterns import patterns
-from stepdiag_ros.metrology.discrepancy.selection import FALSE_NAME_LEVEL, Selection
+from stepdiag_ros.metrology.discrepancy.selection import (
+    EVIDENCE_RATIO,
+    FALSE_NAME_LEVEL,
+    Selection,
+)
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -48,6 +62,7 @@ class _Result:
     """One way through: a noise, what is chosen with it, and the tests before and after."""
 
     noise: Noise
+    loose: Loose
     problem: Whitened
     found: Signatures
     luck: LookElsewhere
@@ -69,7 +84,9 @@ def diagnose(
 
     The model is a machine with nine free translational curves and free setups (see ``baseline``),
     plus the effects that are known. The noise is taken from the repeats; with the gap explained, it
-    is taken anew, since what changes between repeats is no noise.
+    is taken anew, since what changes between repeats is no noise. What the zero then scatters from
+    pass to pass is noise too. Rotations of all axes at once are weighed against the single effects
+    that would explain the gap without them.
 
     Args:
         measurement: the run; its chain, if known, lets angular errors be tried.
@@ -98,8 +115,10 @@ def diagnose(
     if not np.isfinite(noise.size) or not noise.size > 0.0:
         return _not_testable(stops, baseline, noise, "nothing tells the noise: no pass is repeated")
     taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
-    result = _once(baseline, stops, noise, effects, taken, seed, tell)
-    if result.problem.freedom <= baseline.scales.shape[1]:
+    given = Loose(rotation=_typical((*known, *fitted)))
+    run = _Run(baseline, stops, effects, taken, seed, tell)
+    result = run.once(noise, given)
+    if result.problem.freedom <= baseline.loose.shape[1]:
         return _not_testable(
             stops,
             baseline,
@@ -107,17 +126,10 @@ def diagnose(
             "the free values of the model fit any readings of this plan, so no disagreement can "
             "ever show; measure linear lines, a fourth diagonal or another move order too",
         )
-    for _ in range(_PASSES):
-        left = result.problem.readings(result.selection.left())
-        again = estimate_noise(baseline, left, stops, stated)
-        if (
-            abs(again.size / result.noise.size - 1.0) < _SAME_NOISE
-            and abs(again.correlation - result.noise.correlation) < _SAME_CORRELATION
-        ):
-            break
-        tell("taking the noise anew, without what was found")
-        result = _once(baseline, stops, again, effects, taken, seed, tell)
+    result = run.settled(result, stated)
     diagnosis = _diagnosis(result, stops)
+    if stops.chain and not given.rotation and SEVERAL_ANGULAR_ERRORS in effects:
+        diagnosis = _turning(run, result, diagnosis, stated)
     if diagnosis.verdict == verdicts.UNEXPLAINED and result.after.p_value < _GROSS_LEVEL:
         tell("trying whether a line has a wrong name")
         names = mislabelled(measurement, known, noise)
@@ -146,32 +158,198 @@ def _stated(measurement: Measurement) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-def _once(
-    baseline: Baseline,
-    stops: Stops,
-    noise: Noise,
-    effects: list[Effect],
-    taken: set[tuple[str, str]],
-    seed: int,
-    tell: Progress,
-) -> _Result:
-    problem = whitened(baseline, noise.size, noise.correlation)
-    tell("making the candidates")
-    found = signatures(effects, stops, problem, taken)
-    tell(f"drawing what chance does with {len(found.candidates)} candidates")
-    luck = look_elsewhere(found, noise.freedom, seed)
-    tell("choosing")
-    selection = Selection(found, problem.gap, luck, tell)
-    test = LackOfFitTest(problem, stops, noise)
-    none = np.zeros((len(problem.gap), 0))
-    return _Result(
-        noise,
-        problem,
-        found,
-        luck,
-        selection,
-        test(problem.gap, none),
-        test(selection.left(), selection.span()),
+def _typical(active: Sequence[ActiveEffect]) -> float:
+    """Return the size of rotations that a model has, rad; 0 if it has none."""
+    sizes = [one.sizes["size"] for one in active if one.effect.typical]
+    return max(sizes, default=0.0)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run, which may be looked at with one noise or another.
+
+    Attributes:
+        baseline: of the run, without what scatters in it.
+        stops: of the run.
+        effects: to try.
+        taken: name and label of those that the model has already with a free size.
+        seed: of the draws that tell what chance does.
+        tell: told what is being done.
+    """
+
+    baseline: Baseline
+    stops: Stops
+    effects: list[Effect]
+    taken: set[tuple[str, str]]
+    seed: int
+    tell: Progress
+
+    def whitened(self, noise: Noise, loose: Loose) -> Whitened:
+        """Return the problem with a noise and what scatters beside it."""
+        baseline = loosened(self.baseline, self.stops, loose)
+        return whitened(baseline, noise.size, noise.correlation)
+
+    def once(self, noise: Noise, loose: Loose) -> _Result:
+        """Look for effects once."""
+        problem = self.whitened(noise, loose)
+        self.tell("making the candidates")
+        found = signatures(self.effects, self.stops, problem, self.taken)
+        self.tell(f"drawing what chance does with {len(found.candidates)} candidates")
+        luck = look_elsewhere(found, noise.freedom, self.seed)
+        self.tell("choosing")
+        selection = Selection(found, problem.gap, luck, self.tell)
+        test = LackOfFitTest(problem, self.stops, noise)
+        none = np.zeros((len(problem.gap), 0))
+        return _Result(
+            noise,
+            loose,
+            problem,
+            found,
+            luck,
+            selection,
+            test(problem.gap, none),
+            test(selection.left(), selection.span()),
+        )
+
+    def settled(self, result: _Result, stated: float) -> _Result:
+        """Take noise and scatter anew from what the effects leave, until they stay the same."""
+        for _ in range(_PASSES):
+            left = result.problem.readings(result.selection.left())
+            noise = estimate_noise(self.baseline, left, self.stops, stated)
+            chosen = [result.found.candidates[index] for index in result.selection.chosen]
+            fixed = self.whitened(noise, Loose(rotation=result.loose.rotation))
+            wander = estimate_wander(fixed, self.stops, chosen, noise.freedom)
+            loose = replace(wander, rotation=result.loose.rotation)
+            if _same(result, noise, loose):
+                break
+            self.tell("taking the noise anew, without what was found")
+            result = self.once(noise, loose)
+        return result
+
+
+def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
+    return (
+        abs(noise.size / result.noise.size - 1.0) < _SAME_NOISE
+        and abs(noise.correlation - result.noise.correlation) < _SAME_CORRELATION
+        and loose == result.loose
+    )
+
+
+def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) -> Diagnosis:
+    """Weigh rotations of all axes at once against the effects that were chosen without them.
+
+    Both ways are compared by their evidence with the same noise. Rotations have one size, which is
+    paid for as any other, and beside them effects are looked for as without them.
+    """
+    run.tell("weighing rotations of all axes")
+    rotations = judge_rotations(result.problem, run.stops, (), run.seed)
+    if rotations.p_value > FALSE_NAME_LEVEL:
+        return diagnosis
+    turned = run.once(result.noise, replace(result.loose, rotation=rotations.size))
+    chosen = [turned.found.candidates[index] for index in turned.selection.chosen]
+    beside = judge_rotations(result.problem, run.stops, chosen, run.seed)
+    if beside.p_value > FALSE_NAME_LEVEL:
+        return diagnosis
+    price = 0.5 * np.log(len(result.problem.gap))
+    ahead = rotations.evidence - price + turned.selection.evidence - result.selection.evidence
+    explained = (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
+    if ahead <= 0.0 and diagnosis.verdict in explained:
+        return _beside(diagnosis, beside, float(ahead))
+    turned = run.settled(turned, stated)
+    made = _diagnosis(turned, run.stops)
+    if made.verdict not in explained and diagnosis.verdict in explained:
+        return diagnosis
+    finding = _rotation_finding(beside, diagnosis, float(ahead), turned.luck.freedom)
+    return _with_rotations(made, finding, result, run.stops)
+
+
+def _rotation_finding(
+    rotations: RotationTest, diagnosis: Diagnosis, ahead: float, freedom: float
+) -> Finding:
+    """Return rotations of all axes as a finding, with the effects that they won against."""
+    from scipy.special import stdtrit
+
+    size, spread = rotations.size, rotations.standard_uncertainty
+    factor = float(stdtrit(freedom, 0.975))
+    probability = float(1.0 / (1.0 + np.exp(-np.clip(ahead, -50.0, 50.0))))
+    rivals = (*diagnosis.findings, *diagnosis.partial)
+    close = bool(diagnosis.findings) and (1.0 - probability) * EVIDENCE_RATIO > probability
+    return Finding(
+        candidate=Candidate(SEVERAL_ANGULAR_ERRORS, {}, SEVERAL_ANGULAR_ERRORS.name),
+        sizes={"size": size},
+        standard_uncertainty={"size": spread},
+        band={"size": (max(size - factor * spread, 0.0), size + factor * spread)},
+        gain=rotations.gain,
+        p_value=rotations.p_value,
+        probability=probability,
+        runners_up=tuple(
+            RunnerUp(one.label, one.gain, 1.0 - probability, "explains less of the gap", close)
+            for one in rivals
+        ),
+        covariance=np.array([[spread**2]]),
+    )
+
+
+def _beside(diagnosis: Diagnosis, rotations: RotationTest, ahead: float) -> Diagnosis:
+    """Return a diagnosis that says where rotations of all axes cannot be ruled out either."""
+    chance = float(np.exp(ahead))
+    if not diagnosis.findings or chance * EVIDENCE_RATIO < 1.0:
+        return diagnosis
+    first, *others = diagnosis.findings
+    rival = RunnerUp(
+        SEVERAL_ANGULAR_ERRORS.name,
+        rotations.gain,
+        chance / (1.0 + chance),
+        f"lowers χ² by {rotations.gain:.3g} with {rotations.columns} sums of rotations: odds 1 to"
+        f" {1.0 / chance:.2g}, too close to rule out",
+        ambiguous=True,
+    )
+    findings = (replace(first, runners_up=(*first.runners_up, rival)), *others)
+    verdict, sentence = _explained(findings)
+    return replace(diagnosis, verdict=verdict, sentence=sentence, findings=findings)
+
+
+def _with_rotations(
+    made: Diagnosis, rotations: Finding, without: _Result, stops: Stops
+) -> Diagnosis:
+    """Return a diagnosis beside rotations of all axes with these as its first finding.
+
+    Args:
+        made: with the rotations in its baseline.
+        rotations: as a finding.
+        without: the run as it was looked at before, without them.
+        stops: of the run.
+    """
+    findings = (rotations, *made.findings)
+    partial = made.partial
+    if made.verdict == verdicts.UNEXPLAINED:
+        findings, partial = (), (rotations, *made.partial)
+        verdict = made.verdict
+        sentence = f"{rotations.label} explain part of the gap. Beside them: {made.sentence}"
+    else:
+        verdict, sentence = _explained(findings)
+    count = len(made.covariance)
+    covariance = np.zeros((count + 1, count + 1))
+    covariance[0, 0] = rotations.covariance[0, 0]
+    covariance[1:, 1:] = made.covariance
+    problem, none = without.problem, np.zeros((len(without.problem.gap), 0))
+    freedom = without.noise.freedom
+    shares = gap_map(problem, problem.gap, none, stops, freedom)
+    looks = patterns(problem, problem.gap, none, stops, freedom)
+    return replace(
+        made,
+        verdict=verdict,
+        sentence=sentence,
+        findings=findings,
+        partial=partial,
+        covariance=covariance,
+        chi_squared_before=without.before.chi_squared,
+        degrees_of_freedom_before=without.before.freedom,
+        lack_of_fit_p_before=without.before.p_value,
+        residual_before=problem.baseline.spread(problem.readings(problem.gap)),
+        where=sentences(shares, looks, without.before.shape, without.noise.size),
+        map=shares,
+        patterns=looks,
     )
 
 
@@ -231,6 +409,7 @@ def _diagnosis(result: _Result, stops: Stops) -> Diagnosis:
         patterns_after=looks_after,
         tested=len(result.found.candidates),
         covariance=selection.covariance(),
+        loose=result.loose,
     )
 
 
@@ -256,6 +435,11 @@ def _verdict(
         return verdicts.CONSISTENT, (
             f"Model and run agree to within the noise of {noise.size * 1e6:.3g} µm."
         )
+    return _explained(chosen)
+
+
+def _explained(chosen: tuple[Finding, ...]) -> tuple[str, str]:
+    """Return verdict and sentence where findings close the gap."""
     open_names = [one for one in chosen if one.ambiguous]
     if open_names:
         words = "; ".join(

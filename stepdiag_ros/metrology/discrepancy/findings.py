@@ -41,6 +41,13 @@ class Candidate:
     setting: Setting
     label: str
 
+    def free(self, stops: Stops) -> Vector:
+        """Return columns of its sizes and of what no run tells of it, shape (n, k)."""
+        effect = self.effect
+        return np.column_stack(
+            [effect.columns(self.setting, stops), effect.unknown(self.setting, stops)]
+        )
+
     @property
     def family(self) -> str:
         """Return the label without numbers that shape the effect: what counts as one name.
@@ -50,6 +57,21 @@ class Candidate:
         """
         words = [str(value) for value in self.setting.values() if isinstance(value, str)]
         return " ".join([self.effect.name, *words])
+
+
+@dataclass(frozen=True)
+class Loose:
+    """What scatters in a run and is no effect that has a size of its own.
+
+    Attributes:
+        zero: standard deviation of the zero from pass to pass, m.
+        slope: of a pass's change from its middle to its last stop, m.
+        rotation: size of the rotations of all axes, rad; see ``plausible``.
+    """
+
+    zero: float = 0.0
+    slope: float = 0.0
+    rotation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -208,6 +230,7 @@ class Diagnosis:
         noise_degrees_of_freedom: of that.
         noise_correlation: between the noise of neighbouring stops of a pass.
         noise_source: where the noise was taken from, in words.
+        loose: what scatters beside the noise.
         chi_squared_before: of the run under the model as it was, all its free values fitted.
         chi_squared_after: with the findings (where UNEXPLAINED, ``partial``) fitted too.
         degrees_of_freedom_before: likewise.
@@ -255,3 +278,4 @@ class Diagnosis:
     patterns_after: tuple[Pattern, ...] = ()
     tested: int = 0
     covariance: Vector = field(default_factory=lambda: np.zeros((0, 0)))
+    loose: Loose = Loose()

@@ -6,16 +6,22 @@ counts its whole uncertainty, that of the fit too: it is what χ² of a fit to a
 than that of a fit to the training readings, with as many degrees of freedom as the readings have
 more (recursive residuals; Brown, Durbin & Evans 1975). What the training readings cannot tell, such
 as the tilts of a setup that is held out whole, costs degrees of freedom and is not counted as gap.
+
+Where an effect is small in what was held out, both predictions are good, and their χ² per degree of
+freedom say little. What the effect itself is worth there is tested by itself: the difference of the
+two predictions is a known shape, made from the other readings alone, and by how much of it the
+held-out readings follow is normally distributed about zero if the effect is none.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.metrology.discrepancy.baseline import SECOND_ORDER_SCALE, Baseline
-from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
+from stepdiag_ros.metrology.discrepancy.loose import loosened, rotation_columns
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -63,6 +69,9 @@ class HeldOut:
         readings: number of held-out readings.
         before: without the effects.
         after: with them, sizes from the training readings.
+        gain: what χ² of the held-out readings loses by following the predicted difference; negative
+            where they go the other way.
+        gain_p_value: chance of as much where the effects do not act, one-sided; NaN if not known.
     """
 
     split: str
@@ -72,6 +81,8 @@ class HeldOut:
     readings: int
     before: Prediction
     after: Prediction
+    gain: float
+    gain_p_value: float
 
     @property
     def sentence(self) -> str:
@@ -85,8 +96,15 @@ class HeldOut:
         return (
             f"Held out: {self.split} ({self.readings:,} readings). {who}; with it they predict what"
             f" was held out to χ²/dof {self.after.reduced:.3f}, without it to"
-            f" {self.before.reduced:.3f}."
+            f" {self.before.reduced:.3f}. Of the held-out readings the effect itself explains"
+            f" Δχ² = {self.gain:.1f} (p {_chance_words(self.gain_p_value)})."
         )
+
+
+def _chance_words(chance: float) -> str:
+    if not np.isfinite(chance):
+        return "unknown"
+    return "< 0.0001" if chance < 1e-4 else f"= {chance:.4f}"
 
 
 def prove(
@@ -113,7 +131,11 @@ def prove(
     if not found or not np.isfinite(diagnosis.noise):
         return None
     problem = _Problem(baseline, diagnosis)
-    columns = _columns(found, diagnosis.stops)[baseline.good]
+    shown = [one.effect.columns(one.setting, diagnosis.stops) for one in found]
+    if any(one.effect.typical for one in found):
+        shown.append(rotation_columns(diagnosis.stops))
+    columns = np.column_stack(shown)[baseline.good]
+    columns = columns[:, np.any(columns, axis=0)]
     best: HeldOut | None = None
     for words, whole in _splits(diagnosis.stops):
         if not problem.both_tell(columns, whole[baseline.good]):
@@ -137,22 +159,23 @@ def _proof(
     named = [finding.candidate for finding in trained.findings]
     same = sorted(one.family for one in named) == sorted(one.family for one in found)
     used = named if same else found
-    untold = [one.effect.unknown(one.setting, diagnosis.stops) for one in used]
-    columns = np.column_stack([_columns(used, diagnosis.stops), *untold])[problem.good]
+    columns = np.column_stack([one.free(diagnosis.stops) for one in used])[problem.good]
+    columns = columns[:, np.any(columns, axis=0)]
     held = whole[problem.good]
+    turning = problem.turning if any(one.effect.typical for one in used) else problem
+    before, after = problem.predict(held, columns[:, :0]), turning.predict(held, columns)
+    gain, chance = problem.gain(held, before.residual - after.residual)
     return HeldOut(
         split=words,
         labels=tuple(one.label for one in used),
         independent=same,
         training_verdict=trained.verdict,
         readings=int(np.count_nonzero(held)),
-        before=problem.predict(held, columns[:, :0]),
-        after=problem.predict(held, columns),
+        before=before,
+        after=after,
+        gain=gain,
+        gain_p_value=chance,
     )
-
-
-def _columns(candidates: Sequence[Candidate], stops: Stops) -> Vector:
-    return np.column_stack([one.effect.columns(one.setting, stops) for one in candidates])
 
 
 def _splits(stops: Stops) -> Iterator[tuple[str, Booleans]]:
@@ -196,25 +219,60 @@ class _Problem:
 
     Args:
         baseline: of the run.
-        diagnosis: of the run: noise, its correlation from stop to stop, and the stops.
+        diagnosis: of the run: noise, its correlation from stop to stop, scatter, and the stops.
+        rotation: size of rotations of all axes that are free, rad; as before what was named if
+            None.
 
     Attributes:
         good: which stops have a reading.
     """
 
-    def __init__(self, baseline: Baseline, diagnosis: Diagnosis) -> None:
+    def __init__(
+        self, baseline: Baseline, diagnosis: Diagnosis, rotation: float | None = None
+    ) -> None:
         self.good = baseline.good
+        named = any(one.candidate.effect.typical for one in diagnosis.findings)
+        if rotation is None:
+            rotation = 0.0 if named else diagnosis.loose.rotation
+        self._plain, self._diagnosis = baseline, diagnosis
+        baseline = loosened(baseline, diagnosis.stops, replace(diagnosis.loose, rotation=rotation))
         self._baseline = baseline
         self._noise = diagnosis.noise
         self._freedom = diagnosis.noise_degrees_of_freedom
         self._correlation = diagnosis.noise_correlation
         self._number = diagnosis.stops.number[baseline.good]
-        self._free = np.column_stack([baseline.matrix, baseline.scales])
-        setups = baseline.scales.shape[1]
-        # One observation of each setup's scale of second order.
-        self._scale_rows = np.column_stack(
-            [np.zeros((setups, baseline.matrix.shape[1])), np.eye(setups) / SECOND_ORDER_SCALE]
+        self._free = np.column_stack([baseline.matrix, baseline.loose])
+        loose = baseline.loose_rows
+        self._loose_rows = np.column_stack(
+            [np.zeros((len(loose), baseline.matrix.shape[1])), loose]
         )
+
+    @property
+    def turning(self) -> "_Problem":
+        """Return the problem with the rotations of all axes that were found."""
+        return _Problem(self._plain, self._diagnosis, self._diagnosis.loose.rotation)
+
+    def gain(self, held: Booleans, difference: Vector) -> tuple[float, float]:
+        """Return what following a predicted difference takes from χ², and the chance of as much.
+
+        Args:
+            held: held-out readings.
+            difference: of two predictions of them, m, shape (stops,); NaN where not held out.
+        """
+        from scipy.special import ndtr, stdtr
+
+        column = np.where(held, np.nan_to_num(difference[self.good]), 0.0)[:, None]
+        if not np.any(column):
+            return 0.0, float("nan")
+        whole = held | ~held
+        with_it = self._fit(whole, column)
+        gain = self._fit(whole, column[:, :0]).squares - with_it.squares
+        # Which way: the column is the first after what is free.
+        sign = float(np.sign(with_it.values[self._free.shape[1]]))
+        root = sign * float(np.sqrt(max(gain, 0.0)))
+        known = np.isfinite(self._freedom) and self._freedom < 1e6
+        chance = float(stdtr(max(self._freedom, 1.0), -root) if known else ndtr(-root))
+        return sign * gain, chance
 
     def both_tell(self, columns: Vector, held: Booleans) -> bool:
         """Say whether both parts of a split tell something of every column."""
@@ -263,11 +321,11 @@ class _Problem:
         return white
 
     def _matrix(self, rows: Booleans, columns: Vector) -> Vector:
-        scale_rows = np.column_stack(
-            [self._scale_rows, np.zeros((len(self._scale_rows), columns.shape[1]))]
+        loose_rows = np.column_stack(
+            [self._loose_rows, np.zeros((len(self._loose_rows), columns.shape[1]))]
         )
         free = self._white(np.column_stack([self._free, columns]), rows)
-        return np.vstack([free, scale_rows])
+        return np.vstack([free, loose_rows])
 
     def _told(self, columns: Vector, rows: Booleans) -> Vector:
         """Return how much of each column the baseline cannot follow, squared, shape (k,)."""

@@ -15,13 +15,14 @@ The run is compressed once to a triangular factor, so that many plans can be tri
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import SECOND_ORDER_SCALE, Baseline, whiten
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
 from stepdiag_ros.metrology.discrepancy.joint import appended, run_scales
+from stepdiag_ros.metrology.discrepancy.loose import loosened
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
@@ -88,10 +89,9 @@ class _Part:
         self._baseline = baseline
         self._noise, self._correlation = noise, correlation
         count = min(part.start for part in baseline.parts.values() if isinstance(part, slice))
-        own = self._white(np.column_stack([baseline.matrix[:, count:], baseline.scales]))
-        rows = len(baseline.gap)
-        setups = baseline.scales.shape[1]
-        own[rows:, own.shape[1] - setups :] = np.eye(setups) / SECOND_ORDER_SCALE
+        own = self._white(np.column_stack([baseline.matrix[:, count:], baseline.loose]))
+        loose = baseline.loose_rows
+        own[len(baseline.gap) :, own.shape[1] - len(loose) :] = loose
         self._span = _span(own)
         self.curves = self.left(baseline.matrix[:, :count])
 
@@ -137,13 +137,15 @@ class FurtherReadings:
             gap=np.zeros(count),
             matrix=matrix,
             parts={"what one run has alone": slice(int(ends.max()) + 1, design.count)},
-            scales=np.where(
+            loose=np.where(
                 own.setup[:, None] == np.arange(len(own.setups)), own.along[:, None], 0.0
             ),
+            deviation=np.full(len(own.setups), SECOND_ORDER_SCALE),
             weight=np.ones(count),
             passes=own.pass_index,
             remarks=(),
         )
+        baseline = loosened(baseline, own, replace(diagnosis.loose, rotation=0.0))
         self._part = _Part(baseline, diagnosis.noise, diagnosis.noise_correlation)
 
     @property
@@ -180,6 +182,7 @@ class Contest:
         self.rivals = tuple(rivals)
         self._acting: tuple[Acting, ...] = (*common, *(one.candidate for one in rivals))
         self._common = len(common)
+        baseline = loosened(baseline, stops, diagnosis.loose)
         part = _Part(baseline, diagnosis.noise, diagnosis.noise_correlation)
         blocks = [part.curves]
         for one in self._acting:

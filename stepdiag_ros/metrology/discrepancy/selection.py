@@ -79,6 +79,11 @@ class Selection:
                 return f"it takes {names.count(name)} times a {name}, which is no explanation"
         return ""
 
+    @property
+    def evidence(self) -> float:
+        """Return the evidence of the choice against none, comparable for one noise."""
+        return self._evidence(self.chosen)
+
     def span(self) -> Vector:
         """Return orthonormal columns of the chosen candidates, shape (rows, k)."""
         return self._ranker.span(self.chosen)

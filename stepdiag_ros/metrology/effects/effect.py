@@ -91,6 +91,8 @@ class Effect(ABC):
         sizes: linear sizes; the change of the readings is proportional to each.
         keys: of a setting, in the order in which a label tells them.
         needs: columns of ``Stops`` that must be known, and must vary, for the effect to be seen.
+        typical: its one size is the typical size of many unknown values (``loose``), which no
+            column shows and no simulation can have.
     """
 
     name: ClassVar[str]
@@ -99,6 +101,7 @@ class Effect(ABC):
     sizes: ClassVar[tuple[Size, ...]]
     keys: ClassVar[tuple[Key, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
+    typical: ClassVar[bool] = False
 
     @abstractmethod
     def settings(self, stops: Stops) -> Iterator[Setting]:

@@ -59,6 +59,7 @@ def solve_alternative(measurement: Measurement) -> VolumetricErrors:
     observations = observe(measurement)
     return apply(
         "alternative",
+        measurement,
         observations,
         alternative_map(observations),
         (*DIAGONALS, "x", "y", "z"),

@@ -25,7 +25,8 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
 
     It is right only if beam and mirror stand exactly as they should: an error of the setup goes
     into every curve multiplied by ‖a‖/(2a) (IH section 3.1). Kept because the field uses it, and to
-    show what it does. The uncertainties given are those of the readings alone.
+    show what it does. The uncertainties contain the tilts that least squares finds in the same
+    readings; where it finds none (three diagonals alone), they are unknown.
 
     Raises:
         NotDeterminable: one of ppp, npp, pnp is missing or has a move that was never measured.
@@ -34,18 +35,20 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
     observations = observe(measurement)
     remarks = [
         "The conventional formulation takes laser and mirror as perfectly aligned; its "
-        "uncertainties do not contain setup errors."
+        "uncertainties contain the tilts that least squares finds in the same readings."
     ]
     remarks.extend(remarks_on_unused("conventional", observations))
     if any(not setup.diagonal for setup in observations.setups):
         remarks.append("The conventional formulation does not use the linear lines.")
     return apply(
         "conventional",
+        measurement,
         observations,
         conventional_map(observations),
         DIAGONALS,
         remarks,
         frame=NOMINAL_BEAMS,
+        aligned=True,
     )
 
 

@@ -1,11 +1,12 @@
 """The least-squares problem of a measurement: its unknowns, its matrix, the exact model behind it.
 
-Readings of one setup at one place are repeats and enter as their weighted mean; the spread among
-them goes into χ². The matrix is that of the nominal setup; it is factored once, and since
-misalignments are small the iteration with the exact model converges in a few steps.
+Every pass has a free zero. Passes that stop at the same places enter as their weighted mean; what
+they scatter about it beyond their zeros goes into χ². The matrix is that of the nominal setup; it
+is factored once, and since misalignments are small the iteration with the exact model converges in
+a few steps.
 
 Without a kinematic chain the unknowns are the nine translations, two angles for every diagonal
-setup and a zero for every setup; with a chain, the nine rotations too. A reading then is
+setup and a zero for every pass; with a chain, the nine rotations too. A reading then is
 
     s = g·(w + Σ t_i(q_i) + Σ v_i × ε_i(q_i)) + zero,     v_i = w - A_i(u),
 
@@ -83,12 +84,13 @@ class Design:
         chain: order of the axes from workpiece to tool: the rotations are unknowns too; empty: the
             translations only.
         effects: further columns, what a unit of each effect adds to each reading, m, shape (n, e);
-            none if None. With effects no readings are averaged, since an effect may tell repeats
-            apart.
+            none if None. With effects no readings are averaged, and the passes of a setup share
+            one zero, since an effect may act on single passes.
 
     Attributes:
         names: of the curves among the unknowns.
         arm: distance at which angles are counted in metres, so that all unknowns are of one size.
+        group: averaged row of each reading, shape (n,).
         tilt_setups: indices of the setups that have two angles.
         unseen: orthonormal directions of the unknowns that the readings do not tell, (p, r).
         degrees_of_freedom: readings minus determined unknowns.
@@ -111,15 +113,18 @@ class Design:
         self.tilt_setups = [i for i, setup in enumerate(observations.setups) if setup.diagonal]
         count = len(observations.displacement)
         self._effects = np.zeros((count, 0)) if effects is None else effects
-        self._group, self._first = (
-            observations.groups() if effects is None else (np.arange(count), np.arange(count))
-        )
+        if effects is None:
+            self._zero = observations.zeros()
+            self.group, self._first = observations.averaged()
+        else:
+            self._zero = observations.setup
+            self.group, self._first = np.arange(count), np.arange(count)
         known = observations.noise_known
-        single = 1.0 / observations.uncertainty**2 if known else np.ones(len(self._group))
-        self.weight: Vector = np.bincount(self._group, single).astype(np.float64)
-        self.mean: Vector = np.bincount(self._group, single * observations.excess) / self.weight
-        self._repeat_squares = float(
-            np.sum(single * (observations.excess - self.mean[self._group]) ** 2)
+        single = 1.0 / observations.uncertainty**2 if known else np.ones(count)
+        self.weight: Vector = np.bincount(self.group, single).astype(np.float64)
+        self.mean: Vector = np.bincount(self.group, single * observations.excess) / self.weight
+        self._repeat_squares, repeats = (
+            observations.pure_error(single) if effects is None else (0.0, 0)
         )
         self._setup = observations.setup[self._first]
         self._way = observations.way[self._first]
@@ -131,7 +136,8 @@ class Design:
         self._number_unknowns()
         self._columns, self._values = self._entries()
         self._factor()
-        self.degrees_of_freedom = len(self._group) - (self.count - self.unseen.shape[1])
+        determined = self.count - self.unseen.shape[1]
+        self.degrees_of_freedom = len(self._first) + repeats - determined
 
     def _number_unknowns(self) -> None:
         free = np.ones((len(self.names), self._size), dtype=bool)
@@ -139,14 +145,14 @@ class Design:
         for name in _FIXED_AT_END:
             free[self.names.index(name), -1] = False
         curves = int(np.count_nonzero(free))
-        setups, tilted = len(self.observations.setups), len(self.tilt_setups)
+        zeros, tilted = int(np.max(self._zero)) + 1, len(self.tilt_setups)
         effects = self._effects.shape[1]
-        self.count = curves + 2 * tilted + setups + effects
+        self.count = curves + 2 * tilted + zeros + effects
         # Curve values that are zero by definition share a column beyond the last, which is cut off.
         self.curve_column: Integers = np.full((len(self.names), self._size), self.count)
         self.curve_column[free] = np.arange(curves)
         self.tilt_column: Integers = curves + np.arange(2 * tilted).reshape(tilted, 2)
-        self.zero_column: Integers = curves + 2 * tilted + np.arange(setups)
+        self.zero_column: Integers = curves + 2 * tilted + np.arange(zeros)
         self.effect_column: Integers = self.count - effects + np.arange(effects)
 
     def _entries(self) -> tuple[Integers, Vector]:
@@ -176,7 +182,7 @@ class Design:
             here = self._setup == setup
             columns[here, curves : curves + 2] = self.tilt_column[row]
             values[here, curves : curves + 2] = self._way[here] @ self._pairs[row].T / self.arm
-        columns[:, curves + 2] = self.zero_column[self._setup]
+        columns[:, curves + 2] = self.zero_column[self._zero[self._first]]
         values[:, curves + 2] = 1.0
         columns[:, curves + 3 :] = self.effect_column
         values[:, curves + 3 :] = self._effects[self._first]
@@ -377,7 +383,7 @@ class Design:
         )
         if len(self.effect_column):
             excess = excess + unknowns[..., self.effect_column] @ self._effects[self._first].T
-        return excess + unknowns[..., self.zero_column[self._setup]]
+        return excess + unknowns[..., self.zero_column[self._zero[self._first]]]
 
     def _turn(self, unknowns: Vector) -> Vector:
         """Return what the tilts change of each setup's direction, shape (..., setups, 3)."""
@@ -408,11 +414,38 @@ class Design:
         hidden = np.linalg.norm(self.unseen[self.tilt_column], axis=-1)
         return np.where(hidden <= 1e-6, 1.0, np.nan)
 
-    def tilt_uncertainty(self) -> Vector:
-        """Return the standard uncertainties of the tilts for unit scale, rad; NaN where unknown."""
-        variance = np.diag(self.covariance)[self.tilt_column]
-        uncertainty: Vector = self.tilt_known * np.sqrt(variance) / self.arm
-        return uncertainty
+    def tilt_covariance(self) -> Vector:
+        """Return the covariance of the tilts for unit scale, rad², shape (2m, 2m) for m setups."""
+        place = self.tilt_column.reshape(-1)
+        covariance: Vector = self.covariance[np.ix_(place, place)] / self.arm**2
+        return covariance
+
+    def tilt_readings(self) -> Vector:
+        """Return what each tilt adds to each reading, m/rad, shape (n, 2 · diagonal setups)."""
+        way, setup = self.observations.way, self.observations.setup
+        columns = [
+            np.where((setup == number)[:, None], way @ self._pairs[row].T, 0.0)
+            for row, number in enumerate(self.tilt_setups)
+        ]
+        return np.column_stack(columns) if columns else np.zeros((len(way), 0))
+
+    def of_curves(self, unknowns: Vector) -> Vector:
+        """Return the stacked curve values of changes of the unknowns, m and rad.
+
+        Args:
+            unknowns: shape (p, k).
+
+        Returns:
+            shape (c(N+1), k).
+        """
+        padded = np.concatenate([unknowns, np.zeros((1, unknowns.shape[1]))])
+        curves: Vector = padded[self.curve_column.reshape(-1)] / self.curve_scale[:, None]
+        return curves
+
+    def of_tilts(self, unknowns: Vector) -> Vector:
+        """Return the tilts of changes of the unknowns, rad, shape (2 · diagonal setups, k)."""
+        tilts: Vector = unknowns[self.tilt_column.reshape(-1)] / self.arm
+        return tilts
 
     def curve_covariance(self) -> Vector:
         """Return the covariance of the stacked curves for unit scale, in their units."""

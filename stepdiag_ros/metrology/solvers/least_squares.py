@@ -2,22 +2,28 @@
 
 Unknowns: the nine translational curves, free at every node; two angles for every step-diagonal
     setup; one
-zero for every setup. A mirror is set to return the beam, so both are taken to be turned together:
+zero for every pass. A mirror is set to return the beam, so both are taken to be turned together:
 the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
 the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
 linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
-Angular errors of the machine are not in this model; ``rigid_body`` has them too.
+Rotations of the axes are random functions of a size that the readings tell (``rotations``): those
+that the readings show are taken out, and what they do not show is in the uncertainties, as large as
+is plausible. ``rigid_body`` has the rotations as free curves instead.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.solvers.design import Design, Fit
+from stepdiag_ros.metrology.solvers.lengths import by_lengths
+from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.solvers.rotations import rotation_remarks, turned, with_rotations
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
@@ -25,9 +31,6 @@ from stepdiag_ros.metrology.solvers.summary import (
     shape_determined,
 )
 from stepdiag_ros.metrology.solvers.verdicts import DETERMINED, Verdicts
-
-_SIGNIFICANT = 2.3263
-"""Standard normal quantile of p = 0.01, one-sided."""
 
 
 def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
@@ -43,74 +46,102 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
-    return solve_design("least_squares", Design(observe(measurement)), measurement.chain)
+    observations = observe(measurement)
+    both = turned(measurement, observations)
+    design, fit, rotations = both.design, both.fit, both.rotations
+    remarks = _noise_remarks(design, rotations.noise_factor)
+    remarks += rotation_remarks(measurement, rotations)
+    if design.unseen.shape[1] == 0 and design.tilt_setups:
+        remarks.extend(_large_tilts(design, fit))
+    unseen = design.curves_unseen()
+    scale = design.of_curves(both.by_lengths)
+    covariance = rotations.noise_factor * design.curve_covariance() + scale @ scale.T
+    estimate = with_rotations(fit.curves, covariance, unseen, both, both.change, predicted=True)
+    known = observations.noise_known and design.degrees_of_freedom > 0
+    return make_result(
+        "least_squares",
+        observations.volume,
+        estimate,
+        [setup.line for setup in observations.setups],
+        observations.lines,
+        _tilt_figures(design, both.tilts, both.tilt_covariance),
+        fit.squares - rotations.explained if known else float("nan"),
+        design.degrees_of_freedom,
+        _not_determined(observations, estimate),
+        remarks,
+        chain=measurement.chain,
+        shown=TRANSLATIONS,
+        by_readings=covariance + both.scatter(),
+    )
 
 
-def solve_design(method: str, design: Design, chain: str) -> VolumetricErrors:
-    """Return the weighted least-squares result of a design, of translations or of all errors.
+def solve_design(method: str, design: Design, plausible: Plausible) -> VolumetricErrors:
+    """Return the weighted least-squares result of a design of all eighteen curves.
 
     Args:
         method: name of the solver.
         design: of the readings.
-        chain: of the machine; empty if not known.
+        plausible: what may act although no reading shows it; the rotations are free here.
     """
     observations = design.observations
     fit = design.fit()
     freedom = design.degrees_of_freedom
-    remarks: list[str] = []
-    factor = 1.0
-    chi_squared = float("nan")
-    if not observations.noise_known:
-        factor = fit.squares / freedom if freedom > 0 else float("nan")
-        remarks.append(
-            "The readings have no uncertainty, and no degree of freedom is left to estimate one: "
-            "uncertainties are unknown."
-            if freedom == 0
-            else f"The readings have no uncertainty: {np.sqrt(factor) * 1e6:.3g} µm was estimated "
-            f"from the residuals ({freedom} degrees of freedom)."
-        )
-    elif freedom == 0:
-        remarks.append(
-            "No degree of freedom is left: these lines cannot show a disagreement with the model."
-        )
-    else:
-        chi_squared = fit.squares
-        if exceeds_chance(chi_squared, freedom):
-            factor = chi_squared / freedom
-            remarks.append(
-                f"The residuals are {np.sqrt(factor):.3g} times larger than the readings' "
-                f"uncertainties explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the "
-                "model. All uncertainties were multiplied by this factor."
-            )
-            if chain and not design.chain:
-                remarks.append(
-                    "Angular errors of the machine are not in this model: see whether the method "
-                    "rigid_body, which has them, explains the readings."
-                )
+    factor = noise_factor(fit.squares, freedom, observations.noise_known)
+    remarks = _noise_remarks(design, factor)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
+    lengths = by_lengths(design, plausible)
+    scale, turn = design.of_curves(lengths), design.of_tilts(lengths)
+    known = design.tilt_known.reshape(-1)
     estimate = CurveEstimate(
         fit.curves,
-        factor * design.curve_covariance(),
+        factor * design.curve_covariance() + scale @ scale.T,
         design.curves_unseen(),
         design.names,
         design.arm,
     )
-    words = _not_told(design) if design.chain else _not_determined(observations, estimate)
     return make_result(
         method,
         observations.volume,
         estimate,
         [setup.line for setup in observations.setups],
         observations.lines,
-        _tilt_figures(design, fit, factor),
-        chi_squared,
+        _tilt_figures(
+            design,
+            known * fit.tilts.reshape(-1),
+            (factor * design.tilt_covariance() + turn @ turn.T) * np.outer(known, known),
+        ),
+        fit.squares if observations.noise_known and freedom > 0 else float("nan"),
         freedom,
-        words,
+        _not_told(design),
         remarks,
-        frame=f"{FRAME}; {REFERENCE_POINT}" if design.chain else FRAME,
+        frame=f"{FRAME}; {REFERENCE_POINT}",
         chain=design.chain,
     )
+
+
+def _noise_remarks(design: Design, factor: float) -> list[str]:
+    """Say where the noise was taken from, and whether the residuals are larger than it."""
+    freedom = design.degrees_of_freedom
+    if not design.observations.noise_known:
+        return [
+            "The readings have no uncertainty, and no degree of freedom is left to estimate one: "
+            "uncertainties are unknown."
+            if not np.isfinite(factor)
+            else f"The readings have no uncertainty: {np.sqrt(factor) * 1e6:.3g} µm was estimated "
+            f"from the residuals ({freedom} degrees of freedom)."
+        ]
+    if freedom == 0:
+        return [
+            "No degree of freedom is left: these lines cannot show a disagreement with the model."
+        ]
+    if factor > 1.0:
+        return [
+            f"The residuals are {np.sqrt(factor):.3g} times larger than the readings' "
+            f"uncertainties explain (χ²/dof = {factor:.3g}, p < 0.01): something is not in the "
+            "model. All uncertainties were multiplied by this factor."
+        ]
+    return []
 
 
 def _not_told(design: Design) -> list[str]:
@@ -118,13 +149,6 @@ def _not_told(design: Design) -> list[str]:
     return [
         f"{row.name}: {row.words}." for row in Verdicts(design).rows() if row.status != DETERMINED
     ]
-
-
-def exceeds_chance(chi_squared: float, freedom: int) -> bool:
-    """Say whether χ² is too large for chance, p < 0.01 (Wilson & Hilferty 1931, any dof ≥ 1)."""
-    spread = 2.0 / (9.0 * freedom)
-    normal = (np.cbrt(chi_squared / freedom) - (1.0 - spread)) / np.sqrt(spread)
-    return bool(normal > _SIGNIFICANT)
 
 
 def _large_tilts(design: Design, fit: Fit) -> list[str]:
@@ -139,25 +163,24 @@ def _large_tilts(design: Design, fit: Fit) -> list[str]:
     ]
 
 
-def _tilt_figures(design: Design, fit: Fit, factor: float) -> list[Figure]:
+def _tilt_figures(design: Design, tilts: Vector, covariance: Vector) -> list[Figure]:
     """Return both angles of each step-diagonal setup along ``forward.perpendiculars``, rad."""
-    uncertainty = np.sqrt(factor) * design.tilt_uncertainty()
-    return [
-        Figure(
-            f"tilt {design.observations.setups[setup].name} {which + 1}",
-            float(fit.tilts[row, which]) if np.isfinite(design.tilt_known[row, which]) else np.nan,
-            float(uncertainty[row, which]),
-            "rad",
-        )
-        for row, setup in enumerate(design.tilt_setups)
+    names = [
+        f"tilt {design.observations.setups[setup].name} {which + 1}"
+        for setup in design.tilt_setups
         for which in range(2)
+    ]
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return [
+        Figure(name, float(value), float(uncertainty), "rad")
+        for name, value, uncertainty in zip(names, tilts, spread, strict=True)
     ]
 
 
 def _not_determined(observations: Observations, estimate: CurveEstimate) -> list[str]:
     """Say in words what the lines cannot tell."""
     size = observations.volume.blocks + 1
-    known = estimate.curves_determined().reshape(9, size)
+    known = estimate.curves_determined()[: 9 * size].reshape(9, size)
     shape_only, partly, nothing = [], [], []
     for row, name in enumerate(TRANSLATIONS):
         if np.all(known[row]):

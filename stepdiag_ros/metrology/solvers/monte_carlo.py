@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.linear import LinearMap, noise_of
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations, observe
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
+from stepdiag_ros.metrology.solvers.rotations import turned
 from stepdiag_ros.metrology.solvers.setup_robust import setup_robust_map
 
 _CHUNK = 2_000_000
@@ -89,29 +90,43 @@ class LeastSquaresEstimator:
     """Least squares with the exact model of the setups.
 
     Args:
-        observations: the readings.
-        chain: order of the axes, to estimate the rotations too; empty for translations only.
+        measurement: the finished lines.
+        observations: the readings of it.
+        rotations: estimate the nine rotations as free curves too; if not, they are random functions
+            beside the translations, as ``least_squares`` has them.
     """
 
     models_cosine = True
 
-    def __init__(self, observations: Observations, chain: str = "") -> None:
+    def __init__(
+        self, measurement: Measurement, observations: Observations, rotations: bool
+    ) -> None:
         self.observations = observations
-        self._design = Design(observations, chain)
+        self._turned = None if rotations else turned(measurement, observations)
+        self._design = (
+            Design(observations, measurement.chain) if self._turned is None else self._turned.design
+        )
         self.names = self._design.names
-        group, first = observations.groups()
+        group = self._design.group
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(len(group))
         # Readings of one place and setup act through their weighted mean alone.
         self._share = single / self._design.weight[group]
-        self._group, self._groups = group, len(first)
+        self._group, self._groups = group, len(self._design.weight)
         unseen = np.linalg.norm(self._design.curves_unseen(), axis=1)
         self._unknown = unseen > 1e-6
 
     def solution(self) -> Vector:
         """Return the stacked curves of the readings themselves; see ``Estimator``."""
-        found: Vector = np.where(self._unknown, np.nan, self._design.fit().curves)
+        found: Vector = np.where(self._unknown, np.nan, self._solved(self._design.mean, None))
         return found
+
+    def _solved(self, means: Vector, given: Vector | None) -> Vector:
+        fit = self._design.fit(given)
+        if self._turned is None:
+            return fit.curves
+        curves: Vector = fit.curves + self._turned.predicted(means - fit.fitted)
+        return curves
 
     def curves(self, excess: Vector) -> Vector:
         """Return the stacked curves of many sets of readings; see ``Estimator``."""
@@ -125,7 +140,7 @@ class LeastSquaresEstimator:
         rows = max(1, _CHUNK // (9 * self._groups))
         for start in range(0, len(means), rows):
             part = slice(start, start + rows)
-            curves[part] = self._design.fit(means[part]).curves
+            curves[part] = self._solved(means[part], means[part])
         curves[:, self._unknown] = np.nan
         return curves
 
@@ -180,27 +195,27 @@ METHODS = (*LINEAR_MAPS, "least_squares", "rigid_body")
 
 
 def estimator(
-    observations: Observations, method: str, chain: str = ""
+    measurement: Measurement, observations: Observations, method: str
 ) -> LinearEstimator | LeastSquaresEstimator:
     """Return a method made ready for many sets of readings.
 
     Args:
-        observations: the readings.
+        measurement: the finished lines; ``rigid_body`` needs their chain.
+        observations: the readings of it.
         method: one of ``METHODS``.
-        chain: order of the machine's axes; ``rigid_body`` needs it.
 
     Raises:
         NotDeterminable: the lines are not enough for this method, or the chain is not known.
         ValueError: no such method.
     """
     if method == "least_squares":
-        return LeastSquaresEstimator(observations)
+        return LeastSquaresEstimator(measurement, observations, rotations=False)
     if method == "rigid_body":
-        if not chain:
+        if not measurement.chain:
             raise NotDeterminable(
                 "needs the kinematic chain of the machine, which is not known for this measurement"
             )
-        return LeastSquaresEstimator(observations, chain)
+        return LeastSquaresEstimator(measurement, observations, rotations=True)
     if method in LINEAR_MAPS:
         return LinearEstimator(observations, LINEAR_MAPS[method](observations))
     raise ValueError(f"'{method}' is no method for this; use one of {', '.join(METHODS)}")
@@ -234,7 +249,7 @@ def replicate(
         raise ValueError(f"count is {count}; expected 1 or more replicates")
     observations = observe(measurement)
     rng = np.random.default_rng(seed)
-    solver = estimator(observations, method, measurement.chain)
+    solver = estimator(measurement, observations, method)
     if isinstance(solver, LeastSquaresEstimator):
         # Weights are 1/u² where the noise is known and plain counts of repeats where it is not.
         return solver.noisy(

@@ -108,24 +108,74 @@ class Observations:
             index of each reading's group, shape (n,), and the first reading of each group, shape
             (groups,).
         """
+        return self._grouped(self.setup)
+
+    def _grouped(self, key: Integers) -> tuple[Integers, Integers]:
         size = self.volume.blocks + 2
-        key = self.setup
         for axis in range(3):
             key = key * size + self.node[:, axis] + 1
         _, first, group = np.unique(key, return_index=True, return_inverse=True)
         return group.reshape(-1), first
 
+    def zeros(self) -> Integers:
+        """Return the zero that each reading shares, as an index from 0, shape (n,).
+
+        The zero of a laser wanders by 0.1 to 0.2 µm from pass to pass, so every pass has a free
+        zero of its own. Passes of a setup that stop at the same nodes with the same weights may be
+        averaged first, which leaves one zero for the mean pass: their own zeros change nothing but
+        the scatter about it.
+        """
+        starts = np.flatnonzero(np.diff(self.passes, prepend=-1))
+        keys: dict[tuple[int, bytes], int] = {}
+        zero = np.empty(len(starts), dtype=np.int64)
+        for number, rows in enumerate(np.split(np.arange(len(self.passes)), starts[1:])):
+            place = np.lexsort(self.node[rows].T)
+            weight = self.uncertainty[rows][place]
+            ratio = np.round(weight / weight[0], 9) if self.noise_known else weight[:0]
+            alike = self.node[rows][place].tobytes() + ratio.tobytes()
+            key = (int(self.setup[rows[0]]), alike)
+            zero[number] = keys.setdefault(key, len(keys))
+        shared: Integers = np.repeat(zero, np.diff(starts, append=len(self.passes)))
+        return shared
+
+    def averaged(self) -> tuple[Integers, Integers]:
+        """Group readings of the same zero at the same nodes, which may be averaged.
+
+        Returns:
+            as ``groups``.
+        """
+        return self._grouped(self.zeros())
+
+    def pass_scatter(self, weight: Vector) -> tuple[Vector, int]:
+        """Return what is left of the readings beyond their averaged places and their passes' zeros.
+
+        Args:
+            weight: of each reading, shape (n,): 1/u².
+
+        Returns:
+            residuals, m, shape (n,), and their degrees of freedom.
+        """
+        group, first = self.averaged()
+        _, pass_of = np.unique(self.passes, return_inverse=True)
+        pass_of = pass_of.reshape(-1)
+        left = self.displacement
+        for cell in (group, pass_of):
+            mean = np.bincount(cell, weight * left) / np.bincount(cell, weight)
+            left = left - mean[cell]
+        further = int(pass_of[-1]) + 1 - len(np.unique(self.zeros()))
+        return left, len(group) - len(first) - further
+
     def pure_error(self, weight: Vector | None = None) -> tuple[float, int]:
         """Return sum of squares (m²) and degrees of freedom of the repeats within groups.
+
+        A pass's own zero is no part of it.
 
         Args:
             weight: of each reading, shape (n,): 1/u² makes χ² of the sum; all alike if None.
         """
-        group, first = self.groups()
-        weight = np.ones(len(group)) if weight is None else weight
-        mean = np.bincount(group, weight * self.displacement) / np.bincount(group, weight)
-        squares = weight * (self.displacement - mean[group]) ** 2
-        return float(np.sum(squares)), len(group) - len(first)
+        weight = np.ones(len(self.setup)) if weight is None else weight
+        left, freedom = self.pass_scatter(weight)
+        return float(np.sum(weight * left**2)), freedom
 
 
 def observe(measurement: Measurement) -> Observations:

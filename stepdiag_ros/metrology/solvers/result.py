@@ -54,6 +54,8 @@ class VolumetricErrors:
             the rotations are not among ``curves`` but are known to be so large and to have done so
             much to them: their second moments, and how they go with the errors of the curves; empty
             if not known.
+        readings_covariance: the part of ``covariance`` by the readings' noise alone, which scatters
+            from one measurement of the same machine to the next; the rest stays the same.
     """
 
     method: str
@@ -69,6 +71,9 @@ class VolumetricErrors:
     covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
     frame: str = FRAME
     turned_covariance: Vector = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
+    )
+    readings_covariance: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
 

@@ -36,6 +36,7 @@ def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
     observations = observe(measurement)
     return apply(
         "setup_robust",
+        measurement,
         observations,
         setup_robust_map(observations),
         (*DIAGONALS, "x", "y", "z"),

@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
+    CURVES,
     FRAME,
     ROTATIONS,
     TRANSLATIONS,
@@ -55,6 +56,17 @@ class CurveEstimate:
         size = len(self.values) // len(self.names)
         start = self.names.index(name) * size
         return slice(start, start + size)
+
+    def first(self, names: Sequence[str]) -> "CurveEstimate":
+        """Return the estimate of the first curves alone, which these names are."""
+        end = self.place(names[-1]).stop
+        return CurveEstimate(
+            self.values[:end],
+            self.covariance[:end, :end],
+            self.unseen[:end],
+            tuple(names),
+            self.arm,
+        )
 
     @property
     def scale(self) -> Vector:
@@ -106,7 +118,11 @@ def slope_weights(nodes: Vector) -> Vector:
 
 
 def common_figures(
-    volume: Volume, estimate: CurveEstimate, lines: Sequence[str], chain: str = ""
+    volume: Volume,
+    estimate: CurveEstimate,
+    lines: Sequence[str],
+    chain: str = "",
+    shown: Sequence[str] | None = None,
 ) -> tuple[Figure, ...]:
     """Return squareness, positioning, straightness and the measured body diagonals.
 
@@ -118,7 +134,8 @@ def common_figures(
     Where the estimate holds rotations, ``angular E_AX`` and its like are their ranges (rad),
     ``angular-shape E_AX`` and its like those of the deviations from their least-squares lines,
     which are often determined where the slope is not; and a diagonal's displacement has the levers
-    of the rotations in it, which need the ``chain``.
+    of the rotations in it, which need the ``chain``. ``shown`` leaves out the angular figures of
+    other curves than these.
     """
     nodes = [volume.nodes(axis) for axis in range(3)]
     place = {name: estimate.place(name) for name in estimate.names}
@@ -150,7 +167,7 @@ def common_figures(
         shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
     known = estimate.curves_determined()
     for curve in estimate.names:
-        if curve in ROTATIONS:
+        if curve in ROTATIONS and (shown is None or curve in shown):
             values = estimate.values[place[curve]]
             row = add(f"angular {curve}", "rad")[place[curve]]
             row[np.argmax(values)] += 1.0
@@ -219,6 +236,8 @@ def make_result(
     remarks: Sequence[str] = (),
     frame: str = FRAME,
     chain: str = "",
+    shown: Sequence[str] | None = None,
+    by_readings: Vector | None = None,
 ) -> VolumetricErrors:
     """Return the result of a solver: NaN wherever the estimate is not determined.
 
@@ -235,7 +254,15 @@ def make_result(
         remarks: in words.
         frame: of the curves, in words.
         chain: of the machine; needed where the estimate holds rotations.
+        shown: the first curves of the estimate, which are given; all if None.
+        by_readings: covariance of these curves by the readings' noise alone; all of it if None.
     """
+    figures = common_figures(volume, estimate, lines, chain, shown)
+    turned = np.empty((0, 0))
+    if shown is not None:
+        if estimate.names == CURVES:
+            turned = _second_moments(estimate, len(shown))
+        estimate = estimate.first(shown)
     known = estimate.curves_determined()
     values = np.where(known, estimate.values, np.nan)
     covariance = estimate.covariance
@@ -248,7 +275,7 @@ def make_result(
         nodes=(volume.nodes(0), volume.nodes(1), volume.nodes(2)),
         curves={name: values[place[name]] for name in place},
         standard_uncertainty={name: uncertainty[place[name]] for name in place},
-        figures=(*common_figures(volume, estimate, lines, chain), *setup_figures),
+        figures=(*figures, *setup_figures),
         lines=line_count,
         chi_squared=chi_squared,
         degrees_of_freedom=degrees_of_freedom,
@@ -256,4 +283,14 @@ def make_result(
         remarks=tuple(remarks),
         covariance=covariance,
         frame=frame,
+        readings_covariance=covariance if by_readings is None else by_readings,
+        turned_covariance=turned,
     )
+
+
+def _second_moments(estimate: CurveEstimate, shown: int) -> Vector:
+    """Return the covariance of all curves, with the mean squares of those that are not shown."""
+    start = estimate.place(estimate.names[shown]).start
+    moments: Vector = estimate.covariance.copy()
+    moments[start:, start:] += np.outer(estimate.values[start:], estimate.values[start:])
+    return moments

@@ -100,7 +100,7 @@ def sensitivity(measurement: Measurement, method: str = "least_squares") -> Sens
         ValueError: no such method, or the lines contradict the volume or each other.
     """
     observations = observe(measurement)
-    ready = estimator(observations, method, measurement.chain)
+    ready = estimator(measurement, observations, method)
     stacked = ready.solution()
     known = np.isfinite(stacked)
     by_reading = np.nan_to_num(ready.jacobian())

@@ -15,8 +15,8 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
 )
 from stepdiag_ros.metrology.plausible import MODES, modes, rotation_readings
-from stepdiag_ros.metrology.solvers.least_squares import exceeds_chance
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
+from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 from stepdiag_ros.metrology.standards.length_effects import rotation_effects
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.length_sources import (

@@ -1,0 +1,247 @@
+"""What scatters in every run and is no effect: the zero of each pass, and rotations of all axes.
+
+Such things have no single size to be found, only a typical one. They enter the baseline as free
+values that are known to be small: each is one more column, and one more observation of zero with
+the typical size as its standard uncertainty. The sizes themselves come from the run, by the
+evidence (restricted maximum likelihood; Patterson & Thompson 1971, Biometrika 58, 545):
+
+    ln p(r) = -½ ln|1 + D S D| + ½ (D b)ᵀ (1 + D S D)⁻¹ (D b) + const,    S = Zᵀ Z,  b = Zᵀ r,
+
+with r the gap and Z the columns, both in units of the noise and beyond all that is free, and D the
+sizes on the diagonal.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened
+from stepdiag_ros.metrology.discrepancy.findings import Candidate, Loose
+from stepdiag_ros.metrology.discrepancy.patterns import patterns
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.plausible import ORDINARY, rotation_readings
+
+LARGEST_WANDER = 0.3e-6
+"""m: a zero that scatters by more from pass to pass is no ordinary scatter but an effect."""
+LARGEST_INCLINATION = 0.15e-6
+"""m: the same of what a pass gains or loses from its middle to its end."""
+_WANDERS = (0.03e-6, 0.05e-6, 0.07e-6, 0.1e-6, 0.14e-6, 0.2e-6, 0.28e-6, 0.4e-6, 0.8e-6)
+_WORTH = 2.0
+"""Evidence that a scatter must gain to be taken for one."""
+_TRIED = 9.0
+"""Evidence that a shape loses for the some ten thousand that were tried."""
+_PASS = {"repeat"}
+"""Keys of a setting that ties an effect to one pass."""
+_LEVEL = 1e-5
+"""Chance at which candidates are told from scatter that few passes tell the size of."""
+_SIZES = 40
+_DRAWS = 4000
+_RANK_LIMIT = 1e-9
+
+
+def loosened(baseline: Baseline, stops: Stops, loose: Loose) -> Baseline:
+    """Return a baseline with what scatters in a run among its free values."""
+    zeros, slopes = pass_shapes(stops)
+    parts = [(zeros, loose.zero), (slopes, loose.slope)]
+    if loose.rotation:
+        parts.append((rotation_columns(stops), loose.rotation))
+    for columns, size in parts:
+        if size:
+            baseline = baseline.with_loose(columns[baseline.good], size)
+    return baseline
+
+
+def pass_shapes(stops: Stops) -> tuple[Vector, Vector]:
+    """Return the zero of each pass and its straight change from -1 to 1, shape (n, passes) each."""
+    passes = (stops.pass_index[:, None] == np.arange(len(stops.lines))).astype(np.float64)
+    length = np.bincount(stops.pass_index, minlength=len(stops.lines))
+    along = 2.0 * stops.number / np.maximum(length[stops.pass_index] - 1, 1) - 1.0
+    return passes, passes * along[:, None]
+
+
+def rotation_columns(stops: Stops) -> Vector:
+    """Return what each mode of each rotation adds to the readings, m/rad; see ``plausible``.
+
+    Raises:
+        ValueError: the chain is not known.
+    """
+    return rotation_readings(stops.share, stops.direction, np.stack(stops.arms, axis=1))
+
+
+def _free(stops: Stops, candidates: Sequence[Candidate]) -> Vector:
+    parts = [one.free(stops) for one in candidates]
+    return np.column_stack([np.zeros((len(stops.time), 0)), *parts])
+
+
+def _left(problem: Whitened, columns: Vector) -> Vector:
+    """Return what the baseline cannot follow of columns of all stops, whitened."""
+    return problem.projected(problem.of(columns[problem.baseline.good]))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """S and b of columns beyond all that is free."""
+
+    products: Vector
+    parts: Vector
+
+    @classmethod
+    def of(cls, problem: Whitened, columns: Vector, span: Vector) -> "_Problem":
+        """Make it of columns of all stops, m, beyond orthonormal ones that are free beside it."""
+        left = _left(problem, columns)
+        left = left - span @ (span.T @ left)
+        return cls(left.T @ left, left.T @ problem.gap)
+
+    def evidence(self, sizes: Vector) -> float:
+        """Return ln p of sizes of the columns against that of none."""
+        scaled = np.eye(len(sizes)) + sizes[:, None] * self.products * sizes
+        factor = np.linalg.cholesky(scaled)
+        pulled = np.linalg.solve(factor, sizes * self.parts)
+        return float(0.5 * pulled @ pulled - np.sum(np.log(np.diag(factor))))
+
+
+def _span(columns: Vector) -> Vector:
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if not columns.shape[1]:
+        return columns
+    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    span: Vector = left[:, values > _RANK_LIMIT**0.5 * values[0]]
+    return span
+
+
+def estimate_wander(
+    problem: Whitened, stops: Stops, candidates: Sequence[Candidate], noise_freedom: float
+) -> Loose:
+    """Return how the zero scatters from pass to pass beside what was found.
+
+    Only repeats tell it: what passes of one setup in one direction do not share. It is a scatter
+    only if no few shapes explain it better, such as a growth with time or one jump. Effects of
+    single passes, with which any scatter can be imitated, do not count as found.
+
+    Few passes tell the size of a scatter badly. It is enlarged, so that what is told from it by a
+    normal distribution is told as seldom by chance as it should be (Student's distribution).
+
+    Args:
+        problem: whitened, without any scatter of passes in its baseline.
+        stops: of the run.
+        candidates: effects that were found, their sizes free.
+        noise_freedom: degrees of freedom of the noise.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    candidates = [one for one in candidates if _PASS.isdisjoint(one.setting)]
+    zeros, slopes = pass_shapes(stops)
+    kinds = _kinds(stops)
+    shared = np.column_stack([zeros @ kinds, slopes @ kinds])
+    freedom = len(kinds) - kinds.shape[1]
+    if freedom < 1:
+        return Loose()
+    span = _span(_left(problem, _free(stops, candidates)))
+    both = _span(np.column_stack([span, _left(problem, shared)]))
+    made = _Problem.of(problem, np.column_stack([zeros, slopes]), both)
+    best, sizes = _WORTH, (0.0, 0.0)
+    for zero in (0.0, *_WANDERS):
+        for slope in (0.0, *_WANDERS):
+            found = made.evidence(np.repeat([zero, slope], len(kinds)))
+            if found > best:
+                best, sizes = found, (zero, slope)
+    gap = problem.gap - both @ (both.T @ problem.gap)
+    if sizes[0] > LARGEST_WANDER or sizes[1] > LARGEST_INCLINATION:
+        return Loose()
+    if not any(sizes) or _shape_evidence(problem, gap, both, stops, noise_freedom) > best:
+        return Loose()
+    wider = float(stdtrit(max(freedom, 3), _LEVEL) / ndtri(_LEVEL))
+    return Loose(zero=wider * sizes[0], slope=wider * sizes[1])
+
+
+def _kinds(stops: Stops) -> Vector:
+    """Return which passes are repeats of one another, shape (passes, kinds)."""
+    setup = [int(stops.setup[stops.pass_index == index][0]) for index in range(len(stops.lines))]
+    keys = [
+        (number, line.order, line.direction)
+        for number, line in zip(setup, stops.lines, strict=True)
+    ]
+    kinds = list(dict.fromkeys(keys))
+    return np.array([[key == kind for kind in kinds] for key in keys], dtype=np.float64)
+
+
+def _shape_evidence(
+    problem: Whitened, gap: Vector, span: Vector, stops: Stops, noise_freedom: float
+) -> float:
+    """Return the evidence for what a gap looks like, by single shapes (``patterns``)."""
+    best = total = 0.0
+    for one in patterns(problem, gap, span, stops, noise_freedom):
+        total += 0.5 * (one.gain - max(len(one.lines), 1) * np.log(len(gap))) - _TRIED
+        best = max(best, total)
+    return best
+
+
+@dataclass(frozen=True)
+class RotationTest:
+    """Whether several axes turn: rotations of all of them against none.
+
+    Attributes:
+        size: of the rotations by the evidence, rad.
+        standard_uncertainty: of that, rad.
+        evidence: ln p of it against that of no rotation.
+        gain: what χ² loses by free rotations.
+        columns: number of independent sums of rotations that the run shows.
+        p_value: chance of such evidence where no axis turns.
+    """
+
+    size: float
+    standard_uncertainty: float
+    evidence: float
+    gain: float
+    columns: int
+    p_value: float
+
+
+def judge_rotations(
+    problem: Whitened, stops: Stops, candidates: Sequence[Candidate], seed: int
+) -> RotationTest:
+    """Test a run for rotations of all axes.
+
+    Args:
+        problem: whitened, without rotations in its baseline.
+        stops: of the run, its chain known.
+        candidates: effects that were found, their sizes free.
+        seed: of the draws that tell what chance does.
+    """
+    span = _span(_left(problem, _free(stops, candidates)))
+    made = _Problem.of(problem, rotation_columns(stops), span)
+    values, vectors = np.linalg.eigh(made.products)
+    seen = values > _RANK_LIMIT * values[-1]
+    values, parts = values[seen], (vectors.T @ made.parts)[seen]
+    sizes = ORDINARY.rotation * np.geomspace(1e-2, 30.0, _SIZES)
+    spread = 1.0 + sizes[:, None] ** 2 * values
+    share = sizes[:, None] ** 2 / spread
+    cost = 0.5 * np.sum(np.log(spread), axis=1)
+    evidence = 0.5 * share @ parts**2 - cost
+    best = int(np.argmax(evidence))
+    draws = np.random.default_rng(seed).standard_normal((_DRAWS, len(values)))
+    luck = np.max(0.5 * (draws**2 * values) @ share.T - cost, axis=1)
+    weight = np.exp(evidence - evidence[best])
+    weight /= np.sum(weight)
+    mean = float(weight @ sizes)
+    return RotationTest(
+        size=float(sizes[best]),
+        standard_uncertainty=float(np.sqrt(weight @ (sizes - mean) ** 2)),
+        evidence=float(evidence[best]),
+        gain=float(np.sum(parts**2 / values)),
+        columns=len(values),
+        p_value=_tail(luck, float(evidence[best])),
+    )
+
+
+def _tail(luck: Vector, found: float) -> float:
+    """Return the share of draws beyond a value; beyond all of them as their exponential tail."""
+    ordered = np.sort(luck)
+    start = float(ordered[int(0.95 * len(ordered))])
+    if found <= start:
+        return float(np.mean(luck >= found))
+    slope = float(np.mean(ordered[ordered > start] - start))
+    return float(0.05 * np.exp(-(found - start) / slope))

@@ -1,0 +1,346 @@
+"""Rotations of the axes as random functions beside a translations-only least squares.
+
+The readings left by the nine free curves, angles and zeros are r = Z c + e: c the rotations' modes
+(``plausible``) with variance s², e the noise. From S = Zᵀ Z and b = Zᵀ r, with Z and r in units of
+the noise and beyond all that is free, follow the evidence for each s and, given s, the mean and the
+covariance of c (best linear unbiased prediction; Robinson 1991, Statistical Science 6, 15):
+
+    c = (S + 1/s²)⁻¹ b,     cov c = (S + 1/s²)⁻¹,
+    ln p(r | s) = -½ Σ ln(1 + s² λ) + ½ Σ (v·b)² s² / (1 + s² λ) + const,    S v = λ v.
+
+Results are averaged over s by its evidence times what is plausible.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.metrology.forward import levers
+from stepdiag_ros.metrology.geometry import CHAINS, CURVES, ROTATIONS, Vector
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plausible import modes, rotation_readings
+from stepdiag_ros.metrology.solvers.design import Design, Fit
+from stepdiag_ros.metrology.solvers.lengths import by_lengths
+from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
+from stepdiag_ros.metrology.solvers.observations import Observations
+from stepdiag_ros.metrology.solvers.summary import CurveEstimate
+
+SHOWN = 0.01
+"""Chance of a gain below which a run is said to show rotations."""
+_SIZES = 60
+_SMALLEST, _LARGEST = 1e-3, 30.0
+"""Sizes s that are averaged over, as multiples of the plausible one."""
+_STUDENT = 4.0
+"""Degrees of freedom of the plausible size's distribution."""
+_RANK_LIMIT = 1e-9
+"""Share of the largest eigenvalue of S below which the readings show nothing of a direction."""
+
+
+@dataclass(frozen=True)
+class Rotations:
+    """What a run tells of the rotations, and what they may be beyond that.
+
+    Attributes:
+        readings: what each mode adds to the averaged readings, m/rad, shape (groups, k).
+        information: of the modes' factors beyond all that is free, 1/rad², shape (k, k).
+        shrinkage: from the pull of the residuals on each mode to its factor, rad m, shape (k, k).
+        mean: of the modes' factors, rad, shape (k,).
+        covariance: of them, rad², shape (k, k).
+        noise_factor: χ² per degree of freedom of what no rotation explains, where it is more than
+            chance, or the variance of a reading where that is not known; NaN: nothing tells it.
+        explained: what rotations of the sizes that are averaged over take from χ², in its units.
+        gain: what χ², in units of the noise, loses by free rotations.
+        seen: number of independent sums of the rotations that the readings show.
+        degrees_of_freedom: left by the fit with free rotations.
+        size: root mean square of s, rad.
+    """
+
+    readings: Vector
+    information: Vector
+    shrinkage: Vector
+    mean: Vector
+    covariance: Vector
+    noise_factor: float
+    explained: float
+    gain: float
+    seen: int
+    degrees_of_freedom: int
+    size: float
+
+    @property
+    def second_moment(self) -> Vector:
+        """Return mean square and products of the modes' factors, rad², shape (k, k)."""
+        moment: Vector = self.covariance + np.outer(self.mean, self.mean)
+        return moment
+
+    @property
+    def chance(self) -> float:
+        """Return the chance of such a gain if no axis turns (F test); NaN where none is seen."""
+        from scipy.special import fdtrc
+
+        if not self.seen or self.degrees_of_freedom < 1:
+            return float("nan")
+        return float(fdtrc(self.seen, self.degrees_of_freedom, self.gain / self.seen))
+
+
+def mode_readings(observations: Observations, chain: str) -> Vector:
+    """Return what each mode of each rotation adds to each reading, m/rad, shape (n, k).
+
+    Where the chain is not known, every chain may be the one: the modes of all six are there, each
+    with a sixth of the variance.
+    """
+    volume = observations.volume
+    travel = np.asarray(volume.step) * volume.blocks
+    direction = np.array([setup.direction for setup in observations.setups])[observations.setup]
+    position, way = observations.position, observations.way
+    parts = []
+    chains = (chain,) if chain else CHAINS
+    for one in chains:
+        arms = np.stack([way - lever for lever in levers(position, one)], axis=1)
+        parts.append(rotation_readings(position / travel, direction, arms))
+    readings: Vector = np.column_stack(parts) / np.sqrt(len(chains))
+    return readings
+
+
+@dataclass(frozen=True)
+class Turned:
+    """The fit of translations alone, and the rotations beside it.
+
+    Attributes:
+        design: of translations.
+        fit: of them.
+        rotations: that the run shows or that are plausible.
+        change: of the stacked curve values by a unit of each mode, m/rad, shape (9(N+1), k).
+        tilt_change: of the tilts by a unit of each mode, shape (2 · diagonal setups, k).
+        by_lengths: what each uncertain scale of the laser does to the unknowns, shape (p, q).
+        by_reading: of each reading by a unit of each mode, m/rad, shape (n, k).
+        curves: the nine rotations at the nodes by a unit of each mode, shape (9(N+1), k); None
+            where the chain is not known.
+    """
+
+    design: Design
+    fit: Fit
+    rotations: Rotations
+    change: Vector
+    tilt_change: Vector
+    by_lengths: Vector
+    by_reading: Vector
+    curves: Vector | None
+
+    @property
+    def tilts(self) -> Vector:
+        """Return the tilts of the diagonal setups, rad, shape (2m,); NaN where not determined."""
+        known = self.design.tilt_known.reshape(-1)
+        found: Vector = known * (
+            self.fit.tilts.reshape(-1) + self.tilt_change @ self.rotations.mean
+        )
+        return found
+
+    @property
+    def tilt_covariance(self) -> Vector:
+        """Return the covariance of the tilts, rad², shape (2m, 2m); NaN where not determined."""
+        known = self.design.tilt_known.reshape(-1)
+        scale = self.design.of_tilts(self.by_lengths)
+        covariance = (
+            self.rotations.noise_factor * self.design.tilt_covariance()
+            + self.tilt_change @ self.rotations.covariance @ self.tilt_change.T
+            + scale @ scale.T
+        )
+        made: Vector = covariance * np.outer(known, known)
+        return made
+
+    def predicted(self, left: Vector) -> Vector:
+        """Return what the rotations that residuals show turn the curve values by, m.
+
+        Args:
+            left: averaged readings less the fitted ones, m, shape (..., groups).
+
+        Returns:
+            shape (..., 9(N+1)).
+        """
+        rotations = self.rotations
+        pull = (left * self.design.weight) @ rotations.readings
+        turn: Vector = pull @ rotations.shrinkage @ self.change.T
+        return turn
+
+    def scatter(self) -> Vector:
+        """Return the covariance of what ``predicted`` does with the readings' noise, m²."""
+        rotations = self.rotations
+        by_pull = self.change @ rotations.shrinkage
+        covariance: Vector = rotations.noise_factor * (by_pull @ rotations.information) @ by_pull.T
+        return covariance
+
+
+def turned(measurement: Measurement, observations: Observations) -> Turned:
+    """Fit translations to a measurement and tell what rotations do to them.
+
+    Raises:
+        ValueError: the lines contradict the volume or each other.
+    """
+    design = Design(observations)
+    fit = design.fit()
+    by_reading = mode_readings(observations, measurement.chain)
+    plausible = measurement.plausible
+    rotations, change = plausible_rotations(design, fit, by_reading, plausible.rotation)
+    curves: Vector | None = None
+    if measurement.chain:
+        volume = observations.volume
+        shape = modes(np.linspace(0.0, 1.0, volume.blocks + 1))
+        curves = np.asarray(np.kron(np.eye(len(ROTATIONS)), shape), dtype=np.float64)
+    return Turned(
+        design=design,
+        fit=fit,
+        rotations=rotations,
+        change=design.of_curves(change),
+        tilt_change=design.of_tilts(change),
+        by_lengths=by_lengths(design, plausible),
+        by_reading=by_reading,
+        curves=curves,
+    )
+
+
+def with_rotations(
+    values: Vector,
+    covariance: Vector,
+    unseen: Vector,
+    turned: Turned,
+    change: Vector,
+    predicted: bool,
+) -> CurveEstimate:
+    """Return the curves with what the rotations make uncertain of them.
+
+    Args:
+        values: of the nine translations, m, shape (9(N+1),).
+        covariance: of them by the readings alone, m².
+        unseen: directions of them that are not determined, shape (9(N+1), r).
+        turned: rotations of the run.
+        change: of the true translations behind the same readings by each mode, shape (9(N+1), k).
+        predicted: take the rotations that the run shows out of the values; if not, these stay as
+            the method gives them, and the uncertainty contains what that makes wrong.
+
+    Returns:
+        eighteen curves where the chain is known, else nine.
+    """
+    rotations = turned.rotations
+    moment = rotations.covariance if predicted else rotations.second_moment
+    if predicted:
+        values = values + change @ rotations.mean
+    if turned.curves is None:
+        return CurveEstimate(values, covariance + change @ moment @ change.T, unseen)
+    both = np.concatenate([change, turned.curves])
+    size = len(values)
+    whole = both @ moment @ both.T
+    whole[:size, :size] += covariance
+    angles = turned.curves @ rotations.mean if predicted else np.zeros(len(turned.curves))
+    return CurveEstimate(
+        np.concatenate([values, angles]),
+        whole,
+        np.concatenate([unseen, np.zeros((len(angles), unseen.shape[1]))]),
+        CURVES,
+    )
+
+
+def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str]:
+    """Say what the readings show of rotations, and what the uncertainties contain for the rest."""
+    if not measurement.plausible.rotation:
+        return ["Rotations of the axes are taken as zero, as stated for this machine."]
+    plausible = measurement.plausible.rotation * 1e6
+    size = f"{rotations.size * 1e6:.2g} µrad"
+    chain = "" if measurement.chain else " The chain is not known, so that any of the six may act."
+    if not rotations.seen:
+        return [
+            "These readings cannot show rotations of the axes. All uncertainties contain plausible "
+            f"ones of {plausible:.3g} µrad over the measured travel.{chain}"
+        ]
+    if rotations.chance < SHOWN:
+        return [
+            f"The readings show rotations of the axes, {size} in size (χ² falls by "
+            f"{rotations.gain:.3g} with {rotations.seen} free sums of them, p = "
+            f"{rotations.chance:.1g}). All uncertainties contain what the readings do not tell of "
+            f"them.{chain}"
+        ]
+    return [
+        "The readings show no rotation of the axes beyond chance. All uncertainties contain "
+        f"rotations of {size}, which could not have been seen.{chain}"
+    ]
+
+
+def plausible_rotations(
+    design: Design, fit: Fit, readings: Vector, plausible: float
+) -> tuple[Rotations, Vector]:
+    """Return what a run tells of the rotations, and how they turn the unknowns of the fit.
+
+    Args:
+        design: of translations, without effects.
+        fit: of its readings.
+        readings: what each mode adds to each reading, m/rad, shape (n, k).
+        plausible: size of the rotations, rad; 0: they are taken as zero.
+
+    Returns:
+        the rotations, and what a unit of each mode changes in the unknowns, shape (p, k).
+    """
+    first = np.unique(design.group, return_index=True)[1]
+    rows = readings[first]
+    weighted = rows * design.weight[:, None]
+    pulled = design.matrix.T @ weighted
+    change: Vector = -design.covariance @ pulled
+    information = rows.T @ weighted + pulled.T @ change
+    left = design.mean - fit.fitted
+    score = weighted.T @ left
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    seen = values > _RANK_LIMIT * float(np.max(np.sum(rows * weighted, axis=0)))
+    values = np.where(seen, values, 0.0)
+    parts = np.where(seen, vectors.T @ score, 0.0)
+    gain = float(np.sum(parts[seen] ** 2 / values[seen]))
+    count = int(np.count_nonzero(seen))
+    free = count if plausible else 0
+    squares, freedom = fit.squares - (gain if free else 0.0), design.degrees_of_freedom - free
+    factor = noise_factor(squares, freedom, design.observations.noise_known)
+    unit = factor if np.isfinite(factor) else 1.0
+    share, sizes = _sizes(values / unit, parts / unit, plausible)
+    square = sizes[:, None] ** 2
+    given = square / (1.0 + square * values / unit)
+    shrunk = share @ given / unit
+    mean = shrunk * parts
+    away = (given * parts / unit - mean) * np.sqrt(share)[:, None]
+    covariance = np.diag(share @ given) + away.T @ away
+    rotations = Rotations(
+        readings=rows,
+        information=information,
+        shrinkage=(vectors * shrunk) @ vectors.T,
+        mean=vectors @ mean,
+        covariance=(vectors @ covariance) @ vectors.T,
+        noise_factor=factor,
+        explained=float(shrunk @ parts**2),
+        gain=gain / unit,
+        seen=count,
+        degrees_of_freedom=freedom,
+        size=float(np.sqrt(share @ sizes**2)),
+    )
+    return rotations, change
+
+
+def _sizes(values: Vector, parts: Vector, plausible: float) -> tuple[Vector, Vector]:
+    """Return sizes s that are averaged over, and the share of each by its evidence.
+
+    Args:
+        values: λ in units of the noise, shape (k,).
+        parts: v·b likewise, shape (k,).
+        plausible: size, rad.
+
+    Returns:
+        shares, which sum to 1, and sizes, rad, shape (m,) each.
+    """
+    if not plausible:
+        return np.ones(1), np.zeros(1)
+    sizes = plausible * np.geomspace(_SMALLEST, _LARGEST, _SIZES)
+    square = sizes[:, None] ** 2
+    spread = 1.0 + square * values
+    # Sizes in equal ratios: the last term is their density.
+    evidence = (
+        np.sum(0.5 * parts**2 * square / spread - 0.5 * np.log(spread), axis=1)
+        - 0.5 * (_STUDENT + 1.0) * np.log1p((sizes / plausible) ** 2 / _STUDENT)
+        + np.log(sizes)
+    )
+    share = np.exp(evidence - np.max(evidence))
+    return share / np.sum(share), sizes
