@@ -30,7 +30,7 @@ DOCS = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8.1,<10"]
 setup(
     name="stepdiag_ros",
     version="0.1.0",
-    description="Laser step-diagonal measurement of machine tools on ROS 2 nodes",
+    description="Laser measurement of machine tools along step diagonals and linear axes on ROS 2",
     long_description=Path("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",

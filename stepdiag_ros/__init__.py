@@ -1,4 +1,4 @@
-"""Laser step-diagonal measurement of machine tools on ROS 2 nodes.
+"""Laser measurement of machine tools along step diagonals and linear axes, on ROS 2 nodes.
 
 Importing the package makes ``import rclpy`` and the message packages work on machines without
 ROS 2, by the client in ``stepdiag_ros.embedded``; a sourced ROS 2 always wins.

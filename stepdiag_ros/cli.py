@@ -51,7 +51,8 @@ COMMANDS = (
 
 _DESCRIPTION = """\
 Laser step-diagonal measurement of three-axis machine tools: positioning, straightness and
-squareness errors of all axes from one laser interferometer. A measurement is recorded in one
+squareness errors of all axes from one laser interferometer, along step diagonals and along the
+axes (diagonals alone do not tell positioning). A measurement is recorded in one
 file, a bag (.mcap), from which every result can be had again."""
 
 _EXIT_REFUSED = 1

@@ -6,7 +6,54 @@ the wire, or reads it from a bag, has neither the catalogue nor the lines at han
 
 from dataclasses import dataclass, field
 
-from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    NAMED,
+    UNEXPLAINED,
+    Diagnosis,
+    RunnerUp,
+    Share,
+)
+
+NOT_DIAGNOSED = "NOT DIAGNOSED"
+"""In place of a verdict where a run was not compared with its model."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a model explains a run, in as few words as decide what may be done with its errors.
+
+    Attributes:
+        name: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED, NOT TESTABLE or NOT DIAGNOSED.
+        sentence: the verdict in words, or why there is none.
+        effects: labels of the effects that act, strongest first; empty unless NAMED or AMBIGUOUS.
+        rivals: where AMBIGUOUS, labels of others that may act in place of these.
+    """
+
+    name: str = NOT_DIAGNOSED
+    sentence: str = "Whether anything acts that these errors do not contain was not tested."
+    effects: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosis) -> "Verdict":
+        """Return the verdict of a diagnosis."""
+        found = diagnosis.findings
+        effects = tuple(one.label for one in found)
+        rivals = dict.fromkeys(label for one in found for label in one.ambiguous)
+        others = tuple(label for label in rivals if label not in effects)
+        return cls(diagnosis.verdict, diagnosis.sentence, effects, others)
+
+    @property
+    def words(self) -> str:
+        """Return the name with what acts or may act: ``AMBIGUOUS: dead path (or drift)``."""
+        acts = ", ".join(self.effects) + (f" (or {', '.join(self.rivals)})" if self.rivals else "")
+        return f"{self.name}: {acts}" if acts else self.name
+
+    @property
+    def more_acts(self) -> bool:
+        """Say whether the run shows more than its model contains."""
+        return self.name in (NAMED, AMBIGUOUS, UNEXPLAINED)
 
 
 @dataclass(frozen=True)

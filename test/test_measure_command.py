@@ -1,8 +1,10 @@
 """Who attends a run of ``stepdiag measure``: with a terminal, without one, and what is printed."""
 
+import json
 import os
 import pty
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,12 +86,26 @@ def test_what_a_run_came_to_is_printed(capsys):
         "run:     20261121T110000Z-abcdef",
         "outcome: aborted by the operator (17 of 42 stops)",
         "left:    ppp XYZ forward, repeat 0: stop 3: no beam",
-        "verdict: UNKNOWN, not known: there is no diagnosis node",
         "bag:     unknown (not known: no recorder says where it has recorded this run)",
+        "",
+        "In short:",
+        "The measurement is not complete: 17 of 42 planned stops have a value. End of the run:"
+        " aborted by the operator.",
+        "NOT DIAGNOSED: not known: there is no diagnosis node",
     ]
     # The fixture of all tests holds it against its schema.
     measure._show(measured, as_json=True)
-    assert '"bag": null' in capsys.readouterr().out
+    document = json.loads(capsys.readouterr().out)
+    assert document["bag"] is None and document["verdict"] == "UNKNOWN"
+    first = document["lead"]
+    assert first["verdict"]["name"] == "NOT DIAGNOSED" and first["solved"] is None
+    assert first["passes"]["missing"] == ["ppp XYZ forward, repeat 0"]
+    assert first["next"] == [], "without a recording there is nothing to run"
+    measure._show(replace(measured, bag=Path("run.mcap")), as_json=True)
+    steps = json.loads(capsys.readouterr().out)["lead"]["next"]
+    assert steps[0]["command"] is None and "ppp XYZ forward, repeat 0" in steps[0]["why"]
+    assert steps[1]["command"] == "stepdiag solve run.mcap"
+    assert not any("compensate" in (one["command"] or "") for one in steps)
 
 
 @pytest.mark.parametrize(

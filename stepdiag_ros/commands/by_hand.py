@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, say
+from stepdiag_ros.commands.output import HelpFormatter, say, warn_of_undetermined
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.hand_run import HandRun
@@ -76,6 +76,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.planning.plan_text import plan_text
 
     plan, text = load_plan(arguments.plan)
+    warn_of_undetermined(plan)
     if arguments.lines is None:
         lines = lines_of_recordings(plan, len(arguments.recordings))
     else:

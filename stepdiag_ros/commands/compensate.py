@@ -97,6 +97,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FOLDER",
         help="tables that were at work when the run was measured: the new ones contain them",
     )
+    add_despite_option(parser)
     parser.add_argument("--json", action="store_true", help="print JSON in SI units")
     parser.add_argument(
         "--pictures",
@@ -105,6 +106,58 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="format of the picture of what remains, or none (default: png)",
     )
     parser.set_defaults(run=run)
+
+
+def add_despite_option(parser: ArgumentParser) -> None:
+    """Add the option that overrules a verdict by which a run's errors must not be compensated.
+
+    Args:
+        parser: of a command that compensates.
+    """
+    parser.add_argument(
+        "--despite-verdict",
+        action="store_true",
+        help="compensate even where the diagnosis of the run says that something acts that would"
+        " not be compensated; it is written into everything that is made",
+    )
+
+
+def permitted(
+    identified: "Identified",
+    source: Path,
+    despite: bool,
+    control: "Control | None" = None,
+    settings: "dict[str, Any] | None" = None,
+) -> "Identified":
+    """Return errors that may be compensated by what the diagnosis of their run says.
+
+    Args:
+        identified: the errors.
+        source: file that they come from.
+        despite: the user overrules the verdict, which is then in the origin.
+        control: that tables are made for; None: targets are corrected.
+        settings: of the control, checked.
+
+    Raises:
+        ValueError: they must not, and the user does not overrule it; one sentence.
+    """
+    from dataclasses import replace
+
+    from stepdiag_ros.compensation.permission import DESPITE, permission
+
+    found = permission(identified, control, settings)
+    for text in found.warnings:
+        warn(f"{source}: {text}")
+    if not found.refusal:
+        return replace(identified, remarks=(*found.warnings, *identified.remarks))
+    if not despite:
+        raise ValueError(
+            f"{source}: nothing is compensated, because {found.refusal.rstrip('.')}; see 'stepdiag"
+            f" diagnose', or give {DESPITE}"
+        )
+    warn(f"{source}: compensated by {DESPITE}, although {found.refusal}")
+    origin = replace(identified.origin, despite_verdict=identified.verdict.words)
+    return replace(identified, origin=origin)
 
 
 def run(arguments: Namespace) -> int:
@@ -158,7 +211,10 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         raise ValueError(f"--spacing is {arguments.spacing:g} mm; expected more than 0")
     x, y, z = (value * _MILLI for value in arguments.reference)
     before = _tables_before(chosen, arguments.on_top_of)
-    identified = load_identified(arguments.result, arguments.method, arguments.run_id)
+    identified = permitted(
+        load_identified(arguments.result, arguments.method, arguments.run_id),
+        *(arguments.result, arguments.despite_verdict, chosen, settings),
+    )
     layout = Layout(
         reference=(x, y, z),
         spacing=arguments.spacing * _MILLI,
@@ -191,7 +247,7 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)
-        report = report_of_run(recorded, progress, warn=warn)
+        report = report_of_run(recorded, progress, warn=warn, with_verdict=True)
     return identified_of(report, recorded.start_time, method)
 
 

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.commands.compensate import add_despite_option, permitted
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, progress_bar
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--output", type=Path, metavar="FILE", help="default: NAME_corrected beside the program"
     )
+    add_despite_option(parser)
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.set_defaults(run=run)
 
@@ -143,7 +145,10 @@ def run(arguments: Namespace) -> int:
     if target.exists():
         raise ValueError(f"{target} exists already; a program is never overwritten")
     with progress_bar(f"rewriting {program.name}") as progress:
-        identified = _identified(arguments.result, arguments.method, arguments.run_id)
+        identified = permitted(
+            _identified(arguments.result, arguments.method, arguments.run_id),
+            *(arguments.result, arguments.despite_verdict),
+        )
         settings = _settings(arguments)
         text = data.decode(_BYTES)
         digest = hashlib.sha256(data).hexdigest()

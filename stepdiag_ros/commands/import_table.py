@@ -114,6 +114,9 @@ def run(arguments: Namespace) -> int:
         document = _run_table(arguments, target, source)
     else:
         document = _foreign(arguments, target, source)
+    unknown = _undetermined(target)
+    if unknown:
+        document["remarks"].append(unknown)
     if arguments.json:
         print(schemas.json_text(schemas.document("import", document)))
         return 0
@@ -124,6 +127,14 @@ def run(arguments: Namespace) -> int:
     for remark in document["remarks"]:
         say(f"note: {remark}")
     return 0
+
+
+def _undetermined(bag: Path) -> str:
+    """Say which errors the lines in a bag do not tell; empty where they tell them all."""
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.planning.undetermined import undetermined
+
+    return undetermined(load_run(bag).plan).sentence
 
 
 def _run_table(arguments: Namespace, target: Path, source: "SourceFile") -> dict[str, Any]:

@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import add_namespace_option
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    progress_bar,
+    say,
+    warn_of_undetermined,
+)
 
 if TYPE_CHECKING:
+    from stepdiag_ros.report.lead import RunLead
     from stepdiag_ros.run.sequence import State
     from stepdiag_ros.session.following import Measured, Told
 
@@ -44,13 +50,18 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.session.joining import JoinedRun
 
     # Read and checked here: what is executed is what the user sees, wherever the sequencer runs.
-    text = configuration.load_plan(arguments.plan)[1] if arguments.plan else ""
+    text = ""
+    if arguments.plan:
+        plan, text = configuration.load_plan(arguments.plan)
+        warn_of_undetermined(plan)
     with progress_bar("measuring") as progress:
 
         def tell(told: "Told") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
 
-        joined = JoinedRun(arguments.namespace, tell, _Attendant())
+        # What was given is warned of already.
+        on_plan = None if text else _warn_beside
+        joined = JoinedRun(arguments.namespace, tell, _Attendant(), on_plan)
         try:
             joined.measure(text)
         finally:
@@ -59,6 +70,19 @@ def run(arguments: Namespace) -> int:
     if joined.measured is not None and not joined.measured.bag_closed:
         raise RunFailed(f"the bag is not whole: {joined.measured.bag_text}")
     return 0
+
+
+def _warn_beside(text: str) -> None:
+    """Warn of what the lines of the sequencer's own plan do not tell.
+
+    In a thread of its own: who follows a run must not fall silent.
+    """
+    from threading import Thread
+
+    from stepdiag_ros.configuration import plan_from_text
+
+    plan = plan_from_text(text, "the plan of the run")
+    Thread(target=warn_of_undetermined, args=(plan,), daemon=True).start()
 
 
 class _Attendant:
@@ -104,7 +128,28 @@ def _enter_was_pressed() -> bool:
     return bool(ready and sys.stdin.readline())
 
 
+def _lead(measured: "Measured") -> "RunLead":
+    """Return what is said first of the run, before anything is solved."""
+    from stepdiag_ros.bags.passes import Completeness
+    from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+    from stepdiag_ros.report.lead import RunLead
+    from stepdiag_ros.run.conclusion import UNKNOWN
+
+    name = NOT_DIAGNOSED if measured.verdict == UNKNOWN else measured.verdict
+    missing = tuple(line.partition(":")[0] for line in measured.incomplete)
+    return RunLead(
+        Verdict(name, measured.sentence),
+        Completeness(
+            *(measured.stops_total, measured.stops_done, missing, measured.text), unit="stops"
+        ),
+        measured.bag,
+    )
+
+
 def _show(measured: "Measured", as_json: bool) -> None:
+    from stepdiag_ros.report.summary import lead_document, next_lines, sentences_of
+
+    lead = _lead(measured)
     bag = None if measured.bag is None else str(measured.bag)
     if as_json:
         document = {
@@ -119,6 +164,7 @@ def _show(measured: "Measured", as_json: bool) -> None:
             "bag": bag,
             "bag_closed": measured.bag_closed,
             "bag_text": measured.bag_text,
+            "lead": lead_document(lead),
         }
         print(schemas.json_text(schemas.document("measurement", document)))
         return
@@ -126,5 +172,6 @@ def _show(measured: "Measured", as_json: bool) -> None:
     print(f"outcome: {measured.text} ({measured.stops_done} of {measured.stops_total} stops)")
     for line in measured.incomplete:
         print(f"left:    {line}")
-    print(f"verdict: {measured.verdict}, {measured.sentence}")
     print(f"bag:     {bag or 'unknown'} ({measured.bag_text})")
+    for line in ("", "In short:", *sentences_of(lead), *next_lines(lead)):
+        print(line)

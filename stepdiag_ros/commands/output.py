@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from stepdiag_ros.metrology.plan import Plan
     from stepdiag_ros.report.content import Report
 
 _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
@@ -46,6 +47,19 @@ def say(text: str) -> None:
 def warn(text: str) -> None:
     """Tell the user what is not as it should be, and yet no refusal."""
     say(f"stepdiag: warning: {text}")
+
+
+def warn_of_undetermined(plan: "Plan") -> None:
+    """Warn of the errors that a plan's lines do not tell, before the time for them is spent.
+
+    Args:
+        plan: that is to be measured.
+    """
+    from stepdiag_ros.planning.undetermined import undetermined
+
+    sentence = undetermined(plan).sentence
+    if sentence:
+        warn(f"plan '{plan.name}': {sentence}")
 
 
 class Progress(Protocol):

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace, _SubParsersAc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.output import HelpFormatter, number, say
+from stepdiag_ros.commands.output import HelpFormatter, number, say, warn
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
@@ -235,6 +235,8 @@ def run(arguments: Namespace) -> int:
         print(assessment_json(assessment, proposal))
     else:
         print_assessment(assessment, make_console(sys.stdout), proposal)
+    if assessment.undetermined.names:
+        warn(assessment.undetermined.sentence)
     if files:
         say(f"wrote {', '.join(str(path) for path in files)}")
     return 0

@@ -12,6 +12,7 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
+    warn_of_undetermined,
 )
 from stepdiag_ros.device_parameters import HIGHEST_SAMPLE_RATE
 
@@ -119,6 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
     if beyond:
         raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
     LiveEffects(test_plan, truth)
+    warn_of_undetermined(test_plan)
     correction = ""
     if arguments.correction is not None:
         correction = str(arguments.correction.resolve())

@@ -29,7 +29,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         description="Compute positioning, straightness and squareness errors of all axes from a"
         " bag, by every method that the measured lines are enough for. Where the bag has the"
         " interferometer's readings, the lines are assembled again from them, as in the live run;"
-        " the result is then compared with the recorded one to the last bit.",
+        " the result is then compared with the recorded one to the last bit. The lines are"
+        " diagnosed too: what is said in short begins with whether the run is complete, with the"
+        " verdict and with what stays unknown.",
         epilog="examples:\n"
         "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
         "  stepdiag solve run.mcap --json          the same as JSON\n"
@@ -113,5 +115,6 @@ def report_of(
     with progress_bar(f"reading {bag.name}") as progress:
         recorded = load_run(bag, run_id)
         return report_of_run(
-            recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn
+            *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
+            with_verdict=True,
         )

@@ -95,6 +95,10 @@ class Control(Protocol):
     @property
     def source(self) -> str: ...  # noqa: D102
 
+    def holds_reversal(self, settings: Mapping[str, Any], /) -> bool:
+        """Say whether the tables correct reversal errors, with these (checked) settings."""
+        ...
+
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return the files of the control.
 

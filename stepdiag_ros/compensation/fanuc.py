@@ -18,6 +18,7 @@ is output to the axis, so a positive value is taken to move it in the positive d
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,10 @@ class _Fanuc:
         " is not machine zero",
     )
     source = "FANUC, Series 0i-PB Parameter Manual B-63980EN/01, parameters 3620 to 3624"
+
+    def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
+        """Say whether the tables correct reversal errors (see ``Control``)."""
+        return False
 
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return the points, and the parameters that belong to them."""

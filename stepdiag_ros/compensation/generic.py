@@ -19,6 +19,7 @@ import numpy as np
 from stepdiag_ros import schemas
 from stepdiag_ros.compensation.control import Files, Layout, Setting
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -67,6 +68,10 @@ class _Generic:
         " mean of both directions is corrected",
     )
     source = "ISO 230-1 (names and signs), this package (schema volumetric_map)"
+
+    def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
+        """Say whether the tables correct reversal errors (see ``Control``)."""
+        return False
 
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return the map as JSON and the two tables.
@@ -169,7 +174,11 @@ def map_from_text(text: str, source: str) -> Identified:
         for axis, values in reversal.items():
             if values.shape != error_map.nodes[axis].shape:
                 raise ValueError(f"reversal of {AXES[axis]}: not one value for each node")
-        return Identified(error_map, reversal, origin, tuple(document["remarks"]))
+        verdict = Verdict()
+        if origin.verdict:
+            # What the map does not hold was judged when it was made.
+            verdict = Verdict(origin.verdict.partition(":")[0], "so says the map.")
+        return Identified(error_map, reversal, origin, tuple(document["remarks"]), verdict=verdict)
     except KeyError as missing:
         raise ValueError(f"{source}: {missing} is missing") from None
     except (TypeError, AttributeError, ValueError) as error:

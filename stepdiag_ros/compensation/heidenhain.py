@@ -15,6 +15,7 @@ have, and BACKLASH stays empty: make an empty table on the control and compare b
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +63,10 @@ class _Heidenhain:
         "HEIDENHAIN, Technical Manual MANUALplus 620, section 6.10.3; Technical Manual TNC"
         " 407/415/425, sections 1.6.3 and 1.6.4"
     )
+
+    def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
+        """Say whether the tables correct reversal errors (see ``Control``)."""
+        return False
 
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return X.COM, Y.COM, Z.COM and CONFIG.CMA."""

@@ -2,13 +2,15 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
@@ -37,6 +39,8 @@ class Origin:
         machine: name of the machine.
         method: of the solver.
         software_version: of the run.
+        verdict: of the diagnosis of the run, with the effects that act.
+        despite_verdict: the verdict that the user has overruled; empty: none.
     """
 
     file: str = ""
@@ -47,6 +51,8 @@ class Origin:
     machine: str = ""
     method: str = ""
     software_version: str = ""
+    verdict: str = ""
+    despite_verdict: str = ""
 
     def lines(self) -> list[str]:
         """Return the origin line by line, in words."""
@@ -59,8 +65,11 @@ class Origin:
             "machine": "machine",
             "method": "method",
             "software_version": "run made by stepdiag_ros",
+            "verdict": "verdict",
         }
-        return [f"{title}: {getattr(self, key) or 'unknown'}" for key, title in titles.items()]
+        said = [f"{title}: {getattr(self, key) or 'unknown'}" for key, title in titles.items()]
+        overruled = self.despite_verdict
+        return [*said, f"made despite the verdict: {overruled}"] if overruled else said
 
 
 NO_MORE_THAN_NOISE = (
@@ -82,6 +91,8 @@ class Identified:
         origin: where this comes from.
         remarks: what a reader must know, in words.
         warning: why no tables should be made from these errors; empty: nothing speaks against it.
+        verdict: on the run, of a diagnosis.
+        passes: how much of the run is there; None if that is not known.
     """
 
     error_map: VolumetricMap
@@ -89,6 +100,8 @@ class Identified:
     origin: Origin = field(default_factory=Origin)
     remarks: tuple[str, ...] = ()
     warning: str = ""
+    verdict: Verdict = field(default_factory=Verdict)
+    passes: Completeness | None = None
 
     def half_reversal(self, axis: int, positions: Vector) -> Vector:
         """Return half the reversal error at positions of an axis, m; zero where it is not known.
@@ -108,6 +121,8 @@ def identify(
     measurement: Measurement | None,
     origin: Origin,
     remarks: Sequence[str] = (),
+    verdict: Verdict | None = None,
+    passes: Completeness | None = None,
 ) -> Identified:
     """Return what a result says, with the reversal errors of the lines that it was solved from.
 
@@ -117,6 +132,8 @@ def identify(
         measurement: the lines; None if they are not at hand.
         origin: of both.
         remarks: about the run.
+        verdict: on the run, of a diagnosis; None if it was not diagnosed.
+        passes: how much of the run is there; None if that is not known.
 
     Raises:
         ValueError: the result is not enough for a map; the text says what is missing.
@@ -139,7 +156,11 @@ def identify(
     if not warning and is_noise(result) and not any(map(np.any, reversal.values())):
         warning = NO_MORE_THAN_NOISE
     said += [one for one in (disagreement, warning) if one]
-    return Identified(error_map, reversal, origin, tuple(dict.fromkeys(said)), warning)
+    known = verdict or Verdict()
+    if known.name != NOT_DIAGNOSED:
+        origin = replace(origin, verdict=known.words)
+    told = tuple(dict.fromkeys(said))
+    return Identified(error_map, reversal, origin, told, warning, known, passes)
 
 
 def _disagreement(result: VolumetricErrors, agreement: Misfit) -> str:
@@ -257,9 +278,26 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
             method=name,
             software_version=run.get("software_version") or "",
         )
-        return identify(result, run.get("chain") or "", None, origin, run.get("remarks", ()))
+        verdict, passes = _told_first(document.get("lead"))
+        chain, remarks = run.get("chain") or "", run.get("remarks", ())
+        return identify(result, chain, None, origin, remarks, verdict, passes)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} does not fit the schema 'result': {error}") from None
+
+
+def _told_first(lead: Mapping[str, Any] | None) -> tuple[Verdict, Completeness | None]:
+    """Return verdict and completeness of a document's lead, which earlier versions lack."""
+    if lead is None:
+        return Verdict(), None
+    said, passes = lead["verdict"], lead["passes"]
+    verdict = Verdict(said["name"], said["sentence"], tuple(said["effects"]), tuple(said["rivals"]))
+    if passes is None:
+        return verdict, None
+    return verdict, Completeness(
+        *(passes["planned"], passes["complete"], tuple(passes["missing"])),
+        end=passes["end"] or "",
+        unit=passes["unit"],
+    )
 
 
 def _result(entry: Mapping[str, Any], method: str) -> VolumetricErrors:

@@ -61,6 +61,10 @@ class _LinuxCnc:
     )
     source = 'LinuxCNC, Integrator Manual, "INI Configuration", section "[JOINT_<num>]"'
 
+    def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
+        """Say whether the tables correct reversal errors (see ``Control``)."""
+        return True
+
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return x.comp, y.comp, z.comp, and the lines for the INI file."""
         chosen = layout.settings

@@ -16,6 +16,7 @@ to try it.
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -79,6 +80,10 @@ class _Siemens:
         "positions are machine coordinates in mm (MD10240 metric)",
     )
     source = "Siemens, Function Manual Extended Functions, K3 (6FC5397-1BP40-3BA1), section 4.4"
+
+    def holds_reversal(self, settings: Mapping[str, Any]) -> bool:
+        """Say whether the tables correct reversal errors (see ``Control``)."""
+        return bool(settings["reversal"] == "tables")
 
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return AX_EEC.INI and NC_CEC.INI."""

@@ -5,12 +5,8 @@ from dataclasses import dataclass
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Fact, Lead
-from stepdiag_ros.handover.sections.measurement import end_of_run
-from stepdiag_ros.handover.sections.readings import taken
-from stepdiag_ros.metrology.credibility import is_noise
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
-    CONSISTENT,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -18,11 +14,9 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.report.diagnosis import rivals_words
 from stepdiag_ros.report.diagnosis_words import sizes_words, two_digits
 from stepdiag_ros.report.numbers import MICRO, OF_READINGS, UNKNOWN, plain, with_expanded
-from stepdiag_ros.report.summary import short_sentences
+from stepdiag_ros.report.summary import missing_words, sentences_of
 
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
-_MORE_ACTS = (NAMED, AMBIGUOUS, UNEXPLAINED)
-"""Verdicts of the workflow by which the error curves are not all that acts."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +54,7 @@ def judge(material: Material) -> Judgement:
     accuracy, tolerance = material.accuracy, material.given.tolerance
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
-    more_acts = _verdict(material) in _MORE_ACTS
-    preferred = material.report.preferred()
-    noise = preferred is not None and math.isfinite(value) and is_noise(preferred)
+    more_acts, noise = material.lead.verdict.more_acts, material.lead.noise
     if not math.isfinite(tolerance):
         verdict = NOT_ASKED
     elif more_acts:
@@ -76,10 +68,6 @@ def judge(material: Material) -> Judgement:
     return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise)
 
 
-def _verdict(material: Material) -> str:
-    return "" if material.diagnosis is None else material.diagnosis.diagnosis.verdict
-
-
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
     judged = judge(material)
@@ -87,12 +75,9 @@ def lead_of(material: Material) -> Lead:
     if judged.more_acts and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
         tone = "open"
-    sentences = _incomplete(material)
-    sentences += short_sentences(
-        material.report, material.accuracy, judged.expanded_uncertainty, material.single_errors
-    )
-    sentences += _judged(judged)
-    sentences.append(_how_sure(material))
+    if not material.lead.whole and tone == "good":
+        tone = "open"
+    sentences = [*sentences_of(material.lead), *_judged(judged), f"How sure: {_basis(material)}"]
     sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
     return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
 
@@ -103,7 +88,7 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
         return "open", "This run does not tell the machine's errors"
     if not math.isfinite(judged.value):
         return "open", "This run tells only a part of the machine's errors"
-    if _verdict(material) == UNEXPLAINED:
+    if material.lead.verdict.name == UNEXPLAINED:
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
         KEEPS: (
@@ -122,19 +107,6 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
     if judged.lower_bound and judged.verdict != OPEN:
         text += ", as far as the uncertainty is known"
     return tone, text
-
-
-def _incomplete(material: Material) -> list[str]:
-    """Say what of the plan is not there; nothing where all passes are complete."""
-    lines = taken(material)
-    planned, complete = sum(one.planned for one in lines), sum(one.complete for one in lines)
-    if complete >= planned:
-        return []
-    ended = end_of_run(material)
-    return [
-        f"The measurement is not complete: {complete} of {planned} planned passes have every stop."
-        + (f" End of the run: {ended.rstrip('.')}." if ended else "")
-    ]
 
 
 def _judged(judged: Judgement) -> list[str]:
@@ -181,25 +153,10 @@ def _basis(material: Material) -> str:
     return f"The ± on this page {basis} Tables headed '{OF_READINGS}' have the readings alone."
 
 
-def _how_sure(material: Material) -> str:
-    basis = _basis(material)
-    if material.diagnosis is None:
-        return f"How sure: {basis} Whether other effects act could not be tested."
-    diagnosis = material.diagnosis.diagnosis
-    tested = {
-        CONSISTENT: "The run shows nothing beyond the error curves.",
-        NOT_TESTABLE: "Nothing in the run could contradict the figures, so they are untested.",
-        NAMED: "The run shows more than the error curves, and it is known what.",
-        AMBIGUOUS: "The run shows more than the error curves, and several causes are possible.",
-        UNEXPLAINED: "The run shows more than the error curves, and the cause is not known.",
-    }
-    return f"How sure: {basis} {tested.get(diagnosis.verdict, diagnosis.sentence)}"
-
-
 def what_to_do(material: Material, judged: Judgement) -> list[str]:
     """Return what is to be done, most urgent first, in sentences that go on from a colon."""
-    bag = material.recorded.path.name
-    said = []
+    bag, run = material.recorded.path.name, material.lead
+    said = [] if run.whole else [f"measure what is missing: {missing_words(run)}."]
     if material.diagnosis is not None:
         diagnosis = material.diagnosis.diagnosis
         proposed = material.diagnosis.proposed
@@ -217,11 +174,14 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
             said.append(f"the extra plan as a file: stepdiag diagnose {bag} --propose more.yaml.")
         for finding in diagnosis.findings if diagnosis.verdict == NAMED else ():
             said.append(f"see to {finding.label} ({sizes_words(finding)}).")
-    if not math.isfinite(judged.value):
-        said.append(
-            "measure the lines that the whole volume still needs; the last section names what is"
-            " unknown."
-        )
+        if diagnosis.verdict == NOT_TESTABLE:
+            said.append(
+                "measure lines that test each other, with repeats: nothing in this run could"
+                " contradict its figures."
+            )
+    if not math.isfinite(judged.value) and run.whole:
+        needed = run.remedy or "the lines that the whole volume still needs"
+        said.append(f"measure {needed} as well; the last section names what is unknown.")
     elif material.compensation is not None and material.compensation.identified.warning:
         said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
     elif material.compensation is not None and not said:
@@ -245,7 +205,6 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
 def _facts(material: Material, judged: Judgement) -> list[Fact]:
     accuracy, report = material.accuracy, material.report
     rms = math.nan if accuracy is None else accuracy.rms
-    verdict = UNKNOWN if material.diagnosis is None else material.diagnosis.diagnosis.verdict
     size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
     largest = UNKNOWN if size == UNKNOWN else f"{size} µm"
     if judged.noise:
@@ -256,7 +215,7 @@ def _facts(material: Material, judged: Judgement) -> list[Fact]:
             "Root mean square over its nodes",
             f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
-        Fact("Model and run", verdict),
+        Fact("Model and run", material.lead.verdict.name),
         Fact("Machine", report.machine or UNKNOWN),
         Fact("Customer", material.given.customer or UNKNOWN),
     ]

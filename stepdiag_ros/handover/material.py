@@ -14,10 +14,12 @@ import numpy as np
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.passes import TakenLine, completeness_of, taken
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.handover.given import Given
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
@@ -37,6 +39,7 @@ from stepdiag_ros.report.content import METHODS, Report
 from stepdiag_ros.report.diagnosis import DiagnosisReport
 from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, sha256_of, with_proposal
 from stepdiag_ros.report.experiment import Experiment, experiment_of
+from stepdiag_ros.report.lead import RunLead, lead_of
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 from stepdiag_ros.report.positioning import PositioningReport, positioning_of
 from stepdiag_ros.report.single_errors import SingleError, single_errors
@@ -73,6 +76,7 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
         bag=recorded.path,
         simulated=True if recorded.cell_text else None,
         measurement=recorded.measurement,
+        passes=completeness_of(recorded, recorded.measurement),
     )
 
 
@@ -161,6 +165,11 @@ class Material:
                 f"The table needs the setup-robust method: {why.rstrip('.')}."
             )
         return found
+
+    @cached_property
+    def taken(self) -> tuple[TakenLine, ...]:
+        """Return what was taken of each line of the plan."""
+        return taken(self.recorded.plan, self.measurement)
 
     @cached_property
     def repeats(self) -> Repeats:
@@ -259,12 +268,33 @@ class Material:
         return self._made_or_missing("diagnosis", made)
 
     @cached_property
+    def diagnosed_report(self) -> Report:
+        """Return the report with the verdict of the diagnosis."""
+        if self.diagnosis is None:
+            verdict = Verdict(sentence=self.why_not("diagnosis"))
+        else:
+            verdict = Verdict.of(self.diagnosis.diagnosis)
+        return replace(self.report, verdict=verdict)
+
+    @cached_property
+    def lead(self) -> RunLead:
+        """Return what is said first, with the uncertainty of all sources that are known."""
+        return lead_of(
+            self.diagnosed_report,
+            self.accuracy,
+            self.expanded_uncertainty,
+            self.single_errors,
+        )
+
+    @cached_property
     def compensation(self) -> CompensationReport | None:
         """Return tables and what they leave; None where there is no error map."""
 
         def made() -> CompensationReport:
             control = control_of(self.given.control)
-            identified = identified_of(self.report, self.recorded.start_time, sha256=self.sha256)
+            identified = identified_of(
+                self.diagnosed_report, self.recorded.start_time, sha256=self.sha256
+            )
             return compensation_of(
                 control, identified, Layout(settings=checked_settings(control, {}))
             )

@@ -29,6 +29,7 @@ from stepdiag_ros.metrology.solvers.verdicts import (
     DETERMINED,
     INVISIBLE,
     PARTLY,
+    SHAPE,
     Row,
     Verdicts,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "DETERMINED",
     "INVISIBLE",
     "PARTLY",
+    "SHAPE",
     "Effect",
     "Row",
     "Visibility",

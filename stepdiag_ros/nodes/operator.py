@@ -42,7 +42,9 @@ class OperatorNode(StepdiagNode):
         self._answer: Any = None
         # Goal → its last feedback.
         self._feedback: dict[bytes, Any] = {}
+        self._description: Any = None
         self.listen(topics.RUN_STATE, self._on_state)
+        self.listen(topics.RUN_DESCRIPTION, self._on_description)
 
     @property
     def result(self) -> Any:
@@ -61,6 +63,12 @@ class OperatorNode(StepdiagNode):
         """What is going on, as the run itself says it; empty before it has said anything."""
         told = self._handle and self._feedback.get(bytes(self._handle.goal_id.uuid))
         return str(told.text) if told else ""
+
+    @property
+    def plan(self) -> str:
+        """The plan of the run that this operator started, YAML; empty before it is known."""
+        told = self._description
+        return str(told.plan) if told is not None and told.run_id == self.started_run else ""
 
     def spin_until(self, done: Callable[[], bool], limit: float) -> bool:
         """Handle messages until a condition holds; say whether it did within ``limit`` real s."""
@@ -147,6 +155,9 @@ class OperatorNode(StepdiagNode):
 
     def _on_feedback(self, message: Any) -> None:
         self._feedback[bytes(message.goal_id.uuid)] = message.feedback
+
+    def _on_description(self, message: Any) -> None:
+        self._description = message
 
     def _on_state(self, message: Any) -> None:
         self._last_state = message

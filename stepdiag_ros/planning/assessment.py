@@ -8,6 +8,7 @@ from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
 from stepdiag_ros.planning.expectation import Expectation, expect
 from stepdiag_ros.planning.limits import limits, warnings
+from stepdiag_ros.planning.undetermined import Undetermined, undetermined
 from stepdiag_ros.run.feasibility import beyond_machine
 
 
@@ -24,6 +25,7 @@ class Assessment:
         rotating: the same with all rotations free, as by ``rigid_body``; None without a chain.
         seen: visibility without rotations.
         seen_rotating: visibility with all rotations free; None without a chain.
+        undetermined: which of the nine curves and of squareness it does not tell.
         limits: what the plan does not tell, in sentences.
         warnings: what is unwise in it, in sentences.
     """
@@ -36,6 +38,7 @@ class Assessment:
     rotating: Expectation | None
     seen: Visibility
     seen_rotating: Visibility | None
+    undetermined: Undetermined
     limits: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -63,6 +66,8 @@ def assess(
     chain = machine.chain
     seen = visibility(plan, "", stop_uncertainty)
     rotating = visibility(plan, chain, stop_uncertainty) if chain else None
+    unknown = undetermined(plan, seen)
+    said = limits(plan, chain, stop_uncertainty, seen, rotating)
     return Assessment(
         plan=plan,
         machine=machine,
@@ -72,6 +77,7 @@ def assess(
         rotating=expect(plan, stop_uncertainty, chain) if chain else None,
         seen=seen,
         seen_rotating=rotating,
-        limits=tuple(limits(plan, chain, stop_uncertainty, seen, rotating)),
+        undetermined=unknown,
+        limits=(*([unknown.sentence] if unknown.sentence else []), *said),
         warnings=tuple(warnings(plan)),
     )

@@ -73,9 +73,9 @@ class Scheme:
     one_alignment: bool = False
 
 
-_LINEAR = Group(LINEAR, LINEAR_LINES)
+LINEAR_AXES = Group(LINEAR, LINEAR_LINES)
 _THREE_DIAGONALS = Group(STEP_DIAGONAL, BODY_DIAGONALS[:3], ONE_ORDER)
-_FOUR_DIAGONALS = Group(STEP_DIAGONAL, BODY_DIAGONALS, ONE_ORDER)
+FOUR_DIAGONALS = Group(STEP_DIAGONAL, BODY_DIAGONALS, ONE_ORDER)
 _FOUR_IN_THREE_ORDERS = Group(STEP_DIAGONAL, BODY_DIAGONALS, THREE_ORDERS)
 _BODY = Group(DIAGONAL, BODY_DIAGONALS)
 _FACES = Group(DIAGONAL, FACE_DIAGONALS)
@@ -96,20 +96,20 @@ EDGE_LINES = tuple(
 """Each linear line at the far end of each of the two other axes: levers for the rotations."""
 
 _STEP_SCHEMES = (
-    Scheme("3 step diagonals and linear axes", (_LINEAR, _THREE_DIAGONALS)),
-    Scheme("4 step diagonals", (_FOUR_DIAGONALS,)),
-    Scheme("4 step diagonals and linear axes", (_LINEAR, _FOUR_DIAGONALS)),
+    Scheme("3 step diagonals and linear axes", (LINEAR_AXES, _THREE_DIAGONALS)),
+    Scheme("4 step diagonals", (FOUR_DIAGONALS,)),
+    Scheme("4 step diagonals and linear axes", (LINEAR_AXES, FOUR_DIAGONALS)),
     Scheme(
         "4 step diagonals in 3 orders and linear axes",
-        (_LINEAR, _FOUR_IN_THREE_ORDERS),
+        (LINEAR_AXES, _FOUR_IN_THREE_ORDERS),
         one_alignment=True,
     ),
 )
 _DIRECT_SCHEMES = (
     Scheme("4 body diagonals", (_BODY,)),
-    Scheme("4 body diagonals and linear axes", (_LINEAR, _BODY)),
+    Scheme("4 body diagonals and linear axes", (LINEAR_AXES, _BODY)),
     Scheme("6 face diagonals", (_FACES,)),
-    Scheme("6 face diagonals and linear axes", (_LINEAR, _FACES)),
+    Scheme("6 face diagonals and linear axes", (LINEAR_AXES, _FACES)),
 )
 _ANGULAR_SCHEMES = (
     Scheme(
@@ -128,7 +128,7 @@ _ANGULAR_SCHEMES = (
     ),
     Scheme(
         "4 step diagonals in 3 orders, linear axes at corner and 2 edges",
-        (_LINEAR, *EDGE_LINES, _FOUR_IN_THREE_ORDERS),
+        (LINEAR_AXES, *EDGE_LINES, _FOUR_IN_THREE_ORDERS),
         one_alignment=True,
     ),
 )
@@ -223,7 +223,7 @@ PURPOSES: dict[str, Purpose] = {
         "the positioning",
         POSITIONING,
         "m",
-        (Scheme("linear axes, 5 runs both ways", (_LINEAR,)),),
+        (Scheme("linear axes, 5 runs both ways", (LINEAR_AXES,)),),
         spacing_m=_FIVE_PER_METRE,
         repeats=_FIVE_RUNS,
         overrun=True,

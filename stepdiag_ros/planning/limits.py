@@ -50,7 +50,7 @@ def remedies(plan: Plan, chain: str, stop_uncertainty: float, seen: Visibility) 
     hidden = {row.name for row in seen.rows if row.name in ROTATIONS and row.status != DETERMINED}
     if not hidden:
         return []
-    plan = _coarse(plan)
+    plan = coarse(plan)
     additions = [*_with_orders(plan), *_with_edge_lines(plan)]
     together: Plan | None = None
     if len(additions) > 1:
@@ -190,7 +190,7 @@ def _with_orders(plan: Plan) -> list[tuple[str, Plan]]:
     if not steps or (orders >= set(THREE_ORDERS) and plan.one_alignment_per_diagonal):
         return []
     group = Group(STEP_DIAGONAL, tuple(dict.fromkeys(line.name for line in steps)), THREE_ORDERS)
-    added = tuple(line for line in _single(group, plan) if line not in steps)
+    added = tuple(line for line in single(group, plan) if line not in steps)
     words = f"the move orders {', '.join(THREE_ORDERS)} of every step diagonal in one alignment"
     return [(words, replace(plan, lines=plan.lines + added, one_alignment_per_diagonal=True))]
 
@@ -199,7 +199,7 @@ def _with_edge_lines(plan: Plan) -> list[tuple[str, Plan]]:
     """Return the plan with each linear line at another edge of the box that it has not."""
     made = []
     for group in EDGE_LINES:
-        added = _single(group, plan)
+        added = single(group, plan)
         if not any(line.setup == one.setup for line in plan.lines for one in added):
             place = added[0].setup.partition("@")[2]
             words = f"a linear line {group.names[0]} shifted by {place} m"
@@ -207,8 +207,13 @@ def _with_edge_lines(plan: Plan) -> list[tuple[str, Plan]]:
     return made
 
 
-def _coarse(plan: Plan) -> Plan:
-    """Return the plan with fewer blocks over the same box, if no line stands between the nodes."""
+def coarse(plan: Plan, blocks: int = _BLOCKS_TO_TRY) -> Plan:
+    """Return the plan with fewer blocks over the same box, if no line stands between the nodes.
+
+    Args:
+        plan: as it is.
+        blocks: that are left, at most.
+    """
     volume = plan.volume
     whole = tuple(step * volume.blocks for step in volume.step)
     at_ends = all(
@@ -216,13 +221,14 @@ def _coarse(plan: Plan) -> Plan:
         for line in plan.lines
         for shift, side in zip(line.offset, whole, strict=True)
     )
-    if volume.blocks <= _BLOCKS_TO_TRY or not at_ends:
+    if volume.blocks <= blocks or not at_ends:
         return plan
-    x, y, z = (side / _BLOCKS_TO_TRY for side in whole)
-    return replace(plan, volume=replace(volume, step=(x, y, z), blocks=_BLOCKS_TO_TRY))
+    x, y, z = (side / blocks for side in whole)
+    return replace(plan, volume=replace(volume, step=(x, y, z), blocks=blocks))
 
 
-def _single(group: Group, plan: Plan) -> tuple[Line, ...]:
+def single(group: Group, plan: Plan) -> tuple[Line, ...]:
+    """Return the lines of a group over a plan's box, each once and forward."""
     return lines_of(Scheme("", (group,)), plan.volume, 1, (FORWARD,))
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
@@ -81,6 +83,8 @@ def build_report(
     with_visibility: bool = False,
     recorded: Iterable[VolumetricErrors] = (),
     remarks: tuple[str, ...] = (),
+    verdict: Verdict | None = None,
+    passes: Completeness | None = None,
 ) -> Report:
     """Solve a measurement by every method that its lines are enough for, and gather the report.
 
@@ -98,6 +102,8 @@ def build_report(
         recorded: results of the live run in the order of recording; the last of each method is
             compared with what is solved here, to the last bit.
         remarks: about the run as a whole.
+        verdict: of a diagnosis of these lines; None if they were not diagnosed.
+        passes: how much of the plan was measured; None if that is not known.
 
     Raises:
         ValueError: there is no line, or the lines contradict each other or the volume.
@@ -132,4 +138,6 @@ def build_report(
         visibility=measured_visibility(measurement) if with_visibility else None,
         equals_recorded=equal,
         remarks=(*remarks, *more),
+        verdict=verdict or Verdict(),
+        passes=passes,
     )

@@ -81,6 +81,12 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
 
     sentence(f"Compensation tables for {report.control.title}")
+    overruled = report.identified.origin.despite_verdict
+    if overruled:
+        sentence(
+            f"Made despite the verdict {overruled}. What acts stays, and part of it is in these"
+            " tables."
+        )
     for line in report.identified.origin.lines():
         sentence(f"  {line}")
     sentence(f"  files: {', '.join(report.files)}")

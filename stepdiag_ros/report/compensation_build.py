@@ -52,7 +52,11 @@ def identified_of(
         method=result.method,
         software_version=report.run_software_version,
     )
-    return identify(result, report.chain, report.measurement, origin, report.remarks)
+    return identify(
+        *(result, report.chain, report.measurement, origin, report.remarks),
+        verdict=report.verdict,
+        passes=report.passes,
+    )
 
 
 def compensation_of(

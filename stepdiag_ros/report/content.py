@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -97,6 +99,8 @@ class Report:
         equals_recorded: method → whether the result equals the one in the bag to the last bit;
             methods without a recorded result are not there.
         remarks: about the run as a whole, in words.
+        verdict: of a diagnosis of these lines, or why there is none.
+        passes: how much of the plan was measured; None if that is not known.
     """
 
     results: tuple[VolumetricErrors, ...]
@@ -113,6 +117,8 @@ class Report:
     visibility: Visibility | None = None
     equals_recorded: Mapping[str, bool] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    verdict: Verdict = field(default_factory=Verdict)
+    passes: Completeness | None = None
 
     def ordered_results(self) -> tuple[VolumetricErrors, ...]:
         """Return the results in the order in which they are shown."""

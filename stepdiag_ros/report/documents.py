@@ -10,7 +10,9 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.content import Comparison, Report, Truth, compare_with_truth
+from stepdiag_ros.report.lead import RunLead, lead_of
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
+from stepdiag_ros.report.summary import lead_document
 
 
 def _number(value: float) -> float | None:
@@ -101,8 +103,12 @@ def _truth_document(truth: Truth) -> dict[str, Any]:
     }
 
 
-def report_document(report: Report) -> dict[str, Any]:
+def report_document(report: Report, lead: RunLead | None = None) -> dict[str, Any]:
     """Return the whole report as a mapping that ``json`` can write.
+
+    Args:
+        report: of the run.
+        lead: what is said first of it, where more is known than the report holds.
 
     Raises:
         ValueError: the truth does not fit the results.
@@ -123,6 +129,7 @@ def report_document(report: Report) -> dict[str, Any]:
             result.method: method_document(result, report) for result in report.ordered_results()
         },
         "not_solved": dict(report.refused),
+        "lead": lead_document(lead or lead_of(report)),
         "visibility": None if report.visibility is None else visibility_document(report.visibility),
         "truth": None if report.truth is None else _truth_document(report.truth),
     }

@@ -123,6 +123,8 @@ def assessment_document(assessment: Assessment, proposal: Proposal | None = None
         "visibility_with_rotations": None
         if assessment.seen_rotating is None
         else visibility_document(assessment.seen_rotating),
+        "undetermined": list(assessment.undetermined.names),
+        "lines_that_would_tell": assessment.undetermined.remedy_words or None,
         "limits": list(assessment.limits),
         "warnings": list(assessment.warnings),
         "proposal": None if proposal is None else _proposal_document(proposal),

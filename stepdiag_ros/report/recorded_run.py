@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.passes import completeness_of
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.configuration import cell_from_text, read_yaml
+from stepdiag_ros.diagnosing import verdict_on
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
@@ -40,6 +42,7 @@ def report_of_run(
     with_visibility: bool = False,
     air: AirChoice | None = None,
     warn: Callable[[str], None] = silent,
+    with_verdict: bool = False,
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -53,6 +56,7 @@ def report_of_run(
         with_visibility: say of each error whether these lines tell it.
         air: compensate the readings for the air anew; None: as it was done in the run.
         warn: told in a sentence if the lines are not those that were recorded.
+        with_verdict: diagnose the lines that are solved.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
@@ -79,6 +83,8 @@ def report_of_run(
             *out_of_step(recorded),
             *diagnosed(recorded),
         ),
+        verdict=verdict_on(measurement) if with_verdict and measurement.lines else None,
+        passes=completeness_of(recorded, measurement),
     )
 
 

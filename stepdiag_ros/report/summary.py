@@ -1,77 +1,223 @@
-"""A measurement in short: worst place, largest single errors, what was taken as zero."""
+"""The lead of a run in words: what decides, how large the errors are, what to do next."""
 
 import shlex
-from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
-import numpy as np
-
-from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
-from stepdiag_ros.metrology.geometry import ROTATIONS
-from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
-from stepdiag_ros.report.content import Report
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, with_expanded
-from stepdiag_ros.report.single_errors import SingleError, single_errors
+from stepdiag_ros import schemas
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.compensation.permission import held_by_any
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+from stepdiag_ros.metrology.credibility import Misfit
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
+from stepdiag_ros.report.lead import RunLead
+from stepdiag_ros.report.numbers import MICRO, plain, with_expanded
 
 _MOST_ERRORS = 3
-_NEXT = (
-    ("report {}", "the whole measurement as one page to hand over"),
-    ("diagnose {}", "whether anything acts that these errors do not contain"),
-    ("monitor {}", "the run as it was, in a browser"),
-    ("compensate {} --for generic", "if nothing else acts: tables; --for names the control"),
-)
+_MOST_MISSING = 6
+_REPORT = ("report {}", "the whole measurement as one page to hand over")
+_SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
+_MONITOR = ("monitor {}", "the run as it was, in a browser")
+_TESTED = {
+    CONSISTENT: "",
+    NOT_TESTABLE: " Nothing in the run could contradict the errors below: they are untested.",
+    NOT_DIAGNOSED: "",
+}
+_NOT_CONTAINED = " The errors below do not contain that."
 
 
-def short_sentences(
-    report: Report,
-    accuracy: VolumetricAccuracy | None,
-    expanded_uncertainty: float,
-    errors: Sequence[SingleError],
-) -> list[str]:
-    """Say the worst place, the largest single errors, and which errors were taken as zero.
+@dataclass(frozen=True)
+class Step:
+    """Something to do next.
 
-    Args:
-        report: of the run.
-        accuracy: of the method to rely on; None if nothing was solved.
-        expanded_uncertainty: of its longest error vector (95 %), m; NaN if not known.
-        errors: by the same method.
+    Attributes:
+        command: to be run; empty where it is not a command that does it.
+        why: what it is for, in words.
     """
-    preferred = report.preferred()
-    if accuracy is not None and isfinite(accuracy.value) and preferred and is_noise(preferred):
-        return [_noise(accuracy.value, report.measurement), *_taken_as_zero(report)]
-    said = []
-    if accuracy is not None and isfinite(accuracy.value):
-        said.append(_worst(accuracy, expanded_uncertainty))
-    known = [one for one in errors if isfinite(one.value)]
-    largest = sorted(known, key=lambda one: one.value, reverse=True)[:_MOST_ERRORS]
-    if largest:
+
+    command: str
+    why: str
+
+
+def sentences_of(lead: RunLead) -> list[str]:
+    """Return the lead in sentences, in the order in which they decide."""
+    return [*deciding_sentences(lead), *size_sentences(lead)]
+
+
+def deciding_sentences(lead: RunLead) -> list[str]:
+    """Say what decides whether the errors may be used: run, verdict, misfit, what is unknown."""
+    said = [] if lead.passes is None else _incomplete(lead.passes)
+    said.append(_verdict(lead))
+    return [*said, *_misfit(lead), *_unknown(lead)]
+
+
+def size_sentences(lead: RunLead) -> list[str]:
+    """Say the worst place, the largest single errors, and which errors were taken as zero."""
+    if lead.noise and lead.volume is not None:
+        return [_noise(lead, lead.volume), *_taken_as_zero(lead)]
+    said = [] if lead.volume is None else [_worst(lead.volume, lead.expanded_uncertainty)]
+    if lead.errors:
+        # Next to what is not known, nothing is the largest.
+        what = (
+            "Of the single errors that are known, the largest"
+            if lead.unknown
+            else ("The largest single errors")
+        )
         words = "; ".join(
             f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, MICRO)} µm over"
             f" {one.travel * 1e3:.0f} mm"
-            for one in largest
+            for one in lead.errors[:_MOST_ERRORS]
         )
-        said.append(
-            "The largest single errors, peak to peak over the"
-            f" travel{_directions(report.measurement)}: {words}."
-        )
-    return said + _taken_as_zero(report)
+        said.append(f"{what}, peak to peak over the travel{_directions(lead)}: {words}.")
+    return said + _taken_as_zero(lead)
 
 
-def _directions(measurement: Measurement | None) -> str:
+def next_steps(lead: RunLead) -> list[Step]:
+    """Return what to do next, most urgent first; what comes after it only where it may."""
+    if lead.bag is None:
+        return []
+    more_acts = lead.verdict.more_acts
+    named = [
+        *_complete_first(lead),
+        *([_SOLVE] if lead.solved is None else []),
+        *(_after_verdict(lead.verdict) if more_acts else []),
+        *_for_unknown(lead),
+        *([] if more_acts else _after_verdict(lead.verdict)),
+        _REPORT,
+        _MONITOR,
+        *_compensation(lead),
+    ]
+    bag = shlex.quote(str(lead.bag))
+    return [Step(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
+
+
+def next_lines(lead: RunLead) -> list[str]:
+    """Return what to do next for the terminal, a line each; nothing without a recording."""
+    steps = next_steps(lead)
+    width = max((len(one.command) for one in steps), default=0)
+    lines = [
+        f"  {one.command:<{width}}  {one.why}" if one.command else f"  {one.why}" for one in steps
+    ]
+    return ["Next:", *lines] if lines else []
+
+
+def missing_words(lead: RunLead) -> str:
+    """Return the lines of which a pass is missing."""
+    missing = () if lead.passes is None else lead.passes.missing
+    words = ", ".join(missing[:_MOST_MISSING])
+    more = len(missing) - _MOST_MISSING
+    return f"{words} and {more} lines more" if more > 0 else words or "the rest of the plan"
+
+
+def lead_document(lead: RunLead) -> dict[str, Any]:
+    """Return the lead as a document of the schema ``lead``: SI, unknown is null."""
+    passes, volume = lead.passes, lead.volume
+    content = {
+        "verdict": {
+            "name": lead.verdict.name,
+            "sentence": lead.verdict.sentence,
+            "effects": list(lead.verdict.effects),
+            "rivals": list(lead.verdict.rivals),
+        },
+        "passes": None
+        if passes is None
+        else {
+            "planned": passes.planned,
+            "complete": passes.complete,
+            "unit": passes.unit,
+            "missing": list(passes.missing),
+            "end": passes.end or None,
+        },
+        "solved": lead.solved,
+        "misfit": lead.misfit.name.lower() if lead.solved else None,
+        "reduced_chi_squared": _number(lead.reduced_chi_squared),
+        "unknown": list(lead.unknown),
+        "remedy": lead.remedy or None,
+        "noise": lead.noise if volume is not None else None,
+        "largest_in_volume": None if volume is None else volume.value,
+        "expanded_uncertainty": _number(lead.expanded_uncertainty),
+        "single_errors": [
+            {
+                "name": one.name,
+                "value": one.value,
+                "expanded_uncertainty": _number(one.expanded_uncertainty),
+                "travel": one.travel,
+            }
+            for one in lead.errors
+        ],
+        "taken_as_zero": list(lead.as_zero),
+        "sentences": sentences_of(lead),
+        "next": [{"command": one.command or None, "why": one.why} for one in next_steps(lead)],
+    }
+    return schemas.document("lead", content)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
+
+
+def _verdict(lead: RunLead) -> str:
+    """Return the verdict of the diagnosis, and what that means for errors that were solved."""
+    verdict = lead.verdict
+    meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    return f"{verdict.name}: {verdict.sentence}{meaning}"
+
+
+def _incomplete(passes: Completeness) -> list[str]:
+    if passes.whole:
+        return []
+    said = (
+        f"The measurement is not complete: {passes.complete} of {passes.planned} planned"
+        f" {passes.unit} have {'a value' if passes.unit == 'stops' else 'every stop'}."
+    )
+    return [f"{said} End of the run: {passes.end.rstrip('.')}." if passes.end else said]
+
+
+def _misfit(lead: RunLead) -> list[str]:
+    """Say that errors do not explain the readings, where they do not."""
+    if lead.misfit is Misfit.NONE:
+        return []
+    ratio = plain(lead.reduced_chi_squared, 1)
+    if lead.misfit is Misfit.SHOWN:
+        return [
+            f"These errors do not explain the readings (χ²/dof = {ratio}, and the readings repeat"
+            " better than that): something acts that they do not contain, and no ± covers it."
+        ]
+    return [
+        f"The readings disagree with these errors (χ²/dof = {ratio}): either they repeat worse than"
+        " their windows tell, which every ± has in it, or something acts that these errors do not"
+        " contain, which none has; passes that are repeated would tell."
+    ]
+
+
+def _unknown(lead: RunLead) -> list[str]:
+    if not lead.unknown:
+        return []
+    told = f"; {lead.remedy}, measured as well, would tell them" if lead.remedy else ""
+    what = ", ".join(lead.unknown) if lead.solved else "all errors, no method could be used"
+    return [f"Unknown, because the measured lines do not tell them: {what}{told}."]
+
+
+def _directions(lead: RunLead) -> str:
     """Say in which directions of the lines errors were measured; nothing where it is not known."""
-    found = set() if measurement is None else {one.line.direction for one in measurement.lines}
-    if len(found) == 1:
-        return f", {found.pop()} alone (no reversal in them)"
-    return ", mean of both directions" if found else ""
+    if len(lead.directions) == 1:
+        return f", {lead.directions[0]} alone (no reversal in them)"
+    return ", mean of both directions" if lead.directions else ""
 
 
-def _noise(largest: float, measurement: Measurement | None) -> str:
+def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
     return (
         "No error of this machine stands out from the noise of this"
-        f" measurement{_directions(measurement)}: the largest error vector found,"
-        f" {plain(largest * MICRO, 3)} µm, is no more than noise makes."
+        f" measurement{_directions(lead)}: the largest error vector found,"
+        f" {plain(volume.value * MICRO, 3)} µm, is no more than noise makes."
     )
 
 
@@ -91,79 +237,57 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
     )
 
 
-def _taken_as_zero(report: Report) -> list[str]:
-    preferred = report.preferred()
-    if preferred is None or any(name in preferred.curves for name in ROTATIONS):
+def _taken_as_zero(lead: RunLead) -> list[str]:
+    if not lead.as_zero:
         return []
-    told = {
-        name
-        for result in report.results
-        for name in ROTATIONS
-        if name in result.curves and np.all(np.isfinite(result.curves[name]))
-    }
+    missing = [name for name in lead.as_zero if name not in lead.told_elsewhere]
     words = "the measured lines cannot tell them"
-    if len(told) == len(ROTATIONS):
+    if not missing:
         words = "another method tells them from these lines, see its tables"
-    elif told:
-        missing = ", ".join(name for name in ROTATIONS if name not in told)
-        others = ", ".join(name for name in ROTATIONS if name in told)
+    elif lead.told_elsewhere:
         words = (
-            f"another method tells {others} from these lines, see its tables; the lines cannot"
-            f" tell {missing}"
+            f"another method tells {', '.join(lead.told_elsewhere)} from these lines, see its"
+            f" tables; the lines cannot tell {', '.join(missing)}"
         )
     return [f"Taken as zero in these figures: pitch, yaw and roll of all axes; {words}."]
 
 
-def in_short(report: Report) -> list[str]:
-    """Say in short what was found, with the uncertainty of the readings; nothing where unsolved.
+def _complete_first(lead: RunLead) -> list[tuple[str, str]]:
+    return [] if lead.whole else [("", f"Measure what is missing: {missing_words(lead)}.")]
 
-    Args:
-        report: of the run.
-    """
-    preferred = report.preferred()
-    if preferred is None:
+
+def _after_verdict(verdict: Verdict) -> list[tuple[str, str]]:
+    """Return what the diagnosis asks for."""
+    return {
+        CONSISTENT: [("diagnose {}", "how large an effect would have to be to show")],
+        NAMED: [
+            ("diagnose {} --extend MODEL.yaml", "what acts, how large, and the errors without it")
+        ],
+        AMBIGUOUS: [
+            ("diagnose {} --propose MORE.yaml", "what to measure to tell the causes apart")
+        ],
+        UNEXPLAINED: [("diagnose {}", "where the gap is, and what to measure to find its cause")],
+        NOT_TESTABLE: [
+            ("diagnose {}", "why nothing could contradict these errors"),
+            ("plan --for volumetric --machine MACHINE", "a plan whose lines test each other"),
+        ],
+    }.get(verdict.name, [("diagnose {}", "whether anything acts that these errors do not contain")])
+
+
+def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:
+    if not lead.remedy:
         return []
-    accuracy = None
-    if report.chain or not any(name in preferred.curves for name in ROTATIONS):
-        accuracy = of_result(preferred, report.chain)
-    spread = float("nan") if accuracy is None else accuracy.standard_uncertainty
-    errors = single_errors(preferred)
-    said = short_sentences(report, accuracy, COVERAGE_FACTOR * spread, errors)
-    return misfit_sentences(preferred, report.measurement) + said
+    return [("", f"Measure {lead.remedy} as well: they tell {', '.join(lead.unknown)}.")]
 
 
-def misfit_sentences(result: VolumetricErrors, measurement: Measurement | None) -> list[str]:
-    """Say that errors do not explain the readings, where they do not.
-
-    Args:
-        result: the errors.
-        measurement: that they were solved from; None if it is not at hand.
-    """
-    found = misfit(result, measurement)
-    if found is Misfit.NONE:
+def _compensation(lead: RunLead) -> list[tuple[str, str]]:
+    """Propose tables only where the run is complete and nothing acts that they do not hold."""
+    trusted = lead.whole and not lead.unknown and not lead.noise and lead.misfit is Misfit.NONE
+    if not lead.solved or not trusted:
         return []
-    ratio = plain(result.chi_squared / result.degrees_of_freedom, 1)
-    if found is Misfit.SHOWN:
-        return [
-            f"These errors do not explain the readings (χ²/dof = {ratio}, and the readings repeat"
-            " better than that): something acts that they do not contain, and no ± covers it."
-        ]
-    return [
-        f"The readings disagree with these errors (χ²/dof = {ratio}): either they repeat worse than"
-        " their windows tell, which every ± has in it, or something acts that these errors do not"
-        " contain, which none has; passes that are repeated would tell."
-    ]
-
-
-def next_commands(report: Report) -> list[str]:
-    """Return what to run next on the bag, a line each; nothing without a bag.
-
-    Args:
-        report: of the run.
-    """
-    if report.bag is None or not report.results:
-        return []
-    bag = shlex.quote(str(report.bag))
-    lines = [(f"  stepdiag {command.format(bag)}", why) for command, why in _NEXT]
-    width = max(len(command) for command, _ in lines)
-    return ["Next:", *(f"{command:<{width}}  {why}" for command, why in lines)]
+    if lead.verdict.name == CONSISTENT:
+        return [("compensate {} --for generic", "tables; --for names the control")]
+    if lead.verdict.name == NAMED and held_by_any(lead.verdict):
+        what = ", ".join(lead.verdict.effects)
+        return [("compensate {} --for linuxcnc", f"tables; this control's hold {what}")]
+    return []

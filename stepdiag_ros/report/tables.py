@@ -20,6 +20,7 @@ from stepdiag_ros.report.content import (
     method_title,
     short_title,
 )
+from stepdiag_ros.report.lead import lead_of
 from stepdiag_ros.report.numbers import (
     ARC_SECONDS,
     COVERAGE_FACTOR,
@@ -37,7 +38,7 @@ from stepdiag_ros.report.squareness import (
     SignDefinition,
     sign,
 )
-from stepdiag_ros.report.summary import in_short, next_commands
+from stepdiag_ros.report.summary import next_lines, sentences_of
 
 _LEAST_WIDTH = 150
 
@@ -489,8 +490,7 @@ def print_report(
                 console.print()
     for line in _sentences(report, definition):
         sentence(line)
-    short = in_short(report)
-    if short:
-        console.print()
-        for line in ("In short:", *short, *next_commands(report)):
-            sentence(line)
+    lead = lead_of(report)
+    console.print()
+    for line in ("In short:", *sentences_of(lead), *next_lines(lead)):
+        sentence(line)

@@ -39,6 +39,7 @@ VERSIONS = {
     "by_hand": 1,
     "export": 1,
     "selftest": 1,
+    "lead": 1,
 }
 """Name of every document → version of its schema."""
 

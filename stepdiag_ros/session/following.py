@@ -73,6 +73,7 @@ class FollowedRun:
         check: is called several times a second; raises RunFailed if the run cannot go on.
         on_hold: is called several times a second while the run is held (``HELD``), with what it
             says of itself; returns True to have it resumed, or raises RunFailed to have it ended.
+        on_plan: is called once, with the YAML text of the plan, as soon as the run tells it.
 
     Attributes:
         run_id: identity of the run; empty before it has started.
@@ -85,8 +86,10 @@ class FollowedRun:
         tell: Callable[[Told], None],
         check: Callable[[], None],
         on_hold: Callable[[State, str], bool],
+        on_plan: Callable[[str], None] | None = None,
     ) -> None:
         self._operator = operator
+        self._on_plan = on_plan
         self._tell = tell
         self._check = check
         self._on_hold = on_hold
@@ -138,6 +141,9 @@ class FollowedRun:
                 raise RunFailed(
                     "the sequencer is gone, or was started anew and knows nothing of the run"
                 )
+            if self._on_plan is not None and operator.plan:
+                self._on_plan(operator.plan)
+                self._on_plan = None
             if operator.state is None:
                 continue
             self._tell(_told(operator.state, operator.text))

@@ -18,6 +18,7 @@ class JoinedRun:
         namespace: of the nodes, such as ``/cell_1``; empty for none.
         tell: is told how far the run is.
         on_hold: as that of ``FollowedRun``.
+        on_plan: likewise.
 
     Attributes:
         measured: what the run has come to; None before that is known, or where none has begun.
@@ -28,10 +29,12 @@ class JoinedRun:
         namespace: str,
         tell: Callable[[Told], None],
         on_hold: Callable[[State, str], bool],
+        on_plan: Callable[[str], None] | None = None,
     ) -> None:
         self._namespace = namespace
         self._tell = tell
         self._on_hold = on_hold
+        self._on_plan = on_plan
         self.measured: Measured | None = None
 
     def measure(self, plan: str) -> None:
@@ -58,7 +61,7 @@ class JoinedRun:
                     f"there is no sequencer{where} on ROS domain {domain}: start the nodes first,"
                     " or measure on nodes of its own in the simulated cell with 'stepdiag run'"
                 )
-            run = FollowedRun(operator, self._tell, lambda: None, self._on_hold)
+            run = FollowedRun(operator, self._tell, lambda: None, self._on_hold, self._on_plan)
             try:
                 run.measure(plan)
             finally:

@@ -48,7 +48,8 @@ def test_what_is_refused_leaves_nothing(files, capsys):
     (files / "bad.nc").write_text("G54 G0 X0 Y0 Z30\nG41 D1 X5\n")
     arguments = ["compensate-nc", str(files / "bad.nc"), str(files / "map.json"), *OFFSETS]
     assert main(arguments) == 1
-    (error,) = capsys.readouterr().err.strip().splitlines()
+    warning, error = capsys.readouterr().err.strip().splitlines()
+    assert "NOT DIAGNOSED" in warning, "the map does not say what a diagnosis says"
     assert "bad.nc, line 2: G41 cannot be corrected" in error
     assert {path.name for path in files.iterdir()} == {"bad.nc", "map.json", "part.nc"}
 

@@ -14,7 +14,8 @@ from handover.written_runs import with_backlash_of_x, write_lines
 from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
-from stepdiag_ros.handover import lead, material, pictures
+from stepdiag_ros.diagnosis_summary import Verdict
+from stepdiag_ros.handover import material, pictures
 from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
 from stepdiag_ros.handover.page import Column, TableView, chapter, page
 from stepdiag_ros.handover.pictures import Drawing, Drawn, Studio, draw, studio
@@ -27,6 +28,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.metrology.effects import backlash
+from stepdiag_ros.report.lead import RunLead
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
 HEAD = """\
@@ -171,8 +173,7 @@ def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, toleran
         expanded_uncertainty=COVERAGE_FACTOR * u,
         lower_bound=False,
         given=given,
-        diagnosis=None,
-        report=SimpleNamespace(preferred=lambda: None),
+        lead=RunLead(),
     )
     assert judge(found).verdict == verdict
     found.accuracy, found.expanded_uncertainty, given.tolerance = None, float("nan"), 1.0
@@ -187,8 +188,7 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
         expanded_uncertainty=1e-6,
         lower_bound=False,
         given=SimpleNamespace(tolerance=tolerance),
-        diagnosis=SimpleNamespace(diagnosis=SimpleNamespace(verdict=acts)),
-        report=SimpleNamespace(preferred=lambda: None),
+        lead=RunLead(Verdict(acts, "so it is")),
     )
     judged = judge(found)
     alone = KEEPS if tolerance == 50e-6 else EXCEEDS
@@ -196,18 +196,16 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
     assert judged.more_acts == (judged.verdict == OPEN)
 
 
-def test_noise_exceeds_no_limit(monkeypatch):
+def test_noise_exceeds_no_limit():
     found = SimpleNamespace(
         accuracy=SimpleNamespace(value=0.15e-6),
         expanded_uncertainty=0.09e-6,
         lower_bound=False,
         given=SimpleNamespace(tolerance=0.05e-6),
-        diagnosis=None,
-        report=SimpleNamespace(preferred=lambda: object()),
+        lead=RunLead(noise=False),
     )
-    monkeypatch.setattr(lead, "is_noise", lambda _: False)
     assert judge(found).verdict == EXCEEDS
-    monkeypatch.setattr(lead, "is_noise", lambda _: True)
+    found.lead = RunLead(noise=True)
     assert judge(found).verdict == OPEN and judge(found).noise
     found.given.tolerance = 1e-6
     assert judge(found).verdict == KEEPS

@@ -380,6 +380,24 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
     assert Path(document["bag"]).stat().st_size > 10_000 and document["run_id"] in document["bag"]
 
 
+def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
+    plan = tmp_path / "four.yaml"
+    plan.write_text(
+        "name: four\nstep_m: [0.03, 0.03, 0.03]\nblocks: 3\nfeed_m_per_s: 0.05\n"
+        "pause_for_setup: false\n"
+        "lines:\n  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn]}\n"
+    )
+    with make_cell(plan=str(plan), factor=20.0) as cell:
+        client = start_client("--json")
+        cell.wait(lambda: client.poll() is not None, 90.0, "the client has ended")
+        out, err = client.communicate(timeout=30)
+    assert client.returncode == 0, err
+    assert "warning" in err and all(name in err for name in ("E_XX", "E_YY", "E_ZZ"))
+    first = json.loads(out)["lead"]
+    assert first["passes"]["planned"] == first["passes"]["complete"] and first["solved"] is None
+    assert next(one["command"].split()[1] for one in first["next"] if one["command"]) == "solve"
+
+
 def test_without_nodes_there_is_nothing_to_measure_on(monkeypatch, capsys):
     monkeypatch.setattr("stepdiag_ros.session.joining.LOOK_LIMIT", 0.3)
     assert main(["measure", "--plan", "quick", "--namespace", "/cell_1"]) == 1

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
 
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.credibility import Misfit
-from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
-from stepdiag_ros.report import summary
+from stepdiag_ros.report import lead as leads
 from stepdiag_ros.report.documents import report_json
+from stepdiag_ros.report.lead import lead_of
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR, plus_minus
 from stepdiag_ros.report.single_errors import single_errors, with_ranges
-from stepdiag_ros.report.summary import in_short, next_commands
+from stepdiag_ros.report.summary import next_lines, sentences_of, size_sentences
 from stepdiag_ros.report.tables import make_console, print_report
 
 U_NODE = 5e-8
@@ -35,6 +37,11 @@ def returning(size=4e-6):
     blocks = np.kron(np.eye(len(TRANSLATIONS)), np.ones((values, values)))
     covariance = np.diag(free * (U_NODE**2 - COMMON**2)) + COMMON**2 * blocks * np.outer(free, free)
     return replace(result, curves={**result.curves, "E_ZZ": there_and_back}, covariance=covariance)
+
+
+def in_short(report):
+    """Return what is said of the sizes; what decides is told by ``test_lead.py``."""
+    return size_sentences(lead_of(report))
 
 
 def named(errors):
@@ -136,32 +143,36 @@ def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
     assert not zero_words(whole), "it holds them itself"
 
 
-def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_first(monkeypatch):
+@pytest.mark.parametrize("found", Misfit)
+def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_before_any_size(
+    monkeypatch, found
+):
     result = replace(make_result(), degrees_of_freedom=20, chi_squared=20 * 590.0)
-    words = {
-        Misfit.SHOWN: "These errors do not explain the readings (χ²/dof = 590.0, and the readings",
-        Misfit.UNCLEAR: "The readings disagree with these errors (χ²/dof = 590.0): either they",
-    }
-    said = {}
-    for found in Misfit:
-        monkeypatch.setattr(summary, "misfit", lambda *_, found=found: found)
-        said[found] = in_short(make_report(results=(result,)))
-    for found, start in words.items():
-        assert said[found][0].startswith(start)
-        assert said[found][1:] == said[Misfit.NONE]
+    monkeypatch.setattr(leads, "misfit", lambda *_: found)
+    lead = lead_of(make_report(results=(result,), bag=Path("run.mcap")))
+    assert lead.misfit is found and lead.reduced_chi_squared == pytest.approx(590.0)
+    said = sentences_of(lead)
+    told = [place for place, text in enumerate(said) if "590.0" in text]
+    assert bool(told) == (found is not Misfit.NONE)
+    assert told in ([], [len(said) - len(size_sentences(lead)) - 1])
+    # Nothing is proposed to be made of errors that something else is in.
+    consistent = replace(lead, verdict=Verdict("CONSISTENT", "They agree."))
+    proposed = any("compensate" in line for line in next_lines(consistent))
+    assert proposed == (found is Misfit.NONE)
+
+
+def test_of_a_run_that_no_method_could_solve_everything_is_unknown():
+    lead = lead_of(make_report(results=(), bag=Path("run.mcap")))
+    assert lead.solved is False and set(lead.unknown) == {*TRANSLATIONS, *SQUARENESS}
+    assert not lead.errors and lead.volume is None
+    assert not any("compensate" in line for line in next_lines(lead))
 
 
 def test_noise_is_no_size_of_an_error(monkeypatch):
-    result = make_result()
-    monkeypatch.setattr(summary, "is_noise", lambda _: True)
-    said = in_short(make_report(results=(result,)))
+    monkeypatch.setattr(leads, "is_noise", lambda _: True)
+    said = in_short(make_report(results=(make_result(),)))
     assert len(said) == 2 and said[0].startswith("No error of this machine") and "±" not in said[0]
     assert said[1].startswith("Taken as zero")
-
-
-def test_a_run_that_was_not_solved_says_nothing_in_short():
-    report = make_report(results=())
-    assert in_short(report) == [] and next_commands(report) == []
 
 
 def test_the_last_lines_say_it_in_short_and_what_to_run_next():
@@ -170,14 +181,14 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
     print_report(report, make_console(stream))
     lines = [line.rstrip() for line in stream.getvalue().splitlines()]
     place = lines.index("In short:")
-    assert lines[place + 1 :] == [*in_short(report), *next_commands(report)]
+    lead = lead_of(report)
+    assert lines[place + 1 :] == [*sentences_of(lead), *next_lines(lead)]
     assert any("not solved, too little" in line for line in lines[:place])
-    commands = [line.split("  ")[1] for line in lines[-4:]]
+    commands = [line.split("  ")[1] for line in lines[-3:]]
     assert commands == [
-        "stepdiag report 'my runs/one.mcap'",
         "stepdiag diagnose 'my runs/one.mcap'",
+        "stepdiag report 'my runs/one.mcap'",
         "stepdiag monitor 'my runs/one.mcap'",
-        "stepdiag compensate 'my runs/one.mcap' --for generic",
     ]
 
 

@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+from stepdiag_ros.compensation.permission import DESPITE, permission
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
@@ -51,9 +52,11 @@ def _tell(material: Material) -> Content | str:
 
 def not_yet(material: Material) -> str:
     """Return why tables of this run are not to be used; empty if nothing speaks against them."""
-    if material.diagnosis is None:
+    made = material.compensation
+    if made is None or not permission(made.identified, made.control, made.layout.settings).refusal:
         return ""
-    return _NOT_YET.get(material.diagnosis.diagnosis.verdict, "")
+    why = _NOT_YET.get(made.identified.verdict.name, "")
+    return f"{why} 'stepdiag compensate' refuses to write them without {DESPITE}."
 
 
 def _document(material: Material) -> dict[str, Any] | None:

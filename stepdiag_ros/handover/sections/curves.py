@@ -85,7 +85,7 @@ def _remarks(report: Report) -> list[str]:
 
 
 def _document(material: Material) -> dict[str, Any]:
-    return report_document(material.report)
+    return report_document(material.report, material.lead)
 
 
 SECTION = Section("curves", "Error curves", _tell, _document)

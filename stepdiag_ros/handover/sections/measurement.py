@@ -12,7 +12,6 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.handover.sections.readings import taken
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
@@ -23,13 +22,6 @@ _KINDS = {
     LINEAR: "lines along an axis",
     STEP_DIAGONAL: "step diagonals",
     DIAGONAL: "diagonals, all axes at once",
-}
-_FINISHED = 4
-"""``RunState.FINISHED``."""
-_STATES = {
-    _FINISHED: "all lines are measured",
-    5: "ended by an operator before all lines were measured",
-    6: "stopped by a fault",
 }
 _WEATHER = {
     "air_temperature": ("air temperature", "°C", 1.0, 2),
@@ -87,18 +79,6 @@ def _controller(material: Material) -> str:
     return f"driver {known['device']}{f', number {identity}' if identity else ''}" if known else ""
 
 
-def end_of_run(material: Material) -> str:
-    """Return how the run ended, in words; empty where the bag does not tell."""
-    states = material.recorded.states
-    if not states:
-        return ""
-    last = states[-1]
-    words = _STATES.get(last.state, "the recording ends before the run does")
-    if last.state == _FINISHED and any(one.complete < one.planned for one in taken(material)):
-        words = "the run went to its end, but not all lines are complete"
-    return f"{words}: {last.text}" if last.text and last.text != words else words
-
-
 def _run_facts(material: Material) -> list[Fact]:
     given, report, recorded = material.given, material.report, material.recorded
     begin, end = _date(recorded.start_time), _date(_end(material))
@@ -120,7 +100,7 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Begun", _words_of(begin, report.simulated)),
         ("Last line ended", _words_of(end, report.simulated)),
         ("Duration", duration or UNKNOWN),
-        ("End of the run", end_of_run(material) or UNKNOWN),
+        ("End of the run", (report.passes and report.passes.end) or UNKNOWN),
         ("Remark", given.remark),
     ]
     return [Fact(name, text) for name, text in facts if text]

@@ -1,16 +1,15 @@
 """The readings: which were taken, how far they repeat, and what they differ from nominal."""
 
 import math
-from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
 
+from stepdiag_ros.bags.passes import pass_name
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.metrology.measurement import Reading, SettledStop
-from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.report.diagnosis_words import two_digits
 from stepdiag_ros.report.numbers import MICRO
 
@@ -18,48 +17,6 @@ _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000
 """Readings are looked for so long before and after the stops that are shown."""
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
-
-
-@dataclass(frozen=True)
-class _Taken:
-    """How many passes of a line were planned, are there, are complete; stops; lines begun anew."""
-
-    name: str
-    planned: int
-    measured: int
-    complete: int
-    stops: int
-    rejected: int
-    again: int
-
-
-def _name(line: Line) -> str:
-    return f"{line.name} {line.order}".rstrip()
-
-
-def taken(material: Material) -> tuple[_Taken, ...]:
-    """Return what was taken of each line of the plan, in its order."""
-    planned: dict[tuple[str, str], list[int]] = {}
-    for index, line in enumerate(material.recorded.plan.lines):
-        planned.setdefault((line.kind, _name(line)), []).append(index)
-    lines = {line.line_index: line for line in material.measurement.lines}
-    found = []
-    for (_, name), indices in planned.items():
-        here = [lines[index] for index in indices if index in lines]
-        values = [float(value) for line in here for value in line.displacement]
-        rejected = sum(not math.isfinite(value) for value in values)
-        found.append(
-            _Taken(
-                name,
-                len(indices),
-                len(here),
-                sum(line.complete for line in here),
-                len(values) - rejected,
-                rejected,
-                sum(line.attempt - 1 for line in here),
-            )
-        )
-    return tuple(found)
 
 
 def _table(material: Material) -> TableView:
@@ -70,7 +27,7 @@ def _table(material: Material) -> TableView:
             *(str(n) for n in (one.planned, one.measured, one.complete)),
             *(str(n) for n in (one.stops, one.rejected, one.again)),
         )
-        for one in taken(material)
+        for one in material.taken
     ]
     return TableView(
         "Passes and stops",
@@ -146,8 +103,8 @@ def _tell(material: Material) -> Content | str:
         drawings["settling"] = Drawing(
             "settling",
             shown,
-            f"Readings in time at {_STOPS_SHOWN} stops of line {_name(shown[1][0].line)}, with the"
-            " windows whose mean is the value of the stop; each stop enlarged.",
+            f"Readings in time at {_STOPS_SHOWN} stops of line {pass_name(shown[1][0].line)}, with"
+            " the windows whose mean is the value of the stop; each stop enlarged.",
             {"title": ""},
         )
     repeated = _repeat_facts(material)
@@ -185,7 +142,7 @@ def _document(material: Material) -> dict[str, Any]:
                 "stops_rejected": one.rejected,
                 "begun_anew": one.again,
             }
-            for one in taken(material)
+            for one in material.taken
         ],
         "repeats": {
             "standard_deviation_of_a_reading": _known(repeats.reading),

@@ -4,7 +4,7 @@ from typing import Any
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.handover.sections.readings import NO_REPEATS, taken
+from stepdiag_ros.handover.sections.readings import NO_REPEATS
 from stepdiag_ros.report.content import method_title
 
 _GIVEN = {
@@ -25,7 +25,7 @@ def unknowns(material: Material) -> dict[str, list[str]]:
         not_told.append("which error is allowed (--tolerance)")
     lines = [
         f"{one.name}: {one.complete} of {one.planned} passes are complete."
-        for one in taken(material)
+        for one in material.taken
         if one.complete < one.planned
     ]
     preferred = report.preferred()

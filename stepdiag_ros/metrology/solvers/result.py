@@ -50,12 +50,12 @@ class VolumetricErrors:
         covariance: of all curves stacked in the order of ``curves``, in the products of their
             units, shape (c(N+1), c(N+1)) for c curves; NaN rows and columns where not determined.
         frame: of the results, in words.
+        readings_covariance: the part of ``covariance`` by the readings' noise alone, which scatters
+            from one measurement of the same machine to the next; the rest stays the same.
         turned_covariance: of all eighteen curves stacked in the order of ``geometry.CURVES``, where
             the rotations are not among ``curves`` but are known to be so large and to have done so
             much to them: their second moments, and how they go with the errors of the curves; empty
             if not known.
-        readings_covariance: the part of ``covariance`` by the readings' noise alone, which scatters
-            from one measurement of the same machine to the next; the rest stays the same.
     """
 
     method: str
@@ -70,10 +70,10 @@ class VolumetricErrors:
     remarks: tuple[str, ...] = ()
     covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
     frame: str = FRAME
-    turned_covariance: Vector = field(
+    readings_covariance: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
-    readings_covariance: Vector = field(
+    turned_covariance: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
 

@@ -16,7 +16,6 @@ from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
-    CURVES,
     FRAME,
     ROTATIONS,
     TRANSLATIONS,
@@ -258,10 +257,9 @@ def make_result(
         by_readings: covariance of these curves by the readings' noise alone; all of it if None.
     """
     figures = common_figures(volume, estimate, lines, chain, shown)
-    turned = np.empty((0, 0))
+    left_out = np.empty((0, 0))
     if shown is not None:
-        if estimate.names == CURVES:
-            turned = _second_moments(estimate, len(shown))
+        left_out = _with_what_is_not_shown(estimate, shown)
         estimate = estimate.first(shown)
     known = estimate.curves_determined()
     values = np.where(known, estimate.values, np.nan)
@@ -284,13 +282,15 @@ def make_result(
         covariance=covariance,
         frame=frame,
         readings_covariance=covariance if by_readings is None else by_readings,
-        turned_covariance=turned,
+        turned_covariance=left_out,
     )
 
 
-def _second_moments(estimate: CurveEstimate, shown: int) -> Vector:
-    """Return the covariance of all curves, with the mean squares of those that are not shown."""
-    start = estimate.place(estimate.names[shown]).start
+def _with_what_is_not_shown(estimate: CurveEstimate, shown: Sequence[str]) -> Vector:
+    """Return second moments of all curves' errors, those that are not shown being given as zero."""
+    if len(estimate.names) == len(shown):
+        return np.empty((0, 0))
     moments: Vector = estimate.covariance.copy()
+    start = estimate.place(shown[-1]).stop
     moments[start:, start:] += np.outer(estimate.values[start:], estimate.values[start:])
     return moments

@@ -22,6 +22,8 @@ PARTLY = "partly determined"
 CONFOUNDED = "confounded"
 INVISIBLE = "invisible"
 SETUP = "the setup"
+SHAPE = "the shape, not the slope"
+"""The part of a curve that is told where its mean slope is not."""
 
 _NOTHING = 1e-6
 """Part of a unit vector in undetermined directions, or of a partner in it, that counts as none."""
@@ -82,7 +84,8 @@ class Verdicts:
         sizes: by which these columns were divided.
 
     Attributes:
-        condition_number: of the determined part of the problem, ratio of the singular values.
+        condition_number: of the determined part of the problem, ratio of the singular values;
+            infinite where rounding leaves nothing of the smallest.
     """
 
     def __init__(
@@ -107,7 +110,11 @@ class Verdicts:
         self._information = np.diag(self._normal) * np.max(design.weight)
         values = np.linalg.eigvalsh(self._normal)
         rank = design.count - design.unseen.shape[1]
-        self.condition_number = float(np.sqrt(values[-1] / values[-rank]))
+        # Rounding may leave nothing of the smallest: worse than numbers can tell.
+        smallest = float(values[-rank])
+        self.condition_number = (
+            float(np.sqrt(values[-1] / smallest)) if smallest > 0.0 else float("inf")
+        )
         self._largest = float(np.max(np.diag(self._normal)))
         if design.unseen.shape[1]:
             self._grams = {
@@ -219,9 +226,7 @@ class Verdicts:
             return replace(nothing, status=INVISIBLE)
         shape = self._shape(name)
         if shape is not None:
-            return replace(
-                row, status=PARTLY, part="the shape, not the slope", largest=shape, condition=np.nan
-            )
+            return replace(row, status=PARTLY, part=SHAPE, largest=shape, condition=np.nan)
         if not np.all(hidden):
             nodes = np.flatnonzero(design.curve_column[place] < design.count)[~hidden]
             return replace(row, status=PARTLY, part=f"the nodes {_ranges(nodes)}")

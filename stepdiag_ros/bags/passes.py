@@ -1,0 +1,107 @@
+"""How much of a plan was measured, and how the run ended."""
+
+import math
+from dataclasses import dataclass
+
+from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import Line, Plan
+
+_FINISHED = 4
+"""``RunState.FINISHED``."""
+_STATES = {
+    _FINISHED: "all lines are measured",
+    5: "ended by an operator before all lines were measured",
+    6: "stopped by a fault",
+}
+
+
+@dataclass(frozen=True)
+class TakenLine:
+    """How many passes of a line were planned, are there, are complete; stops; lines begun anew."""
+
+    name: str
+    planned: int
+    measured: int
+    complete: int
+    stops: int
+    rejected: int
+    again: int
+
+
+@dataclass(frozen=True)
+class Completeness:
+    """How much of a run is there.
+
+    Attributes:
+        planned: passes of the plan (or its stops, see ``unit``).
+        complete: passes of which every stop has a value (or stops that have one).
+        missing: lines of which a pass is not complete, in the order of the plan.
+        end: how the run ended, in words; empty where the recording does not tell.
+        unit: what is counted: ``passes`` or ``stops``.
+    """
+
+    planned: int
+    complete: int
+    missing: tuple[str, ...] = ()
+    end: str = ""
+    unit: str = "passes"
+
+    @property
+    def whole(self) -> bool:
+        """Say whether nothing of the plan is missing."""
+        return self.complete >= self.planned and not self.missing
+
+
+def taken(plan: Plan, measurement: Measurement) -> tuple[TakenLine, ...]:
+    """Return what was taken of each line of a plan, in its order."""
+    planned: dict[tuple[str, str], list[int]] = {}
+    for index, line in enumerate(plan.lines):
+        planned.setdefault((line.kind, pass_name(line)), []).append(index)
+    lines = {line.line_index: line for line in measurement.lines}
+    found = []
+    for (_, name), indices in planned.items():
+        here = [lines[index] for index in indices if index in lines]
+        values = [float(value) for line in here for value in line.displacement]
+        rejected = sum(not math.isfinite(value) for value in values)
+        found.append(
+            TakenLine(
+                name,
+                len(indices),
+                len(here),
+                sum(line.complete for line in here),
+                len(values) - rejected,
+                rejected,
+                sum(line.attempt - 1 for line in here),
+            )
+        )
+    return tuple(found)
+
+
+def completeness_of(recorded: RecordedRun, measurement: Measurement) -> Completeness:
+    """Return how much of a recorded run is there.
+
+    Args:
+        recorded: the run.
+        measurement: its lines, as they are solved.
+    """
+    lines = taken(recorded.plan, measurement)
+    planned, complete = sum(one.planned for one in lines), sum(one.complete for one in lines)
+    missing = dict.fromkeys(one.name for one in lines if one.complete < one.planned)
+    end = _end_of_run(recorded, complete >= planned)
+    return Completeness(planned, complete, tuple(missing), end)
+
+
+def _end_of_run(recorded: RecordedRun, whole: bool) -> str:
+    if not recorded.states:
+        return ""
+    last = recorded.states[-1]
+    words = _STATES.get(last.state, "the recording ends before the run does")
+    if last.state == _FINISHED and not whole:
+        words = "the run went to its end, but not all lines are complete"
+    return f"{words}: {last.text}" if last.text and last.text != words else words
+
+
+def pass_name(line: Line) -> str:
+    """Return what the passes of a line are called together, for example ``ppp XYZ``."""
+    return f"{line.name} {line.order}".rstrip()

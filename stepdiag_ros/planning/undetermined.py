@@ -1,0 +1,112 @@
+"""Which of the nine error curves and of squareness lines do not tell, and which lines would."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL, Line, Plan
+from stepdiag_ros.metrology.visibility import DETERMINED, SHAPE, Visibility, visibility
+from stepdiag_ros.planning.candidates import FOUR_DIAGONALS, LINEAR_AXES
+from stepdiag_ros.planning.limits import coarse, single
+
+_BLOCKS = 4
+"""What lines tell apart does not depend on how often they stop."""
+_ANY_NOISE = 1e-7
+"""m; what is determined does not depend on it."""
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """What lines do not tell of positioning, straightness and squareness.
+
+    Rotations are taken as zero here: ``planning.limits`` tells of them.
+
+    Attributes:
+        curves: names of the curves that are not determined, or only in part.
+        squareness: names of the squareness errors that are not determined.
+        shape_told: of each of these curves the shape is told, and only its slope is not.
+        remedy: lines that determine all of them beside those that are there; empty where no step
+            diagonal and no linear line along the box's edges does.
+    """
+
+    curves: tuple[str, ...] = ()
+    squareness: tuple[str, ...] = ()
+    shape_told: bool = False
+    remedy: tuple[Line, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all errors that are not determined."""
+        return (*self.curves, *self.squareness)
+
+    @property
+    def remedy_words(self) -> str:
+        """Return the lines that would tell: ``the linear lines x, y, z``; empty without any."""
+        parts = []
+        for kind, words in ((LINEAR, "linear line"), (STEP_DIAGONAL, "step diagonal")):
+            names = [line.name for line in self.remedy if line.kind == kind]
+            if names:
+                parts.append(f"the {words}{'s' if len(names) > 1 else ''} {', '.join(names)}")
+        return " and ".join(parts)
+
+    @property
+    def sentence(self) -> str:
+        """Say what stays unknown and what would tell it; empty where nothing does."""
+        if not self.names:
+            return ""
+        said = f"These lines do not determine {', '.join(self.names)}, which stay unknown"
+        if self.shape_told:
+            said += " but for their shape"
+        if self.remedy:
+            return f"{said}; measured as well, {self.remedy_words} would tell them."
+        return f"{said}."
+
+
+def undetermined(plan: Plan, seen: Visibility | None = None) -> Undetermined:
+    """Return what the lines of a plan do not tell, found by trying and not by rule.
+
+    Args:
+        plan: with one line at least.
+        seen: its visibility without rotations, where that is known already.
+    """
+    small = coarse(plan, _BLOCKS)
+    table = seen if seen is not None else visibility(small, "", _ANY_NOISE)
+    hidden = _hidden(table)
+    if not hidden:
+        return Undetermined()
+    there = {(line.kind, line.name) for line in plan.lines if not any(line.offset)}
+    # Given up first are the step diagonals, which take longest.
+    lines = [
+        line
+        for group in (LINEAR_AXES, FOUR_DIAGONALS)
+        for line in single(group, small)
+        if (line.kind, line.name) not in there
+    ]
+    return Undetermined(
+        curves=tuple(name for name in hidden if name in TRANSLATIONS),
+        squareness=tuple(name for name in hidden if name in SQUARENESS),
+        shape_told=all(table.row(name).part == SHAPE for name in hidden),
+        remedy=_fewest(small, lines),
+    )
+
+
+def _hidden(seen: Visibility) -> list[str]:
+    names = (*TRANSLATIONS, *SQUARENESS)
+    return [name for name in names if seen.row(name).status != DETERMINED]
+
+
+def _fewest(plan: Plan, lines: Sequence[Line]) -> tuple[Line, ...]:
+    """Return as few of some lines as determine everything beside a plan; none if all do not."""
+
+    def enough(added: Sequence[Line]) -> bool:
+        more = replace(plan, lines=(*plan.lines, *added))
+        return not _hidden(visibility(more, "", _ANY_NOISE))
+
+    if not lines or not enough(lines):
+        return ()
+    needed = list(lines)
+    for line in reversed(lines):
+        fewer = [one for one in needed if one is not line]
+        if enough(fewer):
+            needed = fewer
+    return tuple(needed)

@@ -1,0 +1,155 @@
+"""What is said first of a run, wherever it is shown: one lead for terminal, page and documents.
+
+First what decides whether the errors may be used at all: whether the run is complete, what the
+diagnosis says, whether the errors explain the readings, what is unknown. Only then how large the
+errors are. What to do next follows from the same.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.diagnosis_summary import Verdict
+from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.planning.undetermined import undetermined
+from stepdiag_ros.report.content import Report
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR
+from stepdiag_ros.report.single_errors import SingleError, single_errors
+
+
+@dataclass(frozen=True)
+class RunLead:
+    """What is said first of a run.
+
+    Attributes:
+        verdict: of the diagnosis, or why there is none.
+        passes: how much of the run is there; None if that is not known.
+        bag: the recording; None if there is none at hand.
+        solved: errors were estimated, and all that follows is of the method to rely on; None: they
+            were not asked for.
+        misfit: whether the errors explain the readings.
+        reduced_chi_squared: of the fit; NaN if not known.
+        unknown: names of the curves (of nine) and squareness errors that are not determined.
+        remedy: which lines would tell them, in words; empty if that is not known.
+        noise: the errors are no more than noise makes.
+        volume: longest error vector in the measured box; None if not known.
+        expanded_uncertainty: of that (95 %), m; NaN if not known.
+        errors: the single errors that are known, largest first.
+        directions: of the lines that were measured.
+        as_zero: names of the rotations that were taken as zero.
+        told_elsewhere: those of them that another method tells.
+    """
+
+    verdict: Verdict = field(default_factory=Verdict)
+    passes: Completeness | None = None
+    bag: Path | None = None
+    solved: bool | None = None
+    misfit: Misfit = Misfit.NONE
+    reduced_chi_squared: float = math.nan
+    unknown: tuple[str, ...] = ()
+    remedy: str = ""
+    noise: bool = False
+    volume: VolumetricAccuracy | None = None
+    expanded_uncertainty: float = math.nan
+    errors: tuple[SingleError, ...] = ()
+    directions: tuple[str, ...] = ()
+    as_zero: tuple[str, ...] = ()
+    told_elsewhere: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Say whether nothing of the plan is known to be missing."""
+        return self.passes is None or self.passes.whole
+
+
+def lead_of(
+    report: Report,
+    accuracy: VolumetricAccuracy | None = None,
+    expanded_uncertainty: float = math.nan,
+    errors: Sequence[SingleError] | None = None,
+) -> RunLead:
+    """Return what is said first of a run that was solved, or could not be.
+
+    Args:
+        report: of the run.
+        accuracy: of the method to rely on, where it was computed already.
+        expanded_uncertainty: of that, where more is known than what the readings tell, m.
+        errors: by the same method, likewise.
+    """
+    result, measurement = report.preferred(), report.measurement
+    if result is None:
+        return RunLead(
+            *(report.verdict, report.passes, report.bag),
+            solved=False,
+            unknown=(*TRANSLATIONS, *SQUARENESS),
+            remedy=_remedy(measurement, report.passes),
+        )
+    rotating = any(name in result.curves for name in ROTATIONS)
+    if accuracy is None and (report.chain or not rotating):
+        accuracy = of_result(result, report.chain)
+    if accuracy is not None and not math.isfinite(accuracy.value):
+        accuracy = None
+    if accuracy is not None and math.isnan(expanded_uncertainty):
+        expanded_uncertainty = COVERAGE_FACTOR * accuracy.standard_uncertainty
+    known = [
+        one
+        for one in (single_errors(result) if errors is None else errors)
+        if math.isfinite(one.value)
+    ]
+    freedom = result.degrees_of_freedom
+    lines = () if measurement is None else measurement.lines
+    unknown = _unknown(result)
+    return RunLead(
+        verdict=report.verdict,
+        passes=report.passes,
+        bag=report.bag,
+        solved=True,
+        misfit=misfit(result, measurement),
+        reduced_chi_squared=result.chi_squared / freedom if freedom else math.nan,
+        unknown=unknown,
+        remedy=_remedy(measurement, report.passes) if unknown else "",
+        noise=accuracy is not None and is_noise(result),
+        volume=accuracy,
+        expanded_uncertainty=expanded_uncertainty if accuracy is not None else math.nan,
+        errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
+        directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
+        as_zero=() if rotating else ROTATIONS,
+        told_elsewhere=() if rotating else _told(report.results),
+    )
+
+
+def _unknown(result: VolumetricErrors) -> tuple[str, ...]:
+    figures = {figure.name: figure.value for figure in result.figures}
+    curves = [name for name in TRANSLATIONS if not _known(result.curves.get(name))]
+    angles = [name for name in SQUARENESS if not math.isfinite(figures.get(name, math.nan))]
+    return (*curves, *angles)
+
+
+def _known(curve: Vector | None) -> bool:
+    """Say whether every node of a curve is determined."""
+    return curve is not None and all(math.isfinite(float(value)) for value in curve)
+
+
+def _remedy(measurement: Measurement | None, passes: Completeness | None) -> str:
+    """Return which lines would tell what is unknown; of a run cut short, its own are named."""
+    cut_short = passes is not None and not passes.whole
+    if measurement is None or not measurement.lines or cut_short:
+        return ""
+    lines = tuple(one.line for one in measurement.lines)
+    plan = Plan("as measured", measurement.volume, lines, math.nan)
+    return undetermined(plan).remedy_words
+
+
+def _told(results: Sequence[VolumetricErrors]) -> tuple[str, ...]:
+    return tuple(
+        name
+        for name in ROTATIONS
+        if any(_known(one.curves[name]) for one in results if name in one.curves)
+    )
