@@ -195,10 +195,10 @@ def _same_bits(first: object, second: object) -> bool:
 def same_to_the_last_bit(first: VolumetricErrors, second: VolumetricErrors) -> bool:
     """Say whether two results are the same in every bit of every number, and in every word.
 
-    The covariance is not compared: a recorded result does not hold it.
+    Covariances are not compared: a recorded result does not hold them.
     """
     for entry in fields(VolumetricErrors):
-        if entry.name == "covariance":
+        if not entry.compare:
             continue
         a, b = getattr(first, entry.name), getattr(second, entry.name)
         if entry.name == "nodes":

@@ -157,8 +157,8 @@ def uncertainty_of_the_worst_point(solved, worst):
 def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
     worst = of_result(solved.preferred(), solved.chain)
     expanded = document["summary"]["expanded_uncertainty"]
-    # What left-out rotations do at the worst point comes to what they do to the curves.
-    assert expanded > uncertainty_of_the_worst_point(solved, worst)
+    # Left-out rotations act at the worst point itself, together with what they do to the curves.
+    assert expanded == pytest.approx(uncertainty_of_the_worst_point(solved, worst), rel=0.1)
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, MICRO)
     assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
