@@ -129,8 +129,9 @@ def run(arguments: Namespace) -> int:
 def _run_table(arguments: Namespace, target: Path, source: "SourceFile") -> dict[str, Any]:
     from stepdiag_ros.bags.table import import_table
 
-    overrun = arguments.overrun or 0.0
-    measurement = import_table(arguments.table, arguments.case, target, overrun).measurement
+    measurement = import_table(
+        arguments.table, arguments.case, target, arguments.overrun
+    ).measurement
     return {
         "table": str(arguments.table),
         "bag": str(target),

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
-from stepdiag_ros.bags.table_lines import plan_text
+from stepdiag_ros.bags.table_plan import plan_text
 from stepdiag_ros.bags.table_rows import refusal
 from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine

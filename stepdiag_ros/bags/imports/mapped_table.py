@@ -20,13 +20,7 @@ from stepdiag_ros.bags.imports.axis_test import (
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
-from stepdiag_ros.bags.table_lines import (
-    measured_lines,
-    passes_of,
-    plan_groups,
-    plan_text,
-    setups_of,
-)
+from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import Pass, Row, refusal
 from stepdiag_ros.configuration import find, parse_yaml, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import MOVE_ORDERS, beam_direction
@@ -238,15 +232,16 @@ def _lines(
     volume = mapping.volume
     assert volume is not None, "a mapping of lines has a volume"
     told = list(_stops(source, rows, mapping, volume))
-    case = Case(chain=mapping.chain, volume=volume)
-    setups = setups_of(passes_of(told, source), volume, source)
-    lines = tuple(line for _, line in measured_lines(setups, case, overrun))
-    untold = any(math.isnan(line.overrun) for line in lines)
+    begun = {"overrun_m": overrun} if math.isfinite(overrun) else {}
+    course = {**mapping.plan, **begun}
+    case = Case(chain=mapping.chain, volume=volume, plan=course, source="the mapping file")
+    found = planned_lines(f"imported from {source}", told, case, overrun, source)
+    untold = any(math.isnan(line.overrun) for line in found.lines)
     return Imported(
         format=NAME,
         volume=volume,
-        plan_text=plan_text(f"imported from {source}", volume, plan_groups(setups)),
-        lines=lines,
+        plan_text=found.text,
+        lines=found.lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
         remarks=(OVERRUN_NOT_TOLD,) if untold else (),

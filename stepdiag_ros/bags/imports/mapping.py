@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from stepdiag_ros.bags.case import facts_of
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, MOVE_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
+    COURSE_KEYS,
     FORWARD,
     LINE_NAMES,
     Volume,
@@ -34,16 +36,6 @@ _UNITS = {
     "reading": LENGTHS,
     "time": TIMES,
 }
-_FACTS = (
-    "machine",
-    "machine_serial_number",
-    "instrument",
-    "instrument_serial_number",
-    "test_date",
-    "operator",
-    "expansion_coefficient_per_K",
-    "compensation_state",
-)
 
 
 @dataclass(frozen=True)
@@ -80,6 +72,7 @@ class TableMapping:
         line: name of the line where no column tells it.
         order: of the moves of a step diagonal where no column tells it.
         direction: of all rows where no column tells it.
+        plan: keys of a plan file that hold for the lines (``COURSE_KEYS``), as they stand there.
         chain: order of the axes from workpiece to tool; empty if not known.
         compensated: the readings are compensated for the air.
         environment: that held during the whole measurement.
@@ -106,6 +99,7 @@ class TableMapping:
     line: str = ""
     order: str = ""
     direction: str = ""
+    plan: Mapping[str, Any] = field(default_factory=dict)
     chain: str = ""
     compensated: bool = False
     environment: Environment = field(default_factory=Environment)
@@ -153,7 +147,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         words=_words(top),
         chain="".join(top.names("chain", AXES, default=AXES)) if _has(top, "chain") else "",
         environment=_environment(top),
-        facts=_facts(top),
+        facts=facts_of(top),
         text=text,
         **given,
         **_of_table(top, table),
@@ -247,19 +241,19 @@ def _environment(top: Section) -> Environment:
     return made
 
 
-def _facts(top: Section) -> dict[str, str]:
-    section = top.section("facts")
-    made = {}
-    for name in _FACTS:
-        if _has(section, name):
-            number = name.endswith("_per_K")
-            made[name] = f"{section.number(name):.9g}" if number else section.text(name)
-    section.finish()
-    return made
-
-
 def _overrun(top: Section) -> float:
     return math.nan if top.unknown("overrun_m") else top.number("overrun_m", 0.0, 1.0)
+
+
+def _plan(top: Section) -> dict[str, Any]:
+    """Return what the mapping says of the plan; whoever makes the plan of it checks the values."""
+    section = top.section("plan")
+    if _has(section, "overrun_m"):
+        raise ValueError(f"{section.source}: 'overrun_m' stands beside 'plan', not in it")
+    section.flag("one_alignment_per_diagonal", default=False)
+    made = section.given(COURSE_KEYS)
+    section.finish()
+    return made
 
 
 def _of_table(top: Section, table: str) -> dict[str, Any]:
@@ -277,7 +271,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
         blocks=box.integer("blocks", low=1, high=1000),
     )
     box.finish()
-    made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top)}
+    made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top), "plan": _plan(top)}
     names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
     for key, known in (
         ("line", tuple(names)),

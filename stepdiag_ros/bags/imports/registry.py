@@ -14,7 +14,7 @@ from stepdiag_ros.bags.header import Attachment
 from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
-from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
+from stepdiag_ros.bags.imports.writing import FACT, ToWrite, write_bag
 from stepdiag_ros.bags.table_rows import COLUMNS
 
 _ENOUGH_COLUMNS = 4
@@ -100,7 +100,7 @@ def import_file(path: str | Path, target: str | Path, options: ImportOptions) ->
             machine=made.machine_text,
             facts={
                 "time_origin": "start of the measurement, as far as the file tells times",
-                **{f"source: {name}": text for name, text in made.facts.items()},
+                **{f"{FACT}{name}": text for name, text in made.facts.items()},
                 **{f"remark {n}": text for n, text in enumerate(made.remarks, start=1)},
                 "source_file": source.path.name,
                 "source_format": made.format,
