@@ -21,10 +21,13 @@ formats, found by content (docs/import.md says of each what is known and what is
   anything else        text with columns, by a mapping file (config/imports has examples)
 
 columns of a run table, in SI units, one row a stop in order of time:
-  time_s, kind (linear or step_diagonal), line (x y z, ppp npp pnp ppn),
-  order (XYZ …, empty if linear), repeat (from 0), direction (forward or backward),
+  time_s, kind (linear, step_diagonal or diagonal),
+  line (x y z; of a diagonal ppp npp pnp ppn, pp0 np0 p0p n0p 0pp 0np),
+  order (XYZ …, empty unless step_diagonal), repeat (from 0), direction (forward or backward),
   stop (from 0), x_m, y_m, z_m (commanded), reading_m (zero at the line's first stop),
-  air_temperature_degC, air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC
+  air_temperature_degC, air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC;
+  and only where they are needed (docs/import.md): setup, overrun_m, standard_uncertainty_m,
+  settled, attempt, line_index
 
 examples:
   stepdiag import run.csv                    writes run.mcap beside it

@@ -12,9 +12,13 @@ from hypothesis import strategies as st
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.export import export_bag
+from stepdiag_ros.bags.imports.imported import ImportOptions
+from stepdiag_ros.bags.imports.mapping import mapping_of
+from stepdiag_ros.bags.imports.registry import import_file
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.table import import_table, read_table
+from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.configuration import cell_from_text, find, read_text
 from stepdiag_ros.metrology.geometry import CHAINS, MOVE_ORDERS
 from stepdiag_ros.metrology.plan import DIAGONAL, LINE_NAMES, LINEAR, STEP_DIAGONAL, Plan
@@ -209,3 +213,75 @@ def test_a_wrong_key_of_the_plan_is_refused(exported, old, new, reason):
     path.write_text(text.replace(old, new))
     with pytest.raises(TableError, match=reason):
         read_table(exported / "run.csv")
+
+
+MAPPING = {
+    "table": "lines",
+    "text": {"rejected": ""},
+    "columns": {
+        "line": "line",
+        "order": "order",
+        "run": "repeat",
+        "direction": "direction",
+        "stop": "stop",
+        "time": "time_s",
+        "reading": "reading_m",
+        "x": "x_m",
+        "y": "y_m",
+        "z": "z_m",
+        "setup": "setup",
+        "attempt": "attempt",
+        "overrun": "overrun_m",
+        "uncertainty": "standard_uncertainty_m",
+        **{name: name for name in ENVIRONMENT_COLUMNS},
+    },
+    "units": {
+        "time": "s",
+        **dict.fromkeys(("reading", "x", "y", "z", "overrun", "uncertainty"), "m"),
+    },
+}
+
+
+def test_a_mapping_file_tells_the_plan_and_all_that_the_solve_needs(tmp_path):
+    parsed = {**yaml.safe_load(read_text(find("ibaraki_hata_2010", "plans"))), "blocks": 2}
+    lines = list(simulate(Plan.from_mapping(parsed, "plan"), CELL).lines)
+    rng = np.random.default_rng(1)
+    for place, line in enumerate(lines):
+        lines[place] = replace(
+            line,
+            overrun=0.001 * (place % 2),
+            standard_uncertainty=1e-8 * (1.0 + rng.random(len(line.time))),
+        )
+    lines[3].displacement[1] = NAN
+    lines[4] = replace(lines[4], attempt=2, setup="x, aligned anew")
+    write(tmp_path / "a.mcap", yaml.safe_dump(parsed), lines, "YXZ")
+    export_bag(tmp_path / "a.mcap", tmp_path / "out")
+    course = {
+        key: value
+        for key, value in parsed.items()
+        if key not in ("origin_m", "step_m", "blocks", "overrun_m")
+    }
+    box = {key: parsed[key] for key in ("origin_m", "step_m", "blocks")}
+    mapping = {**MAPPING, "volume": box, "chain": ["Y", "X", "Z"], "plan": course}
+    (tmp_path / "mapping.yaml").write_text(yaml.safe_dump(mapping))
+    # The names of the columns are not known by content, as those of a run table are.
+    options = ImportOptions(mapping=str(tmp_path / "mapping.yaml"))
+    import_file(tmp_path / "out" / "run.csv", tmp_path / "b.mcap", options)
+    before, after = load_run(tmp_path / "a.mcap"), load_run(tmp_path / "b.mcap")
+    assert after.plan == before.plan
+    assert after.chain == before.chain
+    for one, other in zip(before.measurement.lines, after.measurement.lines, strict=True):
+        same(one, other)
+
+
+@pytest.mark.parametrize(
+    ("where", "key"), [("plan", "one_aligment_per_diagonal"), ("plan", "overrun_m"), ("text", "x")]
+)
+def test_a_wrong_key_of_a_mapping_is_refused(where, key):
+    mapping = {
+        **MAPPING,
+        "volume": {"origin_m": [0, 0, 0], "step_m": [1, 1, 1], "blocks": 1},
+        where: {key: 0.5},
+    }
+    with pytest.raises(ValueError, match=key):
+        mapping_of(mapping, "mapping.yaml", "")

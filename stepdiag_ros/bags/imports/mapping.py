@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from stepdiag_ros.bags.case import facts_of
+from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, MOVE_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
@@ -26,7 +27,24 @@ _DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
 
 _COLUMNS = {
     AXIS: ("target", "deviation", "position", "run", "direction", "time"),
-    LINES: ("line", "order", "run", "direction", "stop", "reading", "deviation", "time"),
+    LINES: (
+        "line",
+        "order",
+        "run",
+        "direction",
+        "stop",
+        "reading",
+        "deviation",
+        "time",
+        "x",
+        "y",
+        "z",
+        "setup",
+        "attempt",
+        "overrun",
+        "uncertainty",
+        *ENVIRONMENT_COLUMNS,
+    ),
     READINGS: ("time", "reading"),
 }
 _UNITS = {
@@ -34,6 +52,11 @@ _UNITS = {
     "deviation": LENGTHS,
     "position": LENGTHS,
     "reading": LENGTHS,
+    "x": LENGTHS,
+    "y": LENGTHS,
+    "z": LENGTHS,
+    "overrun": LENGTHS,
+    "uncertainty": LENGTHS,
     "time": TIMES,
 }
 
@@ -59,6 +82,7 @@ class TableMapping:
         skip_rows: lines before the names of the columns, or before the data.
         header: a line with the names of the columns stands before the data.
         end: a line that begins with this ends the data; empty if they go on to the end.
+        rejected: what stands for the reading of a stop that was rejected; None if nothing does.
         columns: meaning → name of the column, or its number from 1 as text.
         runs: columns that hold a whole run each.
         units: meaning → factor to SI.
@@ -87,6 +111,7 @@ class TableMapping:
     skip_rows: int
     header: bool
     end: str
+    rejected: str | None
     columns: Mapping[str, str]
     runs: tuple[RunColumn, ...] = ()
     units: Mapping[str, float] = field(default_factory=dict)
@@ -132,6 +157,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         "skip_rows": layout.integer("skip_rows", low=0, high=100000, default=0),
         "header": layout.flag("header", default=True),
         "end": layout.text("end", default=""),
+        "rejected": layout.text("rejected") if _has(layout, "rejected") else None,
     }
     layout.finish()
     if given["delimiter"] == "," and given["decimal"] == ",":
@@ -304,6 +330,8 @@ def _check_columns(made: TableMapping, source: str) -> None:
             one_of("deviation", "position")
     elif made.table == LINES:
         one_of("reading", "deviation")
+        if len({"x", "y", "z"}.intersection(made.columns)) not in (0, 3):
+            raise ValueError(f"{source}: columns: x, y and z go together")
         if not made.line:
             one_of("line")
         for name in ("line", "order", "direction"):
