@@ -51,11 +51,6 @@ def plan_mapping(
     return {"name": ordered.pop("name"), **box, **ordered}
 
 
-def plan_text(name: str, volume: Volume, groups: Sequence[Mapping[str, Any]]) -> str:
-    """Return the YAML text of ``plan_mapping``."""
-    return yaml_text(plan_mapping(name, volume, groups))
-
-
 def yaml_text(mapping: Mapping[str, Any]) -> str:
     """Return a mapping as YAML."""
     return str(yaml.safe_dump(dict(mapping), sort_keys=False, default_flow_style=None))

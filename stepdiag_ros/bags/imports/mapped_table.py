@@ -285,7 +285,13 @@ def _lines(
     told = list(_stops(source, rows, mapping, volume))
     begun = {"overrun_m": overrun} if math.isfinite(overrun) else {}
     course = {**mapping.plan, **begun}
-    case = Case(chain=mapping.chain, volume=volume, plan=course, source="the mapping file")
+    case = Case(
+        chain=mapping.chain,
+        volume=volume,
+        plan=course,
+        facts=facts,
+        source="the mapping file",
+    )
     found = planned_lines(f"imported from {source}", told, case, overrun, source)
     untold = any(math.isnan(line.overrun) for line in found.lines)
     return Imported(
