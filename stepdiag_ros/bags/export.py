@@ -108,7 +108,7 @@ def export_bag(
 def _facts(bag: str | Path) -> Mapping[str, str]:
     with open_bag(bag) as opened:
         try:
-            return opened.header.facts
+            return opened.header.told_by_source()
         except BagError:  # a bag of another recorder
             return {}
 

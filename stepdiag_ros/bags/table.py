@@ -12,9 +12,9 @@ from pathlib import Path
 
 from stepdiag_ros.bags.case import FILE_NAME, Case, read_case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.header import FACT, Attachment
 from stepdiag_ros.bags.imports.source import PREFIX
-from stepdiag_ros.bags.imports.writing import FACT, ToWrite, write_bag
+from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import parse_rows, read_text
 from stepdiag_ros.metrology.measurement import Measurement
@@ -134,6 +134,9 @@ def import_table(
             facts={
                 "time_origin": "start of the run; the table tells no date",
                 **{f"{FACT}{name}": text for name, text in table.case.facts.items()},
+                "source_file": table.path.name,
+                "source_format": "run table",
+                "source_sha256": hashlib.sha256(table.data).hexdigest(),
             },
             attachments=_sources(table),
             lines=table.measurement.lines,

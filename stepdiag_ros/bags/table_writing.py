@@ -14,7 +14,6 @@ import numpy as np
 
 from stepdiag_ros.bags.case import FACTS, Case, is_assumed_name
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.imports.writing import FACT
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import COLUMNS, OPTIONAL_COLUMNS, SETTLED, Pass, Row, Told
@@ -58,7 +57,7 @@ def run_table_of(run: RecordedRun, facts: Mapping[str, str]) -> WrittenTable:
 
     Args:
         run: with at least one line.
-        facts: of the bag, name → text.
+        facts: that the source of an imported bag told, name → text.
     """
     lines = _in_order(latest_attempts(run.lines))
     plan = parse_yaml(run.plan_text, f"{run.path}: plan")
@@ -96,7 +95,7 @@ def _case(
     noises = {float(value) for line in lines for value in line.standard_uncertainty}
     machine = run.machine
     name = machine.get("name", "")
-    told = {one: facts[FACT + one] for one in FACTS if FACT + one in facts}
+    told = {one: facts[one] for one in FACTS if one in facts}
     if isinstance(name, str) and name and not is_assumed_name(name):
         told = {"machine": name, **told}
     return Case(

@@ -88,7 +88,7 @@ class Material:
         recorded: as given.
         report: as given.
         measurement: its lines, as they were solved.
-        given: as given.
+        given: as given, and where nothing was, what the source of an imported bag tells.
 
     Raises:
         ValueError: the report was made without the lines of the run.
@@ -97,9 +97,21 @@ class Material:
     def __init__(self, recorded: RecordedRun, report: Report, given: Given) -> None:
         if report.measurement is None:
             raise ValueError(f"{recorded.path}: the report needs the lines of the run")
-        self.recorded, self.report, self.given = recorded, report, given
+        self.recorded, self.report = recorded, report
         self.measurement: Measurement = report.measurement
         self._missing: dict[str, str] = {}
+        told = self.told_by_source
+        self.given = replace(
+            given,
+            operator=given.operator or told.get("operator", ""),
+            place=given.place or told.get("location", ""),
+            serial=given.serial or told.get("machine_serial_number", ""),
+        )
+
+    @property
+    def told_by_source(self) -> dict[str, str]:
+        """Return what the file that the bag was imported from tells in words; mostly empty."""
+        return {} if self.header is None else self.header.told_by_source()
 
     def why_not(self, part: str) -> str:
         """Return why a part is None or empty, in a sentence; empty if it is not.

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.header import FACT, Attachment
 from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
 from stepdiag_ros.bags.imports.together import together
-from stepdiag_ros.bags.imports.writing import FACT, ToWrite, write_bag
+from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_rows import COLUMNS
 
 _ENOUGH_COLUMNS = 4

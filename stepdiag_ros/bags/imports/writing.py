@@ -15,8 +15,6 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.metrology.measurement import MeasuredLine, Reading
 from stepdiag_ros.topics import Topic
 
-FACT = "source: "
-"""In front of what the source of an imported bag tells in words, among the bag's facts."""
 _FRAME = "laser"
 """Of readings, as the interferometer's node has it."""
 

@@ -135,13 +135,30 @@ def test_the_bag_keeps_every_file_and_what_they_tell(tmp_path, capsys):
     assert load_run(bag).machine["name"] == "Portal 4"
 
 
-@pytest.mark.parametrize("command", ["iso230", "squareness", "solve", "report"])
-def test_every_command_takes_the_bag(tmp_path, command, capsys):
+@pytest.mark.parametrize("command", ["iso230", "squareness", "solve", "diagnose"])
+def test_every_command_takes_the_bag(tmp_path, command):
     bag = imported(tmp_path, measured("diagonal", BODY_DIAGONALS))
-    capsys.readouterr()
     output = ["--output", str(tmp_path / "out")]
-    arguments = [] if command == "report" else ["--json", "--pictures", "none"]
-    assert main([command, str(bag), *output, *arguments]) == 0
+    assert main([command, str(bag), *output, "--json", "--pictures", "none"]) == 0
+
+
+@pytest.mark.parametrize("road", ["as imported", "through tables"])
+def test_the_report_says_what_the_files_tell(tmp_path, road):
+    bag = imported(tmp_path, measured("diagonal", BODY_DIAGONALS))
+    if road == "through tables":
+        assert main(["export", str(bag), "--output", str(tmp_path / "tables")]) == 0
+        bag = tmp_path / "again.mcap"
+        assert main(["import", str(tmp_path / "tables" / "run.csv"), str(bag)]) == 0
+    out = tmp_path / "report"
+    assert main(["report", str(bag), "--json", "--output", str(out)]) == 0
+    (path,) = out.glob("*.json")
+    said = json.loads(path.read_text())["sections"]["measurement"]
+    assert (said["machine_number"], said["operator"]) == ("17", "A. Beispiel")
+    assert said["told_by_source"]["machine"] == "Portal 4"
+    words = ["report", str(bag), "--json", "--operator", "B. Muster"]
+    assert main([*words, "--output", str(tmp_path / "other")]) == 0
+    (path,) = (tmp_path / "other").glob("*.json")
+    assert json.loads(path.read_text())["sections"]["measurement"]["operator"] == "B. Muster"
 
 
 def test_diagonals_and_axes_together_tell_the_curves(tmp_path):
