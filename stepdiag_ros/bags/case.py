@@ -25,6 +25,7 @@ FACTS = (
     "operator",
     "expansion_coefficient_per_K",
     "compensation_state",
+    "simulated_cell",
 )
 """What a file may tell in words of a measurement."""
 _TOLD_BY = "as told by "

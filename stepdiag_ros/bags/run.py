@@ -16,6 +16,7 @@ from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_te
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -133,6 +134,12 @@ class RecordedRun:
         """Return the machine's YAML, parsed; of an imported table only what its case file told."""
         parsed = parse_yaml(self.machine_text, f"{self.path}: machine") if self.machine_text else {}
         return parsed if isinstance(parsed, Mapping) else {}
+
+    @property
+    def cell_name(self) -> str:
+        """Return the name of the simulated cell; empty on a real machine."""
+        parsed = parse_yaml(self.cell_text, f"{self.path}: cell") if self.cell_text else {}
+        return str(parsed.get("name", UNKNOWN)) if isinstance(parsed, Mapping) else ""
 
     @property
     def chain(self) -> str:

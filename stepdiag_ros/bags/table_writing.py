@@ -98,6 +98,8 @@ def _case(
     told = {one: facts[one] for one in FACTS if one in facts}
     if isinstance(name, str) and name and not is_assumed_name(name):
         told = {"machine": name, **told}
+    if run.cell_text:  # what was simulated must not come back as measured
+        told = {**told, "simulated_cell": run.cell_name}
     return Case(
         chain="".join(machine.get("chain", "")),
         volume=run.volume,

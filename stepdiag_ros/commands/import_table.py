@@ -74,7 +74,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         type=Path,
         metavar="FILE",
         help="of a run table: YAML with chain, origin_m, step_m, blocks, dead_path_m,"
-        " reading_noise_m (default: case.yaml beside the table, if there is one)",
+        " reading_noise_m, one_alignment_per_diagonal and what else is known of the plan"
+        " (docs/import.md; default: case.yaml beside the table, if there is one)",
     )
     parser.add_argument(
         "--mapping",

@@ -16,6 +16,7 @@ from stepdiag_ros.bags.imports.imported import ImportOptions
 from stepdiag_ros.bags.imports.mapping import mapping_of
 from stepdiag_ros.bags.imports.registry import import_file
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
+from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.table import import_table, read_table
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
@@ -285,3 +286,16 @@ def test_a_wrong_key_of_a_mapping_is_refused(where, key):
     }
     with pytest.raises(ValueError, match=key):
         mapping_of(mapping, "mapping.yaml", "")
+
+
+def test_a_run_on_nodes_comes_back_from_its_tables(tmp_path):
+    bag = Path(__file__).parents[2] / "docs" / "examples" / "small_run.mcap"
+    export_bag(bag, tmp_path / "out")
+    import_table(tmp_path / "out" / "run.csv", None, tmp_path / "b.mcap")
+    before, after = load_run(bag), load_run(tmp_path / "b.mcap")
+    assert after.plan == before.plan
+    assert after.machine["name"] == before.machine["name"]
+    with BagReader(tmp_path / "b.mcap") as opened:
+        assert opened.header.told_by_source()["simulated_cell"] == before.cell_name != ""
+    for one, other in zip(before.measurement.lines, after.measurement.lines, strict=True):
+        same(one, other)
