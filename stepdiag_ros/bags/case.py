@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"
+SIMULATED_CELL = "simulated_cell"
 FACTS = (
     "machine",
     "machine_serial_number",
@@ -25,7 +26,7 @@ FACTS = (
     "operator",
     "expansion_coefficient_per_K",
     "compensation_state",
-    "simulated_cell",
+    SIMULATED_CELL,
 )
 """What a file may tell in words of a measurement."""
 _TOLD_BY = "as told by "

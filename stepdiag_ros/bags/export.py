@@ -3,7 +3,7 @@
 import csv
 import importlib.util
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass
 from math import isnan
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 
 from stepdiag_ros.bags.case import FILE_NAME as CASE_FILE
 from stepdiag_ros.bags.errors import BagError, BagWriteError
-from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_of
@@ -85,7 +84,7 @@ def export_bag(
         )
     run = load_run(bag, run_id)
     folder = Path(folder)
-    written = run_table_of(run, _facts(bag)) if run.lines else None
+    written = run_table_of(run) if run.lines else None
     tables = [table for table in _tables(run, written, readings) if table is not None]
     writers: list[tuple[Path, Callable[[], bytes]]] = [
         (folder / f"{table.name}.{format}", _encoder(table, format)) for table in tables
@@ -103,14 +102,6 @@ def export_bag(
     except OSError as error:
         raise BagWriteError(f"{folder} cannot be written: {error.strerror}") from error
     return ExportReport(tuple(path for path, _ in writers), tuple(_remarks(run, written)))
-
-
-def _facts(bag: str | Path) -> Mapping[str, str]:
-    with open_bag(bag) as opened:
-        try:
-            return opened.header.told_by_source()
-        except BagError:  # a bag of another recorder
-            return {}
 
 
 def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.bags.case import FACTS, Case, is_assumed_name
+from stepdiag_ros.bags.case import FACTS, SIMULATED_CELL, Case, is_assumed_name
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.table_plan import planned_lines
@@ -52,16 +52,15 @@ class WrittenTable:
     refused: str = ""
 
 
-def run_table_of(run: RecordedRun, facts: Mapping[str, str]) -> WrittenTable:
+def run_table_of(run: RecordedRun) -> WrittenTable:
     """Return the run table of the last attempt at each line, in the order of measurement.
 
     Args:
         run: with at least one line.
-        facts: that the source of an imported bag told, name → text.
     """
     lines = _in_order(latest_attempts(run.lines))
     plan = parse_yaml(run.plan_text, f"{run.path}: plan")
-    plain = _case(run, lines, facts, plan)
+    plain = _case(run, lines, plan)
     whole = replace(plain, plan={**plain.plan, **{key: plan[key] for key in _LINES if key in plan}})
     refused = ""
     for case in (plain, whole):
@@ -82,12 +81,7 @@ def _in_order(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:
     return tuple(sorted(lines, key=lambda one: float(one.time[0]) if timed else one.end_time))
 
 
-def _case(
-    run: RecordedRun,
-    lines: Sequence[MeasuredLine],
-    facts: Mapping[str, str],
-    plan: Mapping[str, Any],
-) -> Case:
+def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, Any]) -> Case:
     """Return what a case file says of a run, without the ``lines`` of the plan."""
     known = {key: plan[key] for key in COURSE_KEYS if key in plan and key not in _LINES}
     # What an import would write into the plan by itself.
@@ -95,11 +89,11 @@ def _case(
     noises = {float(value) for line in lines for value in line.standard_uncertainty}
     machine = run.machine
     name = machine.get("name", "")
-    told = {one: facts[one] for one in FACTS if one in facts}
+    told = {one: run.told_by_source[one] for one in FACTS if one in run.told_by_source}
     if isinstance(name, str) and name and not is_assumed_name(name):
         told = {"machine": name, **told}
-    if run.cell_text:  # what was simulated must not come back as measured
-        told = {**told, "simulated_cell": run.cell_name}
+    if run.simulated_cell:  # what was simulated must not come back as measured
+        told = {**told, SIMULATED_CELL: run.simulated_cell}
     return Case(
         chain="".join(machine.get("chain", "")),
         volume=run.volume,

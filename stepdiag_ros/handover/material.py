@@ -71,7 +71,7 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
         chain=recorded.chain,
         run_software_version=recorded.software_version,
         bag=recorded.path,
-        simulated=True if recorded.cell_text else None,
+        simulated=True if recorded.simulated_cell else None,
         measurement=recorded.measurement,
     )
 
@@ -100,18 +100,13 @@ class Material:
         self.recorded, self.report = recorded, report
         self.measurement: Measurement = report.measurement
         self._missing: dict[str, str] = {}
-        told = self.told_by_source
+        told = recorded.told_by_source
         self.given = replace(
             given,
             operator=given.operator or told.get("operator", ""),
             place=given.place or told.get("location", ""),
             serial=given.serial or told.get("machine_serial_number", ""),
         )
-
-    @property
-    def told_by_source(self) -> dict[str, str]:
-        """Return what the file that the bag was imported from tells in words; mostly empty."""
-        return {} if self.header is None else self.header.told_by_source()
 
     def why_not(self, part: str) -> str:
         """Return why a part is None or empty, in a sentence; empty if it is not.

@@ -176,7 +176,7 @@ def _source_facts(material: Material) -> list[Fact]:
         *(Fact(words, files[key]) for words, key in named if key in files),
         *(
             Fact(f"Source: {name.replace('_', ' ')}", text)
-            for name, text in material.told_by_source.items()
+            for name, text in material.recorded.told_by_source.items()
         ),
     ]
 
@@ -258,7 +258,7 @@ def _document(material: Material) -> dict[str, Any]:
         "sha256": material.sha256 or None,
         "run_software_version": recorded.software_version or None,
         "schema_version": recorded.schema_version,
-        "told_by_source": material.told_by_source,
+        "told_by_source": dict(recorded.told_by_source),
         "box": {
             "origin": list(volume.origin),
             "step": list(volume.step),
