@@ -197,10 +197,9 @@ def _run_table(
 
     for name in ("axis", "box", "standing", "directions", "plan"):
         if getattr(arguments, name):
-            raise ValueError(
-                f"{table} is a run table, which --{name} says nothing of; leave it out"
-            )
-    measurement = import_table(table, arguments.case, target, arguments.overrun).measurement
+            raise ValueError(f"{table} is a run table and tells that itself: leave --{name} out")
+    made = import_table(table, arguments.case, target, arguments.overrun)
+    measurement = made.measurement
     return {
         "table": str(table),
         "bag": str(target),
@@ -213,7 +212,7 @@ def _run_table(
         "readings": 0,
         "source_sha256": source.sha256,
         "files": _files([source]),
-        "facts": {},
+        "facts": dict(made.case.facts),
         "remarks": [],
     }
 

@@ -1,6 +1,7 @@
 """Run tables to bags and back."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -242,3 +243,23 @@ def test_an_overrun_is_told_once(tmp_path):
     assert {line.overrun for line in read_table(tmp_path / "run.csv").lines} == {0.002}
     with pytest.raises(TableError, match="leave --overrun out"):
         load_table(tmp_path / "run.csv", overrun=0.001)
+
+
+def test_the_facts_of_a_case_file_are_in_the_document_and_in_the_bag(tmp_path, capsys):
+    (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
+    facts = {"machine": "Portal 4", "operator": "A. Beispiel"}
+    case = {**yaml.safe_load((CASES[0] / "case.yaml").read_text()), "facts": facts}
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump(case))
+    assert main(["import", str(tmp_path / "run.csv"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["facts"] == facts
+    run = load_run(tmp_path / "run.mcap")
+    assert dict(run.told_by_source) == facts
+    assert run.machine["name"] == "Portal 4"
+
+
+def test_what_says_nothing_of_a_run_table_is_refused(tmp_path, capsys):
+    (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
+    for option in (["--axis", "X"], ["--box", *"000111"], ["--plan", "demo"]):
+        assert main(["import", str(tmp_path / "run.csv"), *option]) == 1
+        assert f"leave {option[0]} out" in capsys.readouterr().err
+    assert not (tmp_path / "run.mcap").exists()
