@@ -56,6 +56,7 @@ OPTIONAL_COLUMNS = (
 _MISSPELT = 0.75
 """Likeness from which on a column's name is taken for a known one with a typing error; a column of
 remarks may stay."""
+_LONGEST_REASON = 600
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 # What air in a workshop can be, and what a value outside of it is likely to have been meant as.
@@ -128,8 +129,14 @@ class Row:
 
 
 def refusal(source: str, row: int, reason: str) -> TableError:
-    """Return the error that refuses a table because of one row."""
-    return TableError(f"{source}, row {row}: {reason}")
+    """Return the error that refuses a table because of one row, in one line and not without end.
+
+    A cell in quotes may hold line breaks, and so may what is said of it.
+    """
+    sentence = " ".join(reason.splitlines())
+    if len(sentence) > _LONGEST_REASON:
+        sentence = f"{sentence[:_LONGEST_REASON]}…"
+    return TableError(f"{source}, row {row}: {sentence}")
 
 
 def read_text(path: Path) -> str:
