@@ -407,7 +407,7 @@ def test_files_and_options_come_in_any_order(tmp_path):
         ("--mapping", mapping, "a.csv", bag),
     ]
     read = [cli.make_parser().parse_args(["import", *map(str, one)]) for one in orders]
-    assert [one.bag for one in read] == [bag] * 3
+    assert [one.paths for one in read] == [[Path("a.csv"), bag]] * 3
     assert vars(read[0]) == vars(read[1]) == vars(read[2])
     # What follows --ros-args is the node's.
     node = cli.make_parser().parse_args(["node", "solver", "--ros-args", "-p", "a:=1"])

@@ -1,7 +1,7 @@
 """The case file beside a run table: what is known of the machine and the laser."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,26 @@ import yaml
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.configuration import parse_yaml
-from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
-from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"
+SIMULATED_CELL = "simulated_cell"
+FACTS = (
+    "machine",
+    "machine_serial_number",
+    "instrument",
+    "instrument_serial_number",
+    "test_date",
+    "operator",
+    "expansion_coefficient_per_K",
+    "compensation_state",
+    SIMULATED_CELL,
+)
+"""What a file may tell in words of a measurement."""
+_TOLD_BY = "as told by "
 
 
 @dataclass(frozen=True)
@@ -30,7 +44,10 @@ class Case:
         reading_noise: standard deviation of one reading, m; NaN if unknown.
         mirror_on: ``tool`` or ``workpiece``; empty if unknown.
         laser_on: ``workpiece`` or ``tool``; empty if unknown.
+        plan: keys of a plan file that the case file tells (``COURSE_KEYS``), as they stand in it.
+        facts: machine, instrument, serial numbers … in words (``FACTS``).
         text: of the file; empty if there was none.
+        source: what the user calls the file.
     """
 
     chain: str = ""
@@ -39,11 +56,25 @@ class Case:
     reading_noise: float = float("nan")
     mirror_on: str = ""
     laser_on: str = ""
+    plan: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
     text: str = ""
+    source: str = ""
+
+    @property
+    def one_alignment_per_diagonal(self) -> bool:
+        """Say whether all orders of a step diagonal were measured in one setup; see ``Plan``."""
+        return bool(self.plan.get("one_alignment_per_diagonal", False))
+
+    @property
+    def overrun(self) -> float:
+        """Return how far beyond its first stop each line but a step diagonal was begun, m."""
+        return float(self.plan.get("overrun_m", 0.0))
 
     def machine_text(self, source: str) -> str:
         """Return the YAML text of what is known of the machine, for the description of a run."""
-        known: dict[str, Any] = {"name": f"as told by {source}" if self.text else "unknown"}
+        name = f"{_TOLD_BY}{source}" if self.text else UNKNOWN
+        known: dict[str, Any] = {"name": self.facts.get("machine", name)}
         if self.chain:
             known["chain"] = self.chain
         return _yaml({**known, **self._optical()})
@@ -57,7 +88,8 @@ class Case:
             told["origin_m"] = [float(value) for value in self.volume.origin]
             told["step_m"] = [float(value) for value in self.volume.step]
             told["blocks"] = int(self.volume.blocks)
-        return _yaml({**told, **self._optical()})
+        facts = {"facts": dict(self.facts)} if self.facts else {}
+        return _yaml({**told, **self.plan, **self._optical(), **facts})
 
     def _optical(self) -> dict[str, Any]:
         told: dict[str, Any] = {
@@ -70,6 +102,11 @@ class Case:
         if isfinite(self.reading_noise):
             told["reading_noise_m"] = self.reading_noise
         return told
+
+
+def is_assumed_name(machine: str) -> bool:
+    """Say whether a machine's name is the one that a machine without a name gets here."""
+    return machine == UNKNOWN or machine.startswith(_TOLD_BY)
 
 
 def read_case(path: Path) -> Case:
@@ -91,25 +128,50 @@ def read_case(path: Path) -> Case:
 
 
 def case_of(mapping: Any, source: str, text: str = "") -> Case:
-    """Make a case from parsed YAML; other keys than the known ones are left alone.
+    """Make a case from parsed YAML.
 
     Raises:
-        ValueError: names the source, the key, what is wrong and what is expected.
+        ValueError: a key is unknown or its value wrong; names the source, the key, what is wrong
+            and what is expected.
     """
     section = Section(mapping, source)
     units = section.text("units", default=UNITS)
     if units != UNITS:
         raise ValueError(f"{source}: 'units' is {units!r}; only {UNITS} is understood")
     unknown = float("nan")
-    return Case(
+    # What the plan's own reader checks later is checked here where the case itself builds on it.
+    section.flag("one_alignment_per_diagonal", default=False)
+    section.number("overrun_m", low=0.0, high=1.0, default=0.0)
+    made = Case(
         chain=_chain(section, mapping),
         volume=_volume(section, mapping, source),
         dead_path=_number(section, mapping, "dead_path_m", unknown),
         reading_noise=_number(section, mapping, "reading_noise_m", unknown),
         mirror_on=section.text("mirror_on", default=""),
         laser_on=section.text("laser_on", default=""),
+        plan=section.given(COURSE_KEYS),
+        facts=facts_of(section),
         text=text,
+        source=source,
     )
+    section.finish()
+    return made
+
+
+def facts_of(top: Section) -> dict[str, str]:
+    """Return the facts in a section ``facts``, as texts: those of ``FACTS`` that are there.
+
+    Raises:
+        ValueError: another fact is there, or one is no text.
+    """
+    section = top.section("facts")
+    made = {}
+    for name in FACTS:
+        if name in section.keys():  # noqa: SIM118
+            number = name.endswith("_per_K")
+            made[name] = f"{section.number(name):.9g}" if number else section.text(name)
+    section.finish()
+    return made
 
 
 def _chain(section: Section, mapping: Mapping[str, Any]) -> str:
@@ -121,7 +183,7 @@ def _chain(section: Section, mapping: Mapping[str, Any]) -> str:
 
 
 def _volume(section: Section, mapping: Mapping[str, Any], source: str) -> Volume | None:
-    if "step_m" not in mapping and "blocks" not in mapping:
+    if not any(key in mapping for key in BOX_KEYS):
         return None
     chain = mapping.get("chain", "")
     if chain and len(chain) != len(AXES):

@@ -14,11 +14,11 @@ import numpy as np
 from stepdiag_ros.bags.case import FILE_NAME as CASE_FILE
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.run import RecordedRun, load_run
-from stepdiag_ros.bags.table import case_of_run
-from stepdiag_ros.bags.table_rows import COLUMNS, ENVIRONMENT_COLUMNS
+from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
+from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_of
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
-from stepdiag_ros.metrology.measurement import MeasuredLine, latest_attempts
+from stepdiag_ros.metrology.measurement import latest_attempts
 from stepdiag_ros.metrology.plan import Line
 
 Format = Literal["csv", "parquet"]
@@ -57,11 +57,11 @@ def export_bag(
 ) -> ExportReport:
     """Write a bag's run as tables, in SI units, every number with all its digits.
 
-    ``run`` is a run table again (with ``case.yaml`` beside it) of all complete lines, each with its
-    last attempt; ``lines``, ``stops``, ``blocks`` hold every attempt; ``results`` the error curves
-    with standard uncertainties and ``figures`` the single figures, each solver's last;
-    ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the effects that the last
-    one found. Unknown numbers are empty cells.
+    ``run`` is a run table again (with ``case.yaml`` beside it), each line with its last attempt;
+    an import makes the same measurement of it. ``lines``, ``stops``, ``blocks`` hold every attempt;
+    ``results`` the error curves with standard uncertainties and ``figures`` the single figures,
+    each solver's last; ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the
+    effects that the last one found. Unknown numbers are empty cells.
 
     Args:
         bag: the bag.
@@ -84,13 +84,13 @@ def export_bag(
         )
     run = load_run(bag, run_id)
     folder = Path(folder)
-    complete, remarks = _complete_lines(run)
-    tables = [table for table in _tables(run, complete, readings) if table is not None]
-    case = case_of_run(run.volume, dict(run.machine), complete).case_text().encode()
+    written = run_table_of(run) if run.lines else None
+    tables = [table for table in _tables(run, written, readings) if table is not None]
     writers: list[tuple[Path, Callable[[], bytes]]] = [
         (folder / f"{table.name}.{format}", _encoder(table, format)) for table in tables
     ]
-    if complete:
+    if written is not None:
+        case = written.case.case_text().encode()
         writers.append((folder / CASE_FILE, lambda: case))
     existing = [path for path, _ in writers if path.exists()]
     if existing and not overwrite:
@@ -101,30 +101,27 @@ def export_bag(
             _write_whole(path, make())
     except OSError as error:
         raise BagWriteError(f"{folder} cannot be written: {error.strerror}") from error
-    return ExportReport(tuple(path for path, _ in writers), tuple(remarks))
+    return ExportReport(tuple(path for path, _ in writers), tuple(_remarks(run, written)))
 
 
-def _complete_lines(run: RecordedRun) -> tuple[tuple[MeasuredLine, ...], list[str]]:
-    latest = latest_attempts(run.lines)
-    complete = tuple(sorted((line for line in latest if line.complete), key=_start))
-    remarks = [
-        f"Line '{line.line}' has stops without a value and is not in the run table."
-        for line in latest
-        if not line.complete
-    ]
-    if not latest:
-        remarks.append("The bag holds no finished line, so there is no run table.")
-    return complete, remarks
-
-
-def _start(line: MeasuredLine) -> float:
-    return float(line.time[0])
+def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:
+    if written is None:
+        yield "The bag holds no finished line, so there is no run table."
+        return
+    for line in latest_attempts(run.lines):
+        if not line.complete:
+            yield (
+                f"Line '{line.line}' has stops without a value; the run table marks them"
+                " (settled: false)."
+            )
+    if written.refused:
+        yield f"The run table cannot be imported again: {written.refused}"
 
 
 def _tables(
-    run: RecordedRun, complete: tuple[MeasuredLine, ...], readings: bool
+    run: RecordedRun, written: WrittenTable | None, readings: bool
 ) -> Iterator[Table | None]:
-    yield Table("run", COLUMNS, _run_rows(complete)) if complete else None
+    yield Table(TABLE_NAME, written.columns, written.rows) if written else None
     yield _lines_table(run) if run.lines else None
     yield _stops_table(run) if run.stops else None
     yield _blocks_table(run) if run.blocks else None
@@ -145,24 +142,6 @@ def _tables(
         yield _findings_table(run.diagnoses[-1])
     if readings:
         yield _readings_table(run)
-
-
-def _run_rows(lines: Iterable[MeasuredLine]) -> Iterator[Row]:
-    for line in lines:
-        which = line.line
-        for stop, time in enumerate(line.time):
-            yield (
-                time,
-                which.kind,
-                which.name,
-                which.order,
-                which.repeat,
-                which.direction,
-                stop,
-                *line.target[stop],
-                line.displacement[stop],
-                *line.environment[stop],
-            )
 
 
 def _identity(line: Line, line_index: int, attempt: int) -> Row:

@@ -8,6 +8,8 @@ PLAN = "plan.yaml"
 MACHINE = "machine.yaml"
 SIMULATED_CELL = "simulated_cell.yaml"
 PARAMETERS = "parameters.yaml"
+FACT = "source: "
+"""In front of what the source of an imported bag tells in words, among the bag's facts."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,14 @@ class RunHeader:
     parameters: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     further: tuple[Attachment, ...] = ()
+
+    def told_by_source(self) -> dict[str, str]:
+        """Return what the source of an imported bag tells in words: name → text."""
+        return {
+            name.removeprefix(FACT): text
+            for name, text in self.facts.items()
+            if name.startswith(FACT)
+        }
 
     def metadata(self) -> dict[str, str]:
         """Return the identity as the texts of a metadata record."""

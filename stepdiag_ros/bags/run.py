@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.bag import Bag
+from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
@@ -16,6 +17,7 @@ from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_te
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -79,6 +81,8 @@ class RecordedRun:
         plan_text: YAML of the test plan.
         machine_text: YAML of the machine.
         cell_text: YAML of the simulated cell; empty on a real machine.
+        told_by_source: what the file tells in words that the bag was imported from, name → text;
+            empty of a run that was recorded.
         plan: the test plan; its feed is NaN where it is not known (imported tables).
         first_command: number of the first command to the machine that is in the bag, from 1; 0 if
             there is none.
@@ -105,6 +109,7 @@ class RecordedRun:
     plan_text: str
     machine_text: str
     cell_text: str
+    told_by_source: Mapping[str, str]
     plan: Plan
     first_command: int
     commands: tuple[StopCommand, ...]
@@ -133,6 +138,14 @@ class RecordedRun:
         """Return the machine's YAML, parsed; of an imported table only what its case file told."""
         parsed = parse_yaml(self.machine_text, f"{self.path}: machine") if self.machine_text else {}
         return parsed if isinstance(parsed, Mapping) else {}
+
+    @property
+    def simulated_cell(self) -> str:
+        """Return the name of the simulated cell; empty on a real machine."""
+        if not self.cell_text:
+            return self.told_by_source.get(SIMULATED_CELL, "")
+        parsed = parse_yaml(self.cell_text, f"{self.path}: cell")
+        return str(parsed.get("name", UNKNOWN)) if isinstance(parsed, Mapping) else UNKNOWN
 
     @property
     def chain(self) -> str:
@@ -221,9 +234,17 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
             plan_text=description.plan,
             machine_text=description.machine,
             cell_text=description.simulated_cell,
+            told_by_source=_told_by_source(bag),
             plan=plan,
             **parts,
         )
+
+
+def _told_by_source(bag: Bag) -> Mapping[str, str]:
+    try:
+        return bag.header.told_by_source()
+    except BagError:  # a bag of another recorder
+        return {}
 
 
 def check_version(path: Path, version: int, software_version: str) -> None:

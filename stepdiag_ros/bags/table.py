@@ -1,4 +1,4 @@
-"""Run tables: read one, make a bag from one. The way back is ``export.export_bag``.
+"""Run tables: read one, make a bag from one. The way back is ``table_writing.run_table_of``.
 
 A run table is CSV with one row a stop (``table_rows.COLUMNS``); beside it may stand a ``case.yaml``
 with what is known of the machine and the laser. A table is taken whole or refused, with the row and
@@ -6,25 +6,18 @@ the reason.
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
-from typing import Any
 
 from stepdiag_ros.bags.case import FILE_NAME, Case, read_case
-from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.header import FACT, Attachment
 from stepdiag_ros.bags.imports.source import PREFIX
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
-from stepdiag_ros.bags.table_lines import (
-    measured_lines,
-    passes_of,
-    plan_groups,
-    plan_text,
-    setups_of,
-    volume_of,
-)
+from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import parse_rows, read_text
-from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.measurement import Measurement
 
 
 @dataclass(frozen=True)
@@ -37,7 +30,8 @@ class RunTable:
         data: its bytes, as they are in the file.
         case: what the case file tells.
         measurement: box and lines; a line's index is its place in the plan.
-        plan_text: YAML of a plan that measures these lines; its feed is ``unknown``.
+        plan_text: YAML of the plan: as far as the case file does not tell it, one that measures
+            these lines.
         setups: number of setups.
     """
 
@@ -55,13 +49,16 @@ class RunTable:
         return sum(len(line.time) for line in self.measurement.lines)
 
 
-def load_table(path: str | Path, case: str | Path | None = None, overrun: float = 0.0) -> RunTable:
+def load_table(
+    path: str | Path, case: str | Path | None = None, overrun: float | None = None
+) -> RunTable:
     """Read a run table with its case file.
 
     Args:
         path: the CSV.
         case: the case file; by default ``case.yaml`` beside the table, if there is one.
-        overrun: how far beyond its first stop each line but a step diagonal was begun, m.
+        overrun: how far beyond its first stop each line but a step diagonal was begun, m; None
+            for what the case file says, else 0. A column ``overrun_m`` of the table says it itself.
 
     Raises:
         TableError: not there, not readable, incomplete or contradictory; names row and reason.
@@ -73,18 +70,24 @@ def load_table(path: str | Path, case: str | Path | None = None, overrun: float 
     told = Case()
     if case is not None or beside.is_file():
         told = read_case(Path(case) if case is not None else beside)
-    passes = passes_of(rows, str(path))
-    volume = told.volume or volume_of(passes, str(path))
-    setups = setups_of(passes, volume, str(path))
-    lines = tuple(line for _, line in measured_lines(setups, told, overrun))
+    if overrun is not None:
+        if rows[0].told.overrun is not None:
+            raise TableError(
+                f"{path} tells the overrun of every pass itself (column 'overrun_m'); leave"
+                " --overrun out"
+            )
+        known = {"overrun_m": overrun} if isfinite(overrun) else {}
+        told = replace(told, plan={**told.plan, **known})
+    begun = told.overrun if overrun is None else overrun
+    found = planned_lines(f"imported from {path.name}", rows, told, begun, str(path))
     return RunTable(
         path=path,
         text=text,
         data=path.read_bytes(),
         case=told,
-        measurement=Measurement(volume, lines, told.chain),
-        plan_text=plan_text(f"imported from {path.name}", volume, plan_groups(setups)),
-        setups=len(setups),
+        measurement=Measurement(found.plan.volume, found.lines, told.chain),
+        plan_text=found.text,
+        setups=found.setups,
     )
 
 
@@ -98,7 +101,10 @@ def read_table(path: str | Path, case: str | Path | None = None) -> Measurement:
 
 
 def import_table(
-    path: str | Path, case: str | Path | None, target: str | Path, overrun: float = 0.0
+    path: str | Path,
+    case: str | Path | None,
+    target: str | Path,
+    overrun: float | None = None,
 ) -> RunTable:
     """Make a bag from a run table: its description, its lines, and the table itself.
 
@@ -125,7 +131,13 @@ def import_table(
             middleware="none: imported from a table",
             plan=table.plan_text,
             machine=table.case.machine_text(FILE_NAME),
-            facts={"time_origin": "start of the run; the table tells no date"},
+            facts={
+                "time_origin": "start of the run; the table tells no date",
+                **{f"{FACT}{name}": text for name, text in table.case.facts.items()},
+                "source_file": table.path.name,
+                "source_format": "run table",
+                "source_sha256": hashlib.sha256(table.data).hexdigest(),
+            },
             attachments=_sources(table),
             lines=table.measurement.lines,
         ),
@@ -139,23 +151,3 @@ def _sources(table: RunTable) -> tuple[Attachment, ...]:
     if table.case.text:
         sources.append(Attachment.yaml(PREFIX + FILE_NAME, table.case.text))
     return tuple(sources)
-
-
-def case_of_run(volume: Volume, machine: dict[str, Any], lines: tuple[MeasuredLine, ...]) -> Case:
-    """Return the case that a run's exported table stands beside.
-
-    Args:
-        volume: the measured box.
-        machine: the machine's YAML, parsed; used are the chain and what an imported table told.
-        lines: the exported lines; the reading noise is their standard uncertainty if all share one.
-    """
-    values = {float(value) for line in lines for value in line.standard_uncertainty}
-    known = machine.get("dead_path_m", float("nan"))
-    return Case(
-        chain="".join(machine.get("chain", "")),
-        volume=volume,
-        dead_path=float(known),
-        reading_noise=values.pop() if len(values) == 1 else float("nan"),
-        mirror_on=str(machine.get("mirror_on", "")),
-        laser_on=str(machine.get("laser_on", "")),
-    )

@@ -1,23 +1,21 @@
-"""From the rows of a run table to measured lines; refuses what contradicts itself.
+"""From the rows of a run table to passes and setups; refuses what contradicts itself.
 
 A pass is a group of rows that belong together (line, order, repeat, direction, and where the axes
-stand that do not move). A setup is a group
-of consecutive passes along the same line in the same order: they share alignment and zero.
+stand that do not move). A setup is a group of consecutive passes that share alignment and zero:
+those along the same line in the same order, or as a column ``setup`` or a case file says.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from math import isnan
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.table_rows import Row, refusal
-from stepdiag_ros.metrology.checking import UNKNOWN
+from stepdiag_ros.bags.table_rows import Pass, Row, refusal, same_in_pass
 from stepdiag_ros.metrology.geometry import (
     AXES,
     Vector,
@@ -25,7 +23,6 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
     move_orders,
 )
-from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
     FORWARD,
@@ -33,6 +30,7 @@ from stepdiag_ros.metrology.plan import (
     STEP_DIAGONAL,
     Line,
     Volume,
+    alignment_of,
 )
 
 POSITION_TOLERANCE = 1.5e-6
@@ -42,7 +40,6 @@ READING_TOLERANCE = 0.01
 LARGEST_STEP = 0.5
 """m: blocks that are larger are taken for a mistaken unit unless a case file states them."""
 MOST_REPEATS = 1000
-_NANOSECONDS = 1e9
 
 
 @dataclass(frozen=True)
@@ -57,10 +54,12 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
     """Group rows into passes and check that the stops of each count from 0 without a gap.
 
     Raises:
-        TableError: a stop is missing, out of order or there twice; names the row.
+        TableError: a stop is missing, out of order or there twice, or what holds for a whole pass
+            changes within it; names the row.
     """
     passes = []
     for stops in _by_place(rows):
+        same_in_pass(stops, source)
         which = stops[0].which
         for expected, row in enumerate(stops):
             if row.stop == expected:
@@ -97,7 +96,7 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
 
 def _by_place(rows: list[Row]) -> Iterator[tuple[Row, ...]]:
     """Yield the rows of each pass: a line that begins again at another place is another pass."""
-    for which, group in groupby(rows, key=lambda row: row.which):
+    for (which, _), group in groupby(rows, key=lambda row: (row.which, row.told.line_index)):
         standing = line_signs(which.line) == 0
         stops: list[Row] = []
         for row in group:
@@ -180,31 +179,57 @@ def _rounded(values: Vector) -> tuple[float, float, float]:
     return x, y, z
 
 
-def setups_of(passes: list[tuple[Row, ...]], volume: Volume, source: str) -> list[TableSetup]:
+def setups_of(
+    passes: list[tuple[Row, ...]],
+    volume: Volume,
+    source: str,
+    one_alignment_per_diagonal: bool = False,
+    planned: Sequence[Line] = (),
+) -> list[TableSetup]:
     """Check every pass against the box and group the passes into setups.
+
+    Args:
+        passes: with their rows.
+        volume: the measured box.
+        source: of the table, for the text of an error.
+        one_alignment_per_diagonal: as in ``Plan``, where no column tells the setups.
+        planned: lines of the plan, as far as it is told.
 
     Raises:
         TableError: positions or readings contradict what the row says; names the row.
     """
+
+    def identity_of(entry: tuple[Line, tuple[Row, ...]]) -> str:
+        line, stops = entry
+        return stops[0].told.setup or alignment_of(line, one_alignment_per_diagonal)
+
     checked = []
     for stops in passes:
-        line = _line_of(stops, volume)
+        line = _line_of(stops, volume, planned)
         _check_positions(line, stops, volume, source)
         checked.append((line, stops))
     setups: list[TableSetup] = []
     seen: Counter[str] = Counter()
-    for identity, group in groupby(checked, key=lambda entry: entry[0].setup):
+    for identity, group in groupby(checked, key=identity_of):
         lines = tuple(group)
         _check_repeats(lines, source)
-        _check_readings(lines, volume, source)
+        for name in dict.fromkeys(line.name for line, _ in lines):
+            _check_readings([entry for entry in lines if entry[0].name == name], volume, source)
         seen[identity] += 1
-        again = "" if seen[identity] == 1 else f" #{seen[identity]}"
+        told = lines[0][1][0].told.setup is not None
+        again = "" if told or seen[identity] == 1 else f" #{seen[identity]}"
         setups.append(TableSetup(identity + again, lines))
     return setups
 
 
-def _line_of(stops: tuple[Row, ...], volume: Volume) -> Line:
+def _line_of(stops: tuple[Row, ...], volume: Volume, planned: Sequence[Line]) -> Line:
     which = stops[0].which
+    places = np.array([row.position for row in stops])
+    for line in planned:
+        if which == Pass(line.kind, line.name, line.order, line.repeat, line.direction):
+            expected = line.stops(volume)
+            if len(expected) == len(places) and _equal(expected, places).all():
+                return line
     start = stops[0] if which.direction == FORWARD else stops[-1]
     away = np.asarray(start.position) - np.asarray(volume.origin)
     away[line_signs(which.line) != 0] = 0.0
@@ -277,29 +302,32 @@ def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> s
 
 
 def _check_repeats(lines: tuple[tuple[Line, tuple[Row, ...]], ...], source: str) -> None:
-    seen: dict[Line, int] = {}
+    seen: dict[tuple[Line, int | None], int] = {}
     for line, stops in lines:
+        which = line, stops[0].told.line_index
         if line.repeat >= MOST_REPEATS:
             raise refusal(
                 source, stops[0].number, f"'repeat' is {line.repeat}; repeats count from 0"
             )
-        if line in seen:
+        if which in seen:
             raise refusal(
                 source,
                 stops[0].number,
-                f"'{line}' was measured already from row {seen[line]} on; count its repeats",
+                f"'{line}' was measured already from row {seen[which]} on; count its repeats",
             )
-        seen[line] = stops[0].number
+        seen[which] = stops[0].number
 
 
 def _check_readings(
-    lines: tuple[tuple[Line, tuple[Row, ...]], ...], volume: Volume, source: str
+    lines: Sequence[tuple[Line, tuple[Row, ...]]], volume: Volume, source: str
 ) -> None:
-    first_line, first_stops = lines[0]
+    first_line, _ = lines[0]
     step = np.asarray(volume.step)
     beam = beam_direction(first_line.name, step)
     length = float(np.linalg.norm(line_signs(first_line.name) * step) * volume.blocks)
-    start = first_stops[0]
+    start = next((row for _, stops in lines for row in stops if not isnan(row.reading)), None)
+    if start is None:
+        return
     for line, stops in lines:
         for row in stops:
             nominal = float(beam @ (np.asarray(row.position) - np.asarray(start.position)))
@@ -319,86 +347,3 @@ def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> str
     if 900.0 < abs(ratio) < 1100.0:
         return f"{place}; readings are in metres, this looks like millimetres"
     return place
-
-
-def measured_lines(
-    setups: list[TableSetup], case: Case, overrun: float
-) -> Iterator[tuple[int, MeasuredLine]]:
-    """Make the measured lines: for each the place of its setup, and the line.
-
-    The line's index is its place in the plan that ``plan_mapping`` makes of the same setups.
-
-    Args:
-        setups: with their rows.
-        case: what is known beside the table.
-        overrun: how far beyond its first stop each line but a step diagonal was begun, m; NaN if
-            that is not known.
-    """
-    begin = 0
-    for place, setup in enumerate(setups):
-        repeats, directions = _extent(setup)
-        for line, stops in setup.lines:
-            index = begin + line.repeat * len(directions) + directions.index(line.direction)
-            yield (
-                place,
-                MeasuredLine(
-                    line=line,
-                    line_index=index,
-                    attempt=1,
-                    setup=setup.identity,
-                    time=np.array([row.time for row in stops]),
-                    end_time=_end_time(stops[-1]),
-                    target=np.array([row.position for row in stops]),
-                    displacement=np.array([row.reading for row in stops]),
-                    standard_uncertainty=np.full(len(stops), case.reading_noise),
-                    environment=np.array([row.environment for row in stops], dtype=np.float64),
-                    overrun=0.0 if line.kind == STEP_DIAGONAL else overrun,
-                ),
-            )
-        begin += repeats * len(directions)
-
-
-def _end_time(last: Row) -> int:
-    # Where no time is known (imported tables), lines keep their order: a nanosecond for each row.
-    return round(last.time * _NANOSECONDS) if np.isfinite(last.time) else last.number
-
-
-def _extent(setup: TableSetup) -> tuple[int, list[str]]:
-    repeats = 1 + max(line.repeat for line, _ in setup.lines)
-    return repeats, list(dict.fromkeys(line.direction for line, _ in setup.lines))
-
-
-def plan_text(name: str, volume: Volume, groups: list[dict[str, object]]) -> str:
-    """Return the YAML text of a plan that measures lines of which only the result is at hand.
-
-    Args:
-        name: of the plan, in words.
-        volume: the measured box.
-        groups: the plan's ``lines``, as ``plan_groups`` has them.
-    """
-    plan = {
-        "name": name,
-        "origin_m": list(volume.origin),
-        "step_m": list(volume.step),
-        "blocks": volume.blocks,
-        "feed_m_per_s": UNKNOWN,
-        "lines": groups,
-    }
-    return str(yaml.safe_dump(plan, sort_keys=False, default_flow_style=None))
-
-
-def plan_groups(setups: list[TableSetup]) -> list[dict[str, object]]:
-    """Return the ``lines`` of a test plan that measures these setups, as a plan file has them."""
-    groups: list[dict[str, object]] = []
-    for setup in setups:
-        line = setup.lines[0][0]
-        repeats, directions = _extent(setup)
-        group: dict[str, object] = {"kind": line.kind, "names": [line.name]}
-        if line.order:
-            group["orders"] = [line.order]
-        if any(line.offset):
-            group["offset_m"] = list(line.offset)
-        group["repeats"] = repeats
-        group["directions"] = directions
-        groups.append(group)
-    return groups

@@ -3,7 +3,10 @@
 import csv
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from math import isnan
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +42,21 @@ COLUMNS = (
     *ENVIRONMENT_COLUMNS,
 )
 """Of a run table, in this order."""
+SETTLED = ("true", "false")
+OPTIONAL_COLUMNS = (
+    "line_index",
+    "attempt",
+    "setup",
+    "overrun_m",
+    "standard_uncertainty_m",
+    "settled",
+)
+"""What a run table may tell beyond that; each is explained in docs/import.md."""
 
+_MISSPELT = 0.75
+"""Likeness from which on a column's name is taken for a known one with a typing error; a column of
+remarks may stay."""
+_LONGEST_REASON = 600
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 # What air in a workshop can be, and what a value outside of it is likely to have been meant as.
@@ -65,18 +82,39 @@ class Pass(NamedTuple):
         return f"{name} {self.direction}, repeat {self.repeat}"
 
 
+class Told(NamedTuple):
+    """What optional columns tell of a pass; None where the table has no such column.
+
+    Attributes:
+        line_index: place of the pass in the plan, from 0.
+        attempt: at this pass, from 1.
+        setup: identity of the alignment and zero.
+        overrun: how far beyond its first stop the pass was begun, m; NaN if unknown.
+    """
+
+    line_index: int | None = None
+    attempt: int | None = None
+    setup: str | None = None
+    overrun: float | None = None
+
+
+NOTHING_TOLD = Told()
+
+
 @dataclass(frozen=True)
 class Row:
     """One row: one stop.
 
     Attributes:
         number: line of the file, the header being 1.
-        time: s since the start of the run; NaN if unknown (imported lines).
+        time: s since the start of the run; NaN if unknown.
         which: pass that it belongs to.
         stop: from 0 along the direction.
         position: commanded X Y Z, m.
-        reading: m.
+        reading: m; NaN where the stop was rejected.
         environment: air and material; NaN where the cell is empty.
+        told: what optional columns tell of the pass.
+        standard_uncertainty: of the reading, m; NaN if unknown, None without a column for it.
     """
 
     number: int
@@ -86,11 +124,19 @@ class Row:
     position: tuple[float, float, float]
     reading: float
     environment: Environment
+    told: Told = NOTHING_TOLD
+    standard_uncertainty: float | None = None
 
 
 def refusal(source: str, row: int, reason: str) -> TableError:
-    """Return the error that refuses a table because of one row."""
-    return TableError(f"{source}, row {row}: {reason}")
+    """Return the error that refuses a table because of one row, in one line and not without end.
+
+    A cell in quotes may hold line breaks, and so may what is said of it.
+    """
+    sentence = " ".join(reason.splitlines())
+    if len(sentence) > _LONGEST_REASON:
+        sentence = f"{sentence[:_LONGEST_REASON]}…"
+    return TableError(f"{source}, row {row}: {sentence}")
 
 
 def read_text(path: Path) -> str:
@@ -117,14 +163,15 @@ def parse_rows(text: str, source: str) -> list[Row]:
         source: what the user calls it; named in errors.
 
     Raises:
-        TableError: a column is missing, a value is no number, not finite or implausible, a name is
-            unknown, or time goes back; names the row.
+        TableError: a column is missing or its name misspelt, a value is no number, not finite or
+            implausible, a name is unknown, or time goes back; names the row.
     """
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         header = next(reader, None) or []
         places = _places(header, source)
         rows: list[Row] = []
+        latest = float("-inf")
         for cells in reader:
             if not any(cell.strip() for cell in cells):
                 continue
@@ -136,13 +183,14 @@ def parse_rows(text: str, source: str) -> list[Row]:
                     " comma?",
                 )
             row = _row(_RowCells(cells, places, source, reader.line_num))
-            if rows and row.time < rows[-1].time:
+            if row.time < latest:
                 raise refusal(
                     source,
                     row.number,
-                    f"time goes back from {rows[-1].time:g} s to {row.time:g} s; "
+                    f"time goes back from {latest:g} s to {row.time:g} s; "
                     "rows stand in the order of measurement",
                 )
+            latest = latest if isnan(row.time) else row.time
             rows.append(row)
     except csv.Error as error:
         raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
@@ -155,17 +203,21 @@ def _places(header: list[str], source: str) -> dict[str, int]:
     names = [name.strip() for name in header]
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
         raise refusal(source, 1, "the columns are not separated by commas; save it with commas")
+    known = (*COLUMNS, *OPTIONAL_COLUMNS)
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        unknown = [name for name in names if name and name not in COLUMNS]
+        unknown = [name for name in names if name and name not in known]
         hint = f"; there is an unknown column '{unknown[0]}'" if unknown else ""
         if missing[0] in ENVIRONMENT_COLUMNS:
             hint += "; its cells may be empty if it was not measured"
         raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}")
-    for name in COLUMNS:
-        if names.count(name) > 1:
+    for name in names:
+        if name in known and names.count(name) > 1:
             raise refusal(source, 1, f"column '{name}' is there {names.count(name)} times")
-    return {name: names.index(name) for name in COLUMNS}
+        near = get_close_matches(name, known, n=1, cutoff=_MISSPELT)
+        if name not in known and near:
+            raise refusal(source, 1, f"unknown column '{name}'; did you mean '{near[0]}'?")
+    return {name: names.index(name) for name in known if name in names}
 
 
 class _RowCells:
@@ -184,8 +236,24 @@ class _RowCells:
             f"'{column}' is '{self.text(column)}'; expected {expected}",
         )
 
+    def has(self, column: str) -> bool:
+        return column in self._places
+
     def text(self, column: str) -> str:
         return self._cells[self._places[column]].strip()
+
+    def number_or_unknown(self, column: str) -> float:
+        """Return a number; NaN where the cell is empty."""
+        return self.number_of(column) if self.text(column) else float("nan")
+
+    def size(self, column: str) -> float | None:
+        """Return a number from 0, NaN where the cell is empty, None without such a column."""
+        if not self.has(column):
+            return None
+        value = self.number_or_unknown(column)
+        if value < 0.0:
+            raise self.wrong(column, "a number from 0, or an empty cell where it is not known")
+        return value
 
     def number_of(self, column: str) -> float:
         text = self.text(column)
@@ -235,10 +303,61 @@ def _row(cells: _RowCells) -> Row:
     )
     return Row(
         number=cells.number,
-        time=cells.number_of("time_s"),
+        time=cells.number_or_unknown("time_s"),
         which=which,
         stop=cells.whole("stop"),
         position=(cells.number_of("x_m"), cells.number_of("y_m"), cells.number_of("z_m")),
-        reading=cells.number_of("reading_m"),
+        reading=_reading(cells),
         environment=Environment(*(cells.environment(name) for name in ENVIRONMENT_COLUMNS)),
+        told=_told(cells),
+        standard_uncertainty=cells.size("standard_uncertainty_m"),
     )
+
+
+def _reading(cells: _RowCells) -> float:
+    settled = not cells.has("settled") or cells.one_of("settled", SETTLED) == SETTLED[0]
+    if settled:
+        return cells.number_of("reading_m")
+    if cells.text("reading_m"):
+        raise cells.wrong("reading_m", "an empty cell: 'settled' says that the stop was rejected")
+    return float("nan")
+
+
+def _told(cells: _RowCells) -> Told:
+    if cells.has("setup") and not cells.text("setup"):
+        raise cells.wrong("setup", "the name of the alignment that the pass was measured in")
+    attempt = cells.whole("attempt") if cells.has("attempt") else None
+    if attempt == 0:
+        raise cells.wrong("attempt", "a whole number from 1")
+    return Told(
+        line_index=cells.whole("line_index") if cells.has("line_index") else None,
+        attempt=attempt,
+        setup=cells.text("setup") if cells.has("setup") else None,
+        overrun=cells.size("overrun_m"),
+    )
+
+
+def same_in_pass(stops: Sequence[Row], source: str) -> None:
+    """Check that the rows of one pass agree in what is told of all of it.
+
+    Raises:
+        TableError: an optional column changes within the pass, or only some rows have a time.
+    """
+    first = stops[0]
+    for row in stops:
+        for name, value, expected in zip(Told._fields, row.told, first.told, strict=True):
+            if repr(value) != repr(expected):
+                raise refusal(
+                    source,
+                    row.number,
+                    f"'{name}' changes within '{row.which}' from {expected} to {value}; it holds"
+                    " for a whole pass",
+                )
+    known = [row for row in stops if not isnan(row.time)]
+    if known and len(known) < len(stops):
+        row = next(row for row in stops if isnan(row.time))
+        raise refusal(
+            source,
+            row.number,
+            "'time_s' is ''; expected a number, since other stops of the pass have one",
+        )

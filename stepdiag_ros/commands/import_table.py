@@ -3,6 +3,7 @@
 import argparse
 import math
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +22,20 @@ formats, found by content (docs/import.md says of each what is known and what is
   anything else        text with columns, by a mapping file (config/imports has examples)
 
 columns of a run table, in SI units, one row a stop in order of time:
-  time_s, kind (linear or step_diagonal), line (x y z, ppp npp pnp ppn),
-  order (XYZ …, empty if linear), repeat (from 0), direction (forward or backward),
+  time_s, kind (linear, step_diagonal or diagonal),
+  line (x y z; of a diagonal ppp npp pnp ppn, pp0 np0 p0p n0p 0pp 0np),
+  order (XYZ …, empty unless step_diagonal), repeat (from 0), direction (forward or backward),
   stop (from 0), x_m, y_m, z_m (commanded), reading_m (zero at the line's first stop),
-  air_temperature_degC, air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC
+  air_temperature_degC, air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC;
+  and only where they are needed (docs/import.md): setup, overrun_m, standard_uncertainty_m,
+  settled, attempt, line_index
 
 examples:
   stepdiag import run.csv                    writes run.mcap beside it
   stepdiag import run.csv --case case.yaml   with the chain, the box and the noise of the readings
   stepdiag import axis.rtl --axis X          a positioning test of another laser
+  stepdiag import d1.rtl d2.rtl d3.rtl d4.rtl run.mcap --axis ppp npp pnp ppn
+      --box 0 0 0 0.5 0.4 0.3                four body diagonals as one measurement
   stepdiag import laser.csv --mapping runs_in_columns
   stepdiag import stream.csv --mapping readings_in_time --plan quick
   stepdiag iso230 axis.mcap                  then evaluates it"""
@@ -55,16 +61,21 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         epilog=_FORMATS,
         formatter_class=HelpFormatter,
     )
-    parser.add_argument("table", type=Path, metavar="file", help="the file")
     parser.add_argument(
-        "bag", type=Path, nargs="?", help="the bag to make (default: NAME.mcap beside the file)"
+        "paths",
+        type=Path,
+        nargs="*",
+        metavar="file",
+        help="the file; or several that are tests of one line each, with an --axis for each. The"
+        " bag to make may follow (default: NAME.mcap beside the first file)",
     )
     parser.add_argument(
         "--case",
         type=Path,
         metavar="FILE",
         help="of a run table: YAML with chain, origin_m, step_m, blocks, dead_path_m,"
-        " reading_noise_m (default: case.yaml beside the table, if there is one)",
+        " reading_noise_m, one_alignment_per_diagonal and what else is known of the plan"
+        " (docs/import.md; default: case.yaml beside the table, if there is one)",
     )
     parser.add_argument(
         "--mapping",
@@ -72,7 +83,23 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FILE",
         help="YAML that says what the columns are: a path, or a name of config/imports",
     )
-    parser.add_argument("--axis", default="", choices=("X", "Y", "Z"), help="that was tested")
+    parser.add_argument(
+        "--axis",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="what each file is a test of, in the order of the files: X Y Z, or a diagonal (ppp npp"
+        " pnp ppn, pp0 np0 p0p n0p 0pp 0np: p, the axis runs up, n, it runs down). Targets of a"
+        " diagonal are distances along it",
+    )
+    parser.add_argument(
+        "--box",
+        nargs=6,
+        type=lambda text: number(text, -1000.0, 1000.0),
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="of diagonals: two corners of the measured volume, between which they run from the"
+        " first target to the last, machine coordinates in m",
+    )
     parser.add_argument(
         "--standing",
         type=_position,
@@ -108,12 +135,14 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.imports.registry import is_run_table
     from stepdiag_ros.bags.imports.source import read_source
 
-    source = read_source(arguments.table)
-    target = arguments.bag or arguments.table.parent / f"{arguments.table.stem}.mcap"
-    if not arguments.mapping and (arguments.case is not None or is_run_table(source)):
-        document = _run_table(arguments, target, source)
+    axes, paths = _axes_and_paths(arguments.axis, arguments.paths)
+    tables, target = _files_and_bag(paths, len(axes))
+    sources = [read_source(path) for path in tables]
+    run_table = len(sources) == 1 and not arguments.mapping
+    if run_table and (arguments.case is not None or is_run_table(sources[0])):
+        document = _run_table(arguments, tables[0], target, sources[0])
     else:
-        document = _foreign(arguments, target, source)
+        document = _foreign(arguments, axes, tables, target, sources)
     unknown = _undetermined(target)
     if unknown:
         document["remarks"].append(unknown)
@@ -137,13 +166,53 @@ def _undetermined(bag: Path) -> str:
     return undetermined(load_run(bag).plan).sentence
 
 
-def _run_table(arguments: Namespace, target: Path, source: "SourceFile") -> dict[str, Any]:
+def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:
+    """Take the files out of what stands behind --axis: they may be named before it or after it."""
+    from stepdiag_ros.bags.imports.placing import TESTED
+
+    known = {name.lower(): name for name in TESTED}
+    axes = [known[one.lower()] for one in named if one.lower() in known]
+    behind = [Path(one) for one in named if one.lower() not in known]
+    for one in behind:
+        if not one.suffix and not one.exists():
+            raise ValueError(f"--axis: '{one}' is none of {', '.join(TESTED)}")
+    if not paths and not behind:
+        raise ValueError("no file is named; say which to import")
+    return axes, [*paths, *behind]
+
+
+def _files_and_bag(paths: list[Path], axes: int) -> tuple[list[Path], Path]:
+    """Return the files to read and the bag to make.
+
+    Raises:
+        ValueError: it cannot be seen which is which.
+    """
+    count = axes
+    if not axes:
+        # Every file says itself what it is a test of; the bag is known by its name.
+        ends = len(paths) == 2 or (len(paths) > 2 and paths[-1].suffix == ".mcap")
+        count = len(paths) - ends
+    if len(paths) not in (count, count + 1):
+        raise ValueError(
+            f"{len(paths)} files and {count} names behind --axis: name for each file the axis or"
+            " diagonal that it is a test of, in the same order; the bag to make comes last"
+        )
+    default = paths[0].parent / f"{paths[0].stem}.mcap"
+    return paths[:count], paths[count] if len(paths) > count else default
+
+
+def _run_table(
+    arguments: Namespace, table: Path, target: Path, source: "SourceFile"
+) -> dict[str, Any]:
     from stepdiag_ros.bags.table import import_table
 
-    overrun = arguments.overrun or 0.0
-    measurement = import_table(arguments.table, arguments.case, target, overrun).measurement
+    for name in ("axis", "box", "standing", "directions", "plan"):
+        if getattr(arguments, name):
+            raise ValueError(f"{table} is a run table and tells that itself: leave --{name} out")
+    made = import_table(table, arguments.case, target, arguments.overrun)
+    measurement = made.measurement
     return {
-        "table": str(arguments.table),
+        "table": str(table),
         "bag": str(target),
         "lines": len(measurement.lines),
         "stops": sum(line.displacement.size for line in measurement.lines),
@@ -153,17 +222,26 @@ def _run_table(arguments: Namespace, target: Path, source: "SourceFile") -> dict
         "format": "run table",
         "readings": 0,
         "source_sha256": source.sha256,
-        "facts": {},
+        "files": _files([source]),
+        "facts": dict(made.case.facts),
         "remarks": [],
     }
 
 
-def _foreign(arguments: Namespace, target: Path, source: "SourceFile") -> dict[str, Any]:
-    from stepdiag_ros.bags.imports.registry import import_file
+def _foreign(
+    arguments: Namespace,
+    axes: list[str],
+    tables: list[Path],
+    target: Path,
+    sources: list["SourceFile"],
+) -> dict[str, Any]:
+    from stepdiag_ros.bags.imports.registry import import_files
 
-    made = import_file(arguments.table, target, _options(arguments))
+    said = _options(arguments)
+    options = [replace(said, axis=axis) for axis in axes or [""] * len(tables)]
+    made = import_files(tables, target, options)
     return {
-        "table": str(arguments.table),
+        "table": str(tables[0]),
         "bag": str(target),
         "lines": len(made.lines),
         "stops": made.stops,
@@ -172,18 +250,29 @@ def _foreign(arguments: Namespace, target: Path, source: "SourceFile") -> dict[s
         "blocks": made.volume.blocks,
         "format": made.format,
         "readings": len(made.readings),
-        "source_sha256": source.sha256,
+        "source_sha256": sources[0].sha256,
+        "files": _files(sources),
         "facts": dict(made.facts),
         "remarks": list(made.remarks),
     }
+
+
+def _files(sources: list["SourceFile"]) -> list[dict[str, str]]:
+    return [{"file": source.name, "sha256": source.sha256} for source in sources]
 
 
 def _options(arguments: Namespace) -> "ImportOptions":
     from stepdiag_ros.bags.imports.imported import ImportOptions
     from stepdiag_ros.configuration import find, read_text
 
+    box = None
+    if arguments.box:
+        x0, y0, z0, x1, y1, z1 = arguments.box
+        if not (x0 < x1 and y0 < y1 and z0 < z1):
+            raise ValueError("--box: X1, Y1 and Z1 must be larger than X0, Y0 and Z0")
+        box = ((x0, y0, z0), (x1, y1, z1))
     return ImportOptions(
-        axis=arguments.axis,
+        box=box,
         standing=arguments.standing,
         directions=arguments.directions,
         encoding=arguments.encoding,

@@ -74,7 +74,7 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
         chain=recorded.chain,
         run_software_version=recorded.software_version,
         bag=recorded.path,
-        simulated=True if recorded.cell_text else None,
+        simulated=True if recorded.simulated_cell else None,
         measurement=recorded.measurement,
         passes=completeness_of(recorded, recorded.measurement),
     )
@@ -92,7 +92,7 @@ class Material:
         recorded: as given.
         report: as given.
         measurement: its lines, as they were solved.
-        given: as given.
+        given: as given, and where nothing was, what the source of an imported bag tells.
 
     Raises:
         ValueError: the report was made without the lines of the run.
@@ -101,9 +101,16 @@ class Material:
     def __init__(self, recorded: RecordedRun, report: Report, given: Given) -> None:
         if report.measurement is None:
             raise ValueError(f"{recorded.path}: the report needs the lines of the run")
-        self.recorded, self.report, self.given = recorded, report, given
+        self.recorded, self.report = recorded, report
         self.measurement: Measurement = report.measurement
         self._missing: dict[str, str] = {}
+        told = recorded.told_by_source
+        self.given = replace(
+            given,
+            operator=given.operator or told.get("operator", ""),
+            place=given.place or told.get("location", ""),
+            serial=given.serial or told.get("machine_serial_number", ""),
+        )
 
     def why_not(self, part: str) -> str:
         """Return why a part is None or empty, in a sentence; empty if it is not.

@@ -184,6 +184,11 @@ class Section:
             raise self._wrong(key, value, "a list with at least one entry")
         return [Section(entry, f"{self._source}: {key}[{i}]") for i, entry in enumerate(value)]
 
+    def given(self, keys: Sequence[str]) -> dict[str, Any]:
+        """Return those of the keys that are there, with their values, for another to check."""
+        self._taken.update(keys)
+        return {key: self._mapping[key] for key in keys if key in self._mapping}
+
     def keys(self) -> list[str]:
         """Return the keys that are there, as texts."""
         return [str(key) for key in self._mapping]

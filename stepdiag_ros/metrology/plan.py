@@ -29,6 +29,20 @@ LINE_NAMES = {
     DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
 }
 """Kind of a line → the names that it may have."""
+BOX_KEYS = ("origin_m", "step_m", "blocks")
+"""Of a plan file: the measured box."""
+COURSE_KEYS = (
+    "name",
+    "repeats",
+    "directions",
+    "feed_m_per_s",
+    "pause_for_setup",
+    "one_alignment_per_diagonal",
+    "overrun_m",
+    "sampling",
+    "lines",
+)
+"""Of a plan file: everything else, in the order in which it is written."""
 HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"
@@ -145,6 +159,13 @@ def of_run(words: str, run: int) -> str:
     return words if run == 1 else f"run {run}: {words}"
 
 
+def alignment_of(line: Line, one_alignment_per_diagonal: bool) -> str:
+    """Return the identity of the alignment and zero that a line is measured with; see ``Plan``."""
+    if one_alignment_per_diagonal and line.kind == STEP_DIAGONAL:
+        return line.name
+    return line.setup
+
+
 def kind_of(name: str, order: str) -> str:
     """Return the kind of the line that has a name and an order of moves."""
     if order:
@@ -218,9 +239,7 @@ class Plan:
 
     def setup_of(self, line: Line) -> str:
         """Return the identity of the alignment and zero that a line is measured with."""
-        if self.one_alignment_per_diagonal and line.kind == STEP_DIAGONAL:
-            return line.name
-        return line.setup
+        return alignment_of(line, self.one_alignment_per_diagonal)
 
     def overrun_of(self, line: Line) -> float:
         """Return how far beyond its first stop a pass is begun, m; step diagonals never are."""

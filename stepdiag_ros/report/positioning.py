@@ -84,8 +84,12 @@ class Published:
         return cls(source, {name: value * unit for name, value in numbers.items()}, halves)
 
     def agrees(self, name: str, value: float) -> bool:
-        """Say whether a value (m) rounds to the printed one."""
-        return abs(value - self.values[name]) <= self.resolution[name] * (1.0 + 1e-6)
+        """Say whether a value (m) is the printed one to its last digit, rounded or truncated."""
+        printed, half = self.values[name], self.resolution[name] * (1.0 + 1e-6)
+        rounded = abs(value - printed) <= half
+        # Digits that were cut off leave a figure nearer to zero.
+        beyond = (value - printed) * (np.sign(printed) or np.sign(value))
+        return bool(rounded or 0.0 <= beyond < 2.0 * half)
 
 
 @dataclass(frozen=True)

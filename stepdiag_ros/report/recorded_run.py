@@ -77,7 +77,7 @@ def report_of_run(
         machine=name if isinstance(name, str) else "",
         chain=recorded.chain,
         run_software_version=recorded.software_version,
-        simulated=True if recorded.cell_text else None,
+        simulated=True if recorded.simulated_cell else None,
         truth=_truth(recorded, measurement, truth),
         bag=recorded.path,
         with_visibility=with_visibility,

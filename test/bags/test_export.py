@@ -83,14 +83,18 @@ def test_diagnoses_are_all_there_and_the_findings_of_the_last(bag, tmp_path):
     assert not (tmp_path / "without" / "diagnoses.csv").exists()
 
 
-def test_the_last_attempt_of_complete_lines_makes_the_run_table(bag, tmp_path):
+def test_the_last_attempt_at_each_line_makes_the_run_table(bag, tmp_path):
     report = export_bag(bag, tmp_path / "out")
     rows = table(tmp_path / "out" / "run.csv")
-    assert [float(row["reading_m"]) for row in rows] == line(0, 2).displacement.tolist()
-    assert [row["air_temperature_degC"] for row in rows] == ["", "", ""]
-    assert report.remarks == (
-        "Line 'x forward, repeat 0' has stops without a value and is not in the run table.",
-    )
+    assert [float(row["reading_m"]) for row in rows[:3]] == line(0, 2).displacement.tolist()
+    assert [row["air_temperature_degC"] for row in rows] == [""] * 6
+    assert [row["attempt"] for row in rows] == list("222111")
+    assert [row["settled"] for row in rows] == ["true"] * 4 + ["false", "true"]
+    assert rows[4]["reading_m"] == ""
+    assert len(report.remarks) == 2
+    assert "settled: false" in report.remarks[0]
+    # The second line stands at a place where the plan has another pass.
+    assert "cannot be imported again" in report.remarks[1]
     every = table(tmp_path / "out" / "lines.csv")
     assert [row["attempt"] for row in every] == list("111222111")
     assert [row["displacement_m"] for row in every][7] == ""

@@ -1,19 +1,26 @@
 """Run tables to bags and back."""
 
 import csv
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from stepdiag_ros.bags.case import FACTS
 from stepdiag_ros.bags.errors import BagError, TableError
 from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.table import import_table, load_table, read_table
-from stepdiag_ros.bags.table_rows import COLUMNS
-from stepdiag_ros.metrology.plan import Line, Volume
+from stepdiag_ros.bags.table_rows import COLUMNS, OPTIONAL_COLUMNS
+from stepdiag_ros.cli import main
+from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, LINE_NAMES, Line, Volume
+
+DOCS = Path(__file__).parents[2] / "docs"
+CASE_KEYS = (*BOX_KEYS, *COURSE_KEYS, *FACTS, "chain", "dead_path_m", "reading_noise_m")
 
 CASES = sorted(
     path.parent for path in (Path(__file__).parent.parent / "data/cases").glob("*/run.csv")
@@ -184,3 +191,75 @@ def test_a_wrong_case_file_is_refused_by_its_key(tmp_path, text, reason):
     (tmp_path / "case.yaml").write_text(text)
     with pytest.raises(TableError, match=reason):
         read_table(tmp_path / "run.csv")
+
+
+def test_the_help_of_the_command_names_every_kind_line_and_column(capsys):
+    with pytest.raises(SystemExit):
+        main(["import", "--help"])
+    words = set(re.findall(r"\w+", capsys.readouterr().out))
+    names = {name for known in LINE_NAMES.values() for name in known}
+    assert {*LINE_NAMES, *names, *COLUMNS, *OPTIONAL_COLUMNS} <= words
+
+
+def test_the_documents_explain_every_column_and_key():
+    words = set(re.findall(r"\w+", (DOCS / "import.md").read_text()))
+    assert {*COLUMNS, *OPTIONAL_COLUMNS, *CASE_KEYS} <= words
+
+
+def test_a_misspelt_column_is_refused_and_a_column_of_remarks_is_not(tmp_path):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    for name, known in (("overun_m", "overrun_m"), ("Setup", "setup")):
+        (tmp_path / "run.csv").write_text("\n".join(",".join([*row, name]) for row in rows))
+        with pytest.raises(TableError, match=f"row 1: unknown column '{name}'.*'{known}'"):
+            read_table(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "reason"),
+    [
+        ("setup", ["a"] * 3 + ["b"] * 10, "'setup' changes within"),
+        ("setup", [""], "expected the name of the alignment"),
+        ("overrun_m", ["-0.001"], "a number from 0"),
+        ("attempt", ["0"], "a whole number from 1"),
+        ("line_index", ["0"], "lines.* into a case.yaml"),
+        ("settled", ["false"], "an empty cell"),
+        ("settled", ["no"], "one of true, false"),
+    ],
+)
+def test_a_wrong_cell_of_an_optional_column_is_refused(tmp_path, column, values, reason):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    values = values + [values[-1]] * (len(rows) - 1 - len(values))
+    made = [[*row, value] for row, value in zip(rows, [column, *values], strict=True)]
+    (tmp_path / "run.csv").write_text("\n".join(",".join(row) for row in made))
+    with pytest.raises(TableError, match=reason):
+        read_table(tmp_path / "run.csv")
+
+
+def test_an_overrun_is_told_once(tmp_path):
+    rows = rows_of_text(CASES[0] / "run.csv")
+    values = ["overrun_m"] + ["0.002"] * (len(rows) - 1)
+    text = "\n".join(",".join([*row, value]) for row, value in zip(rows, values, strict=True))
+    (tmp_path / "run.csv").write_text(text)
+    assert {line.overrun for line in read_table(tmp_path / "run.csv").lines} == {0.002}
+    with pytest.raises(TableError, match="leave --overrun out"):
+        load_table(tmp_path / "run.csv", overrun=0.001)
+
+
+def test_the_facts_of_a_case_file_are_in_the_document_and_in_the_bag(tmp_path, capsys):
+    (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
+    facts = {"machine": "Portal 4", "operator": "A. Beispiel"}
+    case = {**yaml.safe_load((CASES[0] / "case.yaml").read_text()), "facts": facts}
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump(case))
+    assert main(["import", str(tmp_path / "run.csv"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["facts"] == facts
+    run = load_run(tmp_path / "run.mcap")
+    assert dict(run.told_by_source) == facts
+    assert run.machine["name"] == "Portal 4"
+
+
+def test_what_says_nothing_of_a_run_table_is_refused(tmp_path, capsys):
+    (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
+    for option in (["--axis", "X"], ["--box", *"000111"], ["--plan", "demo"]):
+        assert main(["import", str(tmp_path / "run.csv"), *option]) == 1
+        assert f"leave {option[0]} out" in capsys.readouterr().err
+    assert not (tmp_path / "run.mcap").exists()

@@ -124,10 +124,27 @@ def test_an_uncertainty_that_no_row_knows_is_said_unknown_once(report):
     assert not any("±" in cell for cell in [*result.columns[1].cells, *each.columns[2].cells])
 
 
-def test_a_published_figure_agrees_to_its_last_printed_digit():
-    published = Published.from_numbers("theirs", {"E": 3.68e-05, "R": 6.29e-05}, 1e-3)
-    assert published.agrees("E", 3.6849e-08)
-    assert not published.agrees("E", 3.6852e-08)
+@pytest.mark.parametrize(
+    ("printed", "value", "agrees"),
+    [
+        (3.68, 3.6849, True),  # rounded
+        (3.68, 3.6751, True),
+        (3.68, 3.6899, True),  # truncated
+        (3.68, 3.6749, False),
+        (3.68, 3.6902, False),
+        (-3.68, -3.6899, True),
+        (-3.68, -3.6902, False),
+        (-3.68, -3.6749, False),
+        (0.0, -0.09, True),
+        (0.0, 0.11, False),
+    ],
+)
+def test_a_published_figure_agrees_to_its_last_printed_digit(printed, value, agrees):
+    published = Published.from_numbers("theirs", {"M": printed}, 1e-6)
+    assert published.agrees("M", 1e-6 * value) == agrees
+
+
+def test_a_published_figure_of_another_name_is_refused():
     with pytest.raises(ValueError, match="theirs: 'Z' is no parameter"):
         Published.from_numbers("theirs", {"Z": 1.0}, 1e-3)
 

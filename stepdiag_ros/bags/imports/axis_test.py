@@ -1,11 +1,12 @@
-"""From single deviations of one axis to the lines of an ISO 230-2 test; refuses contradictions.
+"""From single deviations to the lines of a test of an axis or a diagonal; refuses contradictions.
 
-Every format that holds such a test comes through here: the targets may lie anywhere along the axis,
-and every run has each of them once.
+Every format that holds such a test (ISO 230-2, ISO 230-6) comes through here: the targets may lie
+anywhere along the axis or the diagonal, and every run has each of them once.
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,11 +14,12 @@ import numpy as np
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
-from stepdiag_ros.bags.table_lines import plan_text
+from stepdiag_ros.bags.imports.placing import DIAGONALS, Placed, placed
+from stepdiag_ros.bags.table_plan import plan_mapping, yaml_text
 from stepdiag_ros.bags.table_rows import refusal
-from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
-from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, Line, Volume
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 
 SAME, ALTERNATING = "same", "alternating"
 LARGEST_PART = 0.002
@@ -26,8 +28,6 @@ LARGEST_ANYWHERE = 0.2e-3
 is taken for a mistaken unit."""
 MOST_TARGETS = 1001
 LONGEST = 100.0
-_EVEN = 1e-4
-"""Part of the mean distance of targets, by which they may lie beside an even grid."""
 _NANOSECONDS = 10**9
 OVERRUN_NOT_TOLD = (
     "whether runs along an axis began beyond their first target is not told, so the first stop of"
@@ -61,10 +61,10 @@ class _Run(NamedTuple):
 
 
 def axis_name(told: str, options: ImportOptions, source: str) -> str:
-    """Return which axis was tested: X, Y or Z.
+    """Return which axis or diagonal was tested, one of ``placing.TESTED``.
 
     Args:
-        told: by the file, for example ``X`` or ``X-Axis``; empty if nothing.
+        told: by the file, for example ``X``, ``X-Axis`` or ``npp``; empty if nothing.
         options: of the user, whose word goes first.
         source: of the file, for the text of an error.
 
@@ -72,13 +72,17 @@ def axis_name(told: str, options: ImportOptions, source: str) -> str:
         TableError: nobody says it.
     """
     if options.axis:
-        return options.axis.upper()
+        return options.axis
     words = told.upper().replace("-", " ").replace("_", " ").replace(":", " ").split()
     found = {word for word in words if word in AXES}
     found |= {word[0] for word in words if len(word) == 2 and word[0] in AXES and word[1].isdigit()}
+    found |= {word.lower() for word in words if word.lower() in DIAGONALS}
     if len(found) != 1:
         said = f"the file calls the axis '{told}'" if told else "the file does not name the axis"
-        raise TableError(f"{source}: {said}; say which it is: --axis X, Y or Z")
+        raise TableError(
+            f"{source}: {said}; say which it is: --axis X, Y or Z, or the name of a diagonal"
+            " (ppp, npp …)"
+        )
     return found.pop()
 
 
@@ -93,12 +97,12 @@ def axis_test(
     remarks: Sequence[str] = (),
     further: Mapping[str, str] | None = None,
 ) -> Imported:
-    """Make the lines of a test of one axis.
+    """Make the lines of a test of one axis or diagonal.
 
     Args:
         source: of the file, for the text of an error.
         format_name: of the file, in words.
-        axis: X, Y or Z.
+        axis: X, Y, Z or the name of a diagonal.
         rows: in the order of the file.
         options: of the user.
         environment: during the test; unknown if None.
@@ -112,33 +116,26 @@ def axis_test(
     """
     runs = _runs(source, rows, options.directions)
     targets = np.array(sorted({row.target for run in runs for row in run.rows}))
+    _check_reach(source, targets)
     _check(source, runs, targets)
-    place = AXES.index(axis)
-    volume, uneven = _volume(source, targets, place, options.standing)
+    where = placed(source, axis, targets, options)
     directions = list(dict.fromkeys(run.direction for run in runs))
-    said = [*remarks]
-    if uneven:
-        said.append(
-            "the targets are not evenly spaced, so that ISO 230-2 can be evaluated but not the"
-            " errors at the nodes of a measured box ('solve')"
-        )
+    said = [*remarks, *where.remarks]
     if math.isnan(options.overrun) and len(directions) > 1:
         said.append(OVERRUN_NOT_TOLD)
-    if options.standing is None:
-        others = " and ".join(name for name in AXES if name != axis)
-        said.append(f"where {others} stood is not told; 0 is written for both (--standing)")
-    group: dict[str, object] = {
-        "kind": LINEAR,
-        "names": [LINEAR_LINES[place]],
-        "repeats": max(_count(runs, direction) for direction in directions),
-        "directions": directions,
-    }
+    group: dict[str, object] = {"kind": where.line.kind, "names": [where.line.name]}
+    if any(where.line.offset):
+        group["offset_m"] = list(where.line.offset)
+    group["repeats"] = max(_count(runs, direction) for direction in directions)
+    group["directions"] = directions
+    begun = {"overrun_m": options.overrun} if math.isfinite(options.overrun) else {}
+    plan = plan_mapping(f"imported: positioning of {axis}", where.volume, [group], begun)
     return Imported(
         format=format_name,
-        volume=volume,
-        plan_text=plan_text(f"imported: positioning of {axis}", volume, [group]),
+        volume=where.volume,
+        plan_text=yaml_text(plan),
         lines=_lines(
-            runs, place, volume, directions, environment or Environment(), options.overrun
+            runs, where, targets, directions, environment or Environment(), options.overrun
         ),
         facts=dict(facts or {}),
         remarks=tuple(said),
@@ -237,13 +234,7 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
                 )
 
 
-def _volume(
-    source: str, targets: Vector, place: int, standing: tuple[float, float, float] | None
-) -> tuple[Volume, bool]:
-    """Return a box around the targets, and whether they lie beside its nodes.
-
-    A box has three sides, a test of an axis one: the others get the same size.
-    """
+def _check_reach(source: str, targets: Vector) -> None:
     if len(targets) > MOST_TARGETS:
         raise TableError(f"{source} has {len(targets)} targets; {MOST_TARGETS} are the most")
     length = float(targets[-1] - targets[0])
@@ -252,33 +243,29 @@ def _volume(
             f"{source}: the targets reach from {1e3 * targets[0]:g} mm to {1e3 * targets[-1]:g} mm;"
             " are they in another unit?"
         )
-    blocks = len(targets) - 1
-    step = length / blocks
-    even = targets[0] + step * np.arange(blocks + 1)
-    origin = list(standing or (0.0, 0.0, 0.0))
-    origin[place] = float(targets[0])
-    volume = Volume((origin[0], origin[1], origin[2]), (step, step, step), blocks)
-    return volume, bool(np.max(np.abs(targets - even)) > _EVEN * step)
 
 
 def _lines(
     runs: Sequence[_Run],
-    place: int,
-    volume: Volume,
+    where: Placed,
+    targets: Vector,
     directions: Sequence[str],
     environment: Environment,
     overrun: float,
 ) -> tuple[MeasuredLine, ...]:
-    first = runs[0].rows[0]
+    place_of = {float(target): place for place, target in enumerate(targets)}
+    zero = where.along[place_of[runs[0].rows[0].target]]
     repeats = dict.fromkeys(directions, 0)
     made = []
     for number, run in enumerate(runs):
-        line = Line(LINEAR, LINEAR_LINES[place], "", repeats[run.direction], run.direction)
+        line = replace(where.line, repeat=repeats[run.direction], direction=run.direction)
         repeats[run.direction] += 1
-        target = np.tile(np.asarray(volume.origin), (len(run.rows), 1))
-        target[:, place] = [row.target for row in run.rows]
+        stops = [place_of[row.target] for row in run.rows]
         # Deviations keep the zero that the file gives them: a reader finds its figures again.
-        reading = [(row.target - first.target) + row.deviation for row in run.rows]
+        reading = [
+            (where.along[stop] - zero) + row.deviation
+            for stop, row in zip(stops, run.rows, strict=True)
+        ]
         time = np.array([row.time for row in run.rows])
         known = bool(np.all(np.isfinite(time)))
         made.append(
@@ -290,7 +277,7 @@ def _lines(
                 time=time,
                 # Where no time is told, the lines keep their order: one nanosecond each.
                 end_time=round(time[-1] * _NANOSECONDS) if known else number,
-                target=target,
+                target=where.positions[stops],
                 displacement=np.array(reading),
                 standard_uncertainty=np.full(len(run.rows), np.nan),
                 environment=np.tile(np.array(environment, dtype=np.float64), (len(run.rows), 1)),

@@ -10,13 +10,17 @@ from dataclasses import dataclass, field
 from stepdiag_ros.metrology.measurement import MeasuredLine, Reading
 from stepdiag_ros.metrology.plan import Volume
 
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Two opposite corners, the lower first: machine coordinates, m."""
+
 
 @dataclass(frozen=True)
 class ImportOptions:
     """What the user says about a file.
 
     Attributes:
-        axis: that was tested (X, Y, Z), where the file does not tell it.
+        axis: axis or diagonal that was tested (X, ppp, …), where the file does not tell it.
+        box: measured volume that tested diagonals cross; None if not said.
         standing: machine coordinates of the axes that stand, m, X Y Z; None if not known.
         directions: how runs were measured that all stand in the same order in the file: ``same``
             (all in the order in which they stand) or ``alternating`` (every second one the other
@@ -30,6 +34,7 @@ class ImportOptions:
     """
 
     axis: str = ""
+    box: Box | None = None
     standing: tuple[float, float, float] | None = None
     directions: str = ""
     encoding: str = ""

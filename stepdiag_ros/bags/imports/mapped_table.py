@@ -20,17 +20,11 @@ from stepdiag_ros.bags.imports.axis_test import (
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
-from stepdiag_ros.bags.table_lines import (
-    measured_lines,
-    passes_of,
-    plan_groups,
-    plan_text,
-    setups_of,
-)
-from stepdiag_ros.bags.table_rows import Pass, Row, refusal
+from stepdiag_ros.bags.table_plan import planned_lines
+from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS, Pass, Row, Told, refusal
 from stepdiag_ros.configuration import find, parse_yaml, plan_from_text, read_text
-from stepdiag_ros.metrology.geometry import beam_direction, move_orders
-from stepdiag_ros.metrology.measurement import Reading
+from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
+from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
 
 NAME = "table with a mapping file"
@@ -177,6 +171,57 @@ class _Numbers:
         """Return the time in s; NaN where no column tells it."""
         return self.number(cells, "time") if "time" in cells.texts else float("nan")
 
+    def known(self, cells: _Cells, name: str) -> float | None:
+        """Return a size in SI units, NaN where the cell is empty, None without such a column."""
+        if name not in cells.texts:
+            return None
+        value = self.number(cells, name) if cells.texts[name] else float("nan")
+        if value < 0.0:
+            raise refusal(self._source, cells.row, f"'{name}' is negative")
+        return value
+
+    def position(self, cells: _Cells, nominal: Vector) -> tuple[float, float, float]:
+        """Return where the machine stood, m: the nominal place where no columns tell it."""
+        x, y, z = (
+            self.number(cells, name) if name in cells.texts else float(value)
+            for name, value in zip("xyz", nominal, strict=True)
+        )
+        return x, y, z
+
+    def rejected(self, cells: _Cells) -> bool:
+        """Say whether the stop of a row was rejected."""
+        value = cells.texts.get("reading", cells.texts.get("deviation"))
+        return self._mapping.rejected is not None and value == self._mapping.rejected
+
+    def environment(self, cells: _Cells) -> Environment:
+        """Return air and material: of the columns, else what held during the whole measurement."""
+        values = [
+            self._in_unit(cells, name, value)
+            for name, value in zip(ENVIRONMENT_COLUMNS, self._mapping.environment, strict=True)
+        ]
+        return Environment(*values)
+
+    def _in_unit(self, cells: _Cells, name: str, whole: float) -> float:
+        if name not in cells.texts:
+            return whole
+        text = cells.texts[name]
+        what = f"'{self._mapping.columns[name]}'"
+        if not text:
+            return float("nan")
+        return number_in(text, self._source, cells.row, what, self._mapping.decimal)
+
+    def told(self, cells: _Cells) -> Told:
+        """Return what columns tell of the whole pass."""
+        attempt = None
+        if "attempt" in cells.texts:
+            what = f"'{self._mapping.columns['attempt']}'"
+            attempt = whole_in(cells.texts["attempt"], self._source, cells.row, what, 1)
+        return Told(
+            attempt=attempt,
+            setup=cells.texts.get("setup"),
+            overrun=self.known(cells, "overrun"),
+        )
+
     def run(self, cells: _Cells) -> int:
         """Return the number of the run; 1 where no column tells it."""
         if "run" not in cells.texts:
@@ -238,15 +283,22 @@ def _lines(
     volume = mapping.volume
     assert volume is not None, "a mapping of lines has a volume"
     told = list(_stops(source, rows, mapping, volume))
-    case = Case(chain=mapping.chain, volume=volume)
-    setups = setups_of(passes_of(told, source), volume, source)
-    lines = tuple(line for _, line in measured_lines(setups, case, overrun))
-    untold = any(math.isnan(line.overrun) for line in lines)
+    begun = {"overrun_m": overrun} if math.isfinite(overrun) else {}
+    course = {**mapping.plan, **begun}
+    case = Case(
+        chain=mapping.chain,
+        volume=volume,
+        plan=course,
+        facts=facts,
+        source="the mapping file",
+    )
+    found = planned_lines(f"imported from {source}", told, case, overrun, source)
+    untold = any(math.isnan(line.overrun) for line in found.lines)
     return Imported(
         format=NAME,
         volume=volume,
-        plan_text=plan_text(f"imported from {source}", volume, plan_groups(setups)),
-        lines=lines,
+        plan_text=found.text,
+        lines=found.lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
         remarks=(OVERRUN_NOT_TOLD,) if untold else (),
@@ -286,15 +338,27 @@ def _stops(
         if time < last_time:
             raise refusal(source, cells.row, f"time goes back from {last_time:g} s to {time:g} s")
         last_time = time
-        x, y, z = (float(value) for value in positions[stop])
-        if "reading" in cells.texts:
+        x, y, z = numbers.position(cells, positions[stop])
+        if numbers.rejected(cells):
+            reading = float("nan")
+        elif "reading" in cells.texts:
             reading = mapping.sign * numbers.number(cells, "reading")
         else:
             start = positions[0 if direction == FORWARD else -1]
             along = beam_direction(name, np.asarray(volume.step))
             nominal = float((positions[stop] - start) @ along)
             reading = nominal + mapping.sign * numbers.number(cells, "deviation")
-        yield Row(cells.row, time, which, stop, (x, y, z), reading, mapping.environment)
+        yield Row(
+            number=cells.row,
+            time=time,
+            which=which,
+            stop=stop,
+            position=(x, y, z),
+            reading=reading,
+            environment=numbers.environment(cells),
+            told=numbers.told(cells),
+            standard_uncertainty=numbers.known(cells, "uncertainty"),
+        )
 
 
 def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[str, str]:

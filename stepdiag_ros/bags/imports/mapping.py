@@ -5,11 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from stepdiag_ros.bags.case import facts_of
+from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, STEP_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
+    COURSE_KEYS,
     FORWARD,
     LINE_NAMES,
     Volume,
@@ -24,7 +27,24 @@ _DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
 
 _COLUMNS = {
     AXIS: ("target", "deviation", "position", "run", "direction", "time"),
-    LINES: ("line", "order", "run", "direction", "stop", "reading", "deviation", "time"),
+    LINES: (
+        "line",
+        "order",
+        "run",
+        "direction",
+        "stop",
+        "reading",
+        "deviation",
+        "time",
+        "x",
+        "y",
+        "z",
+        "setup",
+        "attempt",
+        "overrun",
+        "uncertainty",
+        *ENVIRONMENT_COLUMNS,
+    ),
     READINGS: ("time", "reading"),
 }
 _UNITS = {
@@ -32,18 +52,13 @@ _UNITS = {
     "deviation": LENGTHS,
     "position": LENGTHS,
     "reading": LENGTHS,
+    "x": LENGTHS,
+    "y": LENGTHS,
+    "z": LENGTHS,
+    "overrun": LENGTHS,
+    "uncertainty": LENGTHS,
     "time": TIMES,
 }
-_FACTS = (
-    "machine",
-    "machine_serial_number",
-    "instrument",
-    "instrument_serial_number",
-    "test_date",
-    "operator",
-    "expansion_coefficient_per_K",
-    "compensation_state",
-)
 
 
 @dataclass(frozen=True)
@@ -67,6 +82,7 @@ class TableMapping:
         skip_rows: lines before the names of the columns, or before the data.
         header: a line with the names of the columns stands before the data.
         end: a line that begins with this ends the data; empty if they go on to the end.
+        rejected: what stands for the reading of a stop that was rejected; None if nothing does.
         columns: meaning → name of the column, or its number from 1 as text.
         runs: columns that hold a whole run each.
         units: meaning → factor to SI.
@@ -80,6 +96,7 @@ class TableMapping:
         line: name of the line where no column tells it.
         order: of the moves of a step diagonal where no column tells it.
         direction: of all rows where no column tells it.
+        plan: keys of a plan file that hold for the lines (``COURSE_KEYS``), as they stand there.
         chain: order of the axes from workpiece to tool; empty if not known.
         compensated: the readings are compensated for the air.
         environment: that held during the whole measurement.
@@ -94,6 +111,7 @@ class TableMapping:
     skip_rows: int
     header: bool
     end: str
+    rejected: str | None
     columns: Mapping[str, str]
     runs: tuple[RunColumn, ...] = ()
     units: Mapping[str, float] = field(default_factory=dict)
@@ -106,6 +124,7 @@ class TableMapping:
     line: str = ""
     order: str = ""
     direction: str = ""
+    plan: Mapping[str, Any] = field(default_factory=dict)
     chain: str = ""
     compensated: bool = False
     environment: Environment = field(default_factory=Environment)
@@ -138,6 +157,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         "skip_rows": layout.integer("skip_rows", low=0, high=100000, default=0),
         "header": layout.flag("header", default=True),
         "end": layout.text("end", default=""),
+        "rejected": layout.text("rejected") if _has(layout, "rejected") else None,
     }
     layout.finish()
     if given["delimiter"] == "," and given["decimal"] == ",":
@@ -153,7 +173,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         words=_words(top),
         chain="".join(top.names("chain", AXES, default=AXES)) if _has(top, "chain") else "",
         environment=_environment(top),
-        facts=_facts(top),
+        facts=facts_of(top),
         text=text,
         **given,
         **_of_table(top, table),
@@ -247,19 +267,19 @@ def _environment(top: Section) -> Environment:
     return made
 
 
-def _facts(top: Section) -> dict[str, str]:
-    section = top.section("facts")
-    made = {}
-    for name in _FACTS:
-        if _has(section, name):
-            number = name.endswith("_per_K")
-            made[name] = f"{section.number(name):.9g}" if number else section.text(name)
-    section.finish()
-    return made
-
-
 def _overrun(top: Section) -> float:
     return math.nan if top.unknown("overrun_m") else top.number("overrun_m", 0.0, 1.0)
+
+
+def _plan(top: Section) -> dict[str, Any]:
+    """Return what the mapping says of the plan; whoever makes the plan of it checks the values."""
+    section = top.section("plan")
+    if _has(section, "overrun_m"):
+        raise ValueError(f"{section.source}: 'overrun_m' stands beside 'plan', not in it")
+    section.flag("one_alignment_per_diagonal", default=False)
+    made = section.given(COURSE_KEYS)
+    section.finish()
+    return made
 
 
 def _of_table(top: Section, table: str) -> dict[str, Any]:
@@ -277,7 +297,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
         blocks=box.integer("blocks", low=1, high=1000),
     )
     box.finish()
-    made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top)}
+    made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top), "plan": _plan(top)}
     names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
     for key, known in (
         ("line", tuple(names)),
@@ -310,6 +330,8 @@ def _check_columns(made: TableMapping, source: str) -> None:
             one_of("deviation", "position")
     elif made.table == LINES:
         one_of("reading", "deviation")
+        if len({"x", "y", "z"}.intersection(made.columns)) not in (0, 3):
+            raise ValueError(f"{source}: columns: x, y and z go together")
         if not made.line:
             one_of("line")
         for name in ("line", "order", "direction"):

@@ -5,15 +5,17 @@ options)``; what has no such description of its own is read by ``mapped_table`` 
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.header import FACT, Attachment
 from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
+from stepdiag_ros.bags.imports.together import together
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_rows import COLUMNS
 
@@ -70,45 +72,77 @@ def read_file(
 
 
 def import_file(path: str | Path, target: str | Path, options: ImportOptions) -> Imported:
-    """Make a bag from a file; the file goes into it byte for byte.
+    """Make a bag from one file; see ``import_files``."""
+    return import_files([path], target, [options])
+
+
+def import_files(
+    paths: Sequence[str | Path], target: str | Path, options: Sequence[ImportOptions]
+) -> Imported:
+    """Make a bag from a file, or from several that are one measurement; they go into it as are.
 
     Times in the bag count from the start of the measurement, as far as the file tells them.
 
     Args:
-        path: the file.
+        paths: the files; several are tests of one line each.
         target: the new bag; it appears under its name when it is whole.
-        options: what the user says about it.
+        options: what the user says about each file.
 
     Raises:
-        TableError: the file is refused; names file, row and reason.
+        TableError: a file is refused, or they do not fit together; names file, row and reason.
         BagError: the target exists or cannot be written.
     """
-    source, made = read_file(path, options)
-    # The same file, read in the same way, gives the same identity.
-    content = hashlib.sha256(source.data)
+    read = [read_file(path, said) for path, said in zip(paths, options, strict=True)]
+    sources = [source for source, _ in read]
+    _check_different(sources)
+    made = together([(source.name, one) for source, one in read])
+    # The same files, read in the same way, give the same identity.
+    content = hashlib.sha256(b"".join(source.data for source in sources))
     content.update(repr((made.plan_text, *sorted(made.further.items()))).encode())
     further = tuple(
         Attachment.yaml(PREFIX + name, text) for name, text in sorted(made.further.items())
     )
+    names = ", ".join(source.path.name for source in sources)
     write_bag(
         Path(target),
         ToWrite(
-            run_id=f"imported-{source.path.stem}-{content.hexdigest()[:12]}",
-            plan_name=f"imported from {source.path.name}",
+            run_id=f"imported-{sources[0].path.stem}-{content.hexdigest()[:12]}",
+            plan_name=f"imported from {names}",
             middleware=f"none: imported ({made.format})",
             plan=made.plan_text,
-            machine=made.machine_text,
+            machine=made.machine_text or _machine_text(made.facts),
             facts={
                 "time_origin": "start of the measurement, as far as the file tells times",
-                **{f"source: {name}": text for name, text in made.facts.items()},
+                **{f"{FACT}{name}": text for name, text in made.facts.items()},
                 **{f"remark {n}": text for n, text in enumerate(made.remarks, start=1)},
-                "source_file": source.path.name,
+                "source_file": names,
                 "source_format": made.format,
-                "source_sha256": source.sha256,
+                "source_sha256": ", ".join(source.sha256 for source in sources),
             },
-            attachments=(source.attachment(), *further),
+            attachments=(*(source.attachment() for source in sources), *further),
             lines=made.lines,
             readings=made.readings,
         ),
     )
     return made
+
+
+def _machine_text(facts: Mapping[str, str]) -> str:
+    return Case(facts=facts).machine_text("") if "machine" in facts else ""
+
+
+def _check_different(sources: Sequence[SourceFile]) -> None:
+    """Refuse files that are there twice, or that the bag could not keep apart.
+
+    Raises:
+        TableError: names both.
+    """
+    for place, source in enumerate(sources):
+        for other in sources[:place]:
+            if source.data == other.data:
+                raise TableError(f"{other.name} and {source.name} are the same file, byte for byte")
+            if source.path.name == other.path.name:
+                raise TableError(
+                    f"{other.name} and {source.name} have the same name, under which the bag keeps"
+                    " them; rename one"
+                )

@@ -144,6 +144,20 @@ def _origin_facts(material: Material) -> list[Fact]:
         Fact("Recorded by", f"stepdiag_ros {recorded.software_version}"),
         Fact("Messages", f"schema version {recorded.schema_version}"),
         Fact("Middleware", header.middleware if header and header.middleware else UNKNOWN),
+        *_source_facts(material),
+    ]
+
+
+def _source_facts(material: Material) -> list[Fact]:
+    """Return what an imported bag's source tells, and which file that is."""
+    files = {} if material.header is None else material.header.facts
+    named = (("Imported from", "source_file"), ("Its SHA-256", "source_sha256"))
+    return [
+        *(Fact(words, files[key]) for words, key in named if key in files),
+        *(
+            Fact(f"Source: {name.replace('_', ' ')}", text)
+            for name, text in material.recorded.told_by_source.items()
+        ),
     ]
 
 
@@ -224,6 +238,7 @@ def _document(material: Material) -> dict[str, Any]:
         "sha256": material.sha256 or None,
         "run_software_version": recorded.software_version or None,
         "schema_version": recorded.schema_version,
+        "told_by_source": dict(recorded.told_by_source),
         "box": {
             "origin": list(volume.origin),
             "step": list(volume.step),
