@@ -38,8 +38,9 @@ meet the tracker's centre.
 _EXAMPLES = """\
 examples:
   stepdiag tracker plan --machine demo --station -0.2 0.1 0.05 --nc
-  stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -0.2 0.1 0.05
-  stepdiag tracker evaluate readings.csv        the seven lines by ISO 230-2 and -6
+  stepdiag tracker plan --box 0 0 0 .12 .12 .12 --station -.15 .15 -.15   where the cell has errors
+  stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -.15 .15 -.15
+  stepdiag tracker evaluate readings.csv --chain YXZ --cell angular       beside the truth
   stepdiag tracker locate readings.csv          only where the tracker stands
   stepdiag tracker multilaterate grid.csv --chain YXZ
   stepdiag tracker figures                      Figs. 4 and 5 of Chen et al. 2018, computed"""
@@ -75,6 +76,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
                 metavar="FILE",
                 help="measuring conditions for U of ISO 230-2 and -6, as for 'stepdiag iso230'",
             )
+            one.add_argument(
+                "--chain", choices=CHAINS, default="", help="axes from workpiece to tool, if known"
+            )
+            _add_cell(one)
     points = _command(
         what, "multilaterate", "points and error curves from four stations or more", run_points
     )
@@ -82,9 +87,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     points.add_argument(
         "--chain", choices=CHAINS, required=True, help="axes from workpiece to tool"
     )
-    points.add_argument(
-        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
-    )
+    _add_cell(points)
     add_result_options(points, "NAME_multilaterate beside the table")
     figures = _command(what, "figures", "compute Figs. 4 and 5 of Chen et al. 2018", run_figures)
     add_output_options(figures, "tracker_figures")
@@ -107,6 +110,12 @@ def _command(
 def _add_readings(parser: ArgumentParser) -> None:
     parser.add_argument("table", type=Path, help="readings (.csv), see below")
     _add_tracker(parser)
+
+
+def _add_cell(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
+    )
 
 
 def _add_tracker(parser: ArgumentParser) -> None:
@@ -306,7 +315,8 @@ def run_evaluate(arguments: Namespace) -> int:
 
 
 def _show_station(arguments: Namespace, what: str) -> int:
-    from stepdiag_ros.configuration import load_tracker
+    from stepdiag_ros.configuration import load_cell, load_tracker
+    from stepdiag_ros.metrology.tracker.campaign import true_values
     from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
     from stepdiag_ros.report.tracker import TrackerReport, print_tracker, tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
@@ -314,8 +324,16 @@ def _show_station(arguments: Namespace, what: str) -> int:
     station, readings = _one_station(arguments)
     tracker, _ = load_tracker(arguments.tracker)
     if what == "evaluate":
-        result = evaluate_test(readings, _conditions(arguments.uncertainty), tracker.minimum_range)
-        report = TrackerReport(str(arguments.table), station, result.location, result)
+        result = evaluate_test(
+            readings,
+            _conditions(arguments.uncertainty),
+            tracker.minimum_range,
+            arguments.chain,
+        )
+        truth = None
+        if arguments.cell and result.joint is not None:
+            truth = true_values(load_cell(arguments.cell)[0], result.joint.machine.box)
+        report = TrackerReport(str(arguments.table), station, result.location, result, truth)
     else:
         location = locate_from(readings, tracker.minimum_range)
         report = TrackerReport(str(arguments.table), station, location)
