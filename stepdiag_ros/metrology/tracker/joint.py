@@ -28,6 +28,7 @@ import numpy as np
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, Vector
 from stepdiag_ros.metrology.tracker.adjustment import Model, PoorGeometry, adjust
+from stepdiag_ros.metrology.tracker.lengths import proportional_share
 from stepdiag_ros.metrology.tracker.location import station_model
 from stepdiag_ros.metrology.tracker.machine_curves import (
     AFFINE_PLACES,
@@ -176,7 +177,9 @@ def estimate(
         found = fit_with_sizes(left, spread, free, effects, sizes)
     residuals = left - np.hstack([free, effects.design]) @ found.mean
     warnings = _warnings(residuals / (spread * found.sizes[0]), residuals, readings)
-    return _result(found, at, machine, residuals, warnings, _common_scale(spread, changes, at[9]))
+    return _result(
+        found, at, machine, residuals, warnings, proportional_share(spread, changes + at[9])
+    )
 
 
 def _arrays(readings: Sequence[TrackerReading]) -> tuple[Vector, Vector, Vector]:
@@ -203,14 +206,6 @@ def _rough(model: Model, changes: Vector, spread: Vector, start: Vector) -> Vect
             "scales, squareness and the tracker's place cannot be told from these places together;"
             " measure all seven lines, and places on other sides of the tracker"
         ) from None
-
-
-def _common_scale(spread: Vector, changes: Vector, start_length: float) -> float:
-    """Return the share of a length in its uncertainty: what a wavelength may be wrong by, m/m."""
-    length = changes + start_length
-    rows = np.column_stack([np.ones(len(length)), length**2])
-    solution = np.linalg.lstsq(rows, spread**2, rcond=None)[0]
-    return float(np.sqrt(max(solution[1], 0.0)))
 
 
 def _warnings(

@@ -12,9 +12,16 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.tracker.campaign import grid_readings
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
-from stepdiag_ros.metrology.tracker.readings import LOCATE, TrackerReading, measured, points_of
+from stepdiag_ros.metrology.tracker.readings import (
+    LOCATE,
+    TrackerReading,
+    measured,
+    points_of,
+    stations_of,
+)
 from stepdiag_ros.metrology.tracker.seven_lines import Box, make_test
 
 TRACKER = Tracker(minimum_range=0.1)
@@ -143,3 +150,27 @@ def any_measurement(seed: int, place: str, **how: int) -> Measured:
     rng = np.random.default_rng([seed, sorted(PLACES).index(place)])
     cell = any_machine(rng, PLACES[place][0])
     return Measured(cell, measure(rng, cell, place, **how), place)
+
+
+STATIONS = ((-0.1, -0.1, -0.1), (0.9, -0.1, -0.15), (0.4, 0.6, -0.1), (-0.15, 0.6, 0.5))
+
+
+def wandering_grid(
+    rng: np.random.Generator, cell: SimulatedCell, nodes: int = 4
+) -> tuple[TrackerReading, ...]:
+    """Return readings of a grid from four stations; zero and air differ from row to row."""
+    stations = [np.array(station) for station in STATIONS]
+    planned = grid_readings(LARGE, stations, TRACKER, nodes)
+    common = 0.2e-6 * rng.standard_normal()
+    made: list[TrackerReading] = []
+    for group, station in zip(stations_of(planned).values(), stations, strict=True):
+        lengths = machine_lengths(points_of(group), station, cell.errors, cell.chain)
+        known = TRACKER.uncertainty(lengths)
+        spread = np.hypot(known, rng.uniform(0.0, 0.15e-6))
+        read = lengths * (1.0 + common) + spread * rng.standard_normal(len(lengths))
+        zero, air = rng.uniform(0.05e-6, 0.25e-6), rng.uniform(0.0, 0.2e-6)
+        rows = np.array([one.stop // nodes for one in group])
+        shifts, scales = rng.standard_normal((2, nodes * nodes))
+        read += zero * shifts[rows] + air * scales[rows] * lengths
+        made += measured(group, read - read[0], known)
+    return tuple(made)
