@@ -67,7 +67,31 @@ def test_plan_shows_the_lines_and_writes_places_program_and_picture(tmp_path, ca
     }
     for name in ("x", "y", "z", "xy", "xz", "yz", "xyz"):
         assert f"\n {name} " in out
+    assert "conventional laser" in out
     assert (tmp_path / "p" / "station_1.nc").read_text().count("G4 P3000") == 10 + 7 * 2 * 5
+
+
+def test_a_gantry_of_the_documents_size_from_plan_to_squareness(tmp_path, capsys):
+    """ATLI section 3: 1400 x 700 x 600 mm. All of its errors act, and the truth is in the band."""
+    plan = tmp_path / "gantry"
+    place = ["--station", -0.12, -0.1, 0.05]
+    few = ["--targets", 8, "--runs", 2, "--pictures", "none", "--json"]
+    code, out, _ = run(
+        capsys, "plan", "--machine", "gantry", *place, *few, "--tracker", "ideal", "--output", plan
+    )
+    assert code == 0
+    document = json.loads(out)
+    jsonschema.validate(document, schema("tracker_plan"))
+    (duration,) = document["durations"]
+    assert 1.8 < duration["laser"] / duration["tracker"] < 3.2
+    assert run(capsys, "simulate", plan / "places.csv", *place, "--cell", "gantry")[0] == 0
+    how = ["--chain", "XYZ", "--cell", "gantry", "--json", "--pictures", "none"]
+    code, out, _ = run(capsys, "evaluate", plan / "readings.csv", *how)
+    assert code == 0
+    joint = json.loads(out)["joint"]
+    spread = np.sqrt(np.diag(joint["covariance"]))
+    assert np.all(np.abs(np.array(joint["values"]) - joint["truth"]) < 3.0 * spread)
+    assert np.all(spread[3:] < 15e-6)
 
 
 def test_evaluate_writes_text_json_and_pictures(readings, cell, capsys):

@@ -18,8 +18,11 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
+    from stepdiag_ros.metrology.geometry import Vector
+    from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.tracker.readings import TrackerReading
     from stepdiag_ros.metrology.tracker.seven_lines import Box
+    from stepdiag_ros.planning.tracker_duration import SevenLineDuration
 
 # Not taken from metrology, whose numerics every start of the command line would wait for.
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
@@ -171,14 +174,14 @@ def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
         type=partial(number, low=1e-6, high=10.0),
         default=0.05,
         metavar="M/S",
-        help="of the NC programs, m/s (default: 0.05)",
+        help="of all moves, m/s (default: 0.05)",
     )
     parser.add_argument(
         "--dwell",
         type=partial(number, low=0.0, high=600.0),
         default=3.0,
         metavar="S",
-        help="at each place in the NC programs, s (default: 3)",
+        help="at each place, s (default: 3)",
     )
     parser.add_argument("--output", type=Path, default=Path("tracker_plan"), metavar="FOLDER")
     parser.add_argument("--pictures", choices=("png", "svg", "pdf", "none"), default="png")
@@ -218,13 +221,14 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables import make_console
-    from stepdiag_ros.report.tracker import print_test
+    from stepdiag_ros.report.tracker_plan import duration_sentences, print_test
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
     stations = [np.array(station) for station in arguments.station]
     console = make_console(sys.stderr if arguments.json else sys.stdout)
     drawn: dict[str, Any] = {}
+    durations: list[SevenLineDuration | str] = []
     if arguments.grid is not None:
         readings = grid_readings(box, stations, tracker, arguments.grid)
         locating = np.unique(points_of(readings), axis=0)
@@ -242,7 +246,10 @@ def run_plan(arguments: Namespace) -> int:
                 locating=arguments.places,
             )
             found += test.readings(str(count))
+            durations.append(_duration(arguments, test.readings(), station, tracker, box))
             print_test(test, expect(test, tracker), str(count), console)
+            for text in duration_sentences(durations[-1]):
+                console.print(text)
             drawn, locating = {line.name: line.targets for line in test.lines}, test.locating
         readings = tuple(found)
     contents = {"places.csv": table_text(readings)}
@@ -268,11 +275,45 @@ def run_plan(arguments: Namespace) -> int:
             formats,
         )
     if arguments.json:
-        content = {"files": [str(path) for path in files], "places": len(readings)}
+        content = {
+            "files": [str(path) for path in files],
+            "places": len(readings),
+            "durations": [
+                None if isinstance(one, str) else {"tracker": one.tracker, "laser": one.laser}
+                for one in durations
+            ],
+        }
         print(schemas.json_text(schemas.document("tracker_plan", content)))
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
     return 0
+
+
+def _duration(
+    arguments: Namespace,
+    readings: "tuple[TrackerReading, ...]",
+    station: "Vector",
+    tracker: "Tracker",
+    box: "Box",
+) -> "SevenLineDuration | str":
+    """Return how long a station takes on the machine, or in words why that is not known."""
+    from stepdiag_ros.configuration import load_machine
+    from stepdiag_ros.planning.tracker_duration import seven_line_duration
+
+    machine, _ = load_machine(arguments.machine or "demo")
+    try:
+        return seven_line_duration(
+            readings,
+            station,
+            tracker,
+            box,
+            machine,
+            feed=arguments.feed,
+            dwell=arguments.dwell,
+            overrun=arguments.overrun,
+        )
+    except ValueError as error:
+        return str(error)
 
 
 def run_simulate(arguments: Namespace) -> int:

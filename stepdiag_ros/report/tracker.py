@@ -1,7 +1,6 @@
 """A seven-line test with a tracker as tables, sentences and JSON."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +12,9 @@ from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineResult
-from stepdiag_ros.metrology.tracker.expectation import Expectation
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
-from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
 from stepdiag_ros.report.numbers import (
     ARC_SECONDS,
     COVERAGE_FACTOR,
@@ -30,7 +27,6 @@ from stepdiag_ros.report.positioning import decimals_of, target_table, written
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
 _MILLI = 1e3
-_ALONE, _USUAL = "lengths alone", "lengths and a usual machine"
 _PARAMETERS = ("E", "B", "M", "R", "A")
 
 
@@ -249,66 +245,6 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
 
 
-def print_test(
-    test: SevenLineTest, expectation: Expectation, station: str, console: PlainConsole
-) -> None:
-    """Print a planned test: its lines, what it will tell, what is left out, remarks."""
-    table = new_table(
-        f"Seven-line test, station {station}",
-        "line",
-        "from / mm",
-        "to / mm",
-        "length / mm",
-        "targets",
-        "tracker beside / mm",
-        "beam off the line",
-    )
-    for line in test.lines:
-        table.add_row(
-            line.name,
-            _place(line.targets[0]),
-            _place(line.targets[-1]),
-            plain(line.length * _MILLI, 1),
-            str(len(line.targets)),
-            plain(line.offset * _MILLI, 1),
-            f"{np.degrees(line.obliqueness):.0f}°",
-        )
-    console.print(table)
-    console.print(f"{len(test.locating)} places locate the tracker; {test.runs} runs each way.")
-    told = new_table("Expected U (95 %)", "", "of", "unit", "U")
-    told.min_width = len(str(told.title))
-    for letter, spread in zip("XYZ", expectation.position, strict=True):
-        told.add_row(
-            f"tracker {letter}, from its places",
-            _ALONE,
-            "µm",
-            plain(COVERAGE_FACTOR * spread * MICRO),
-        )
-    for name, spread in expectation.joint.items():
-        told.add_row(
-            f"{name}, from all readings", _USUAL, "µm/m", plain(COVERAGE_FACTOR * spread * MICRO)
-        )
-    for name, one in expectation.separations.items():
-        if not isinstance(one, str):
-            for what, spread in zip(("scale", "lean to the tracker"), one, strict=False):
-                told.add_row(
-                    f"line {name} alone, {what}",
-                    _ALONE,
-                    "µm/m",
-                    plain(COVERAGE_FACTOR * spread * MICRO),
-                )
-    console.print(told)
-    for name, one in expectation.separations.items():
-        if isinstance(one, str):
-            console.print(f"Line {name} alone: {one}.")
-    for text in expectation.warnings:
-        console.print(text)
-    for name, reason in test.left_out.items():
-        console.print(f"Left out: line {name}, {reason}.")
-    for text in test.remarks:
-        console.print(text)
-
-
 def tracker_json(report: TrackerReport) -> str:
     """Return the report as JSON text; SI, ``null`` where not known."""
     document: dict[str, Any] = {
@@ -473,10 +409,6 @@ def _value(value: float, expanded: float, scale: float, decimals: int) -> str:
         return f"{plain(value * scale, decimals)} ± {UNKNOWN}"
     text, spread = with_uncertainty(value * scale, expanded * scale)
     return f"{text} ± {spread}"
-
-
-def _place(place: Sequence[float]) -> str:
-    return ", ".join(f"{value * _MILLI:.1f}" for value in place)
 
 
 def _number(value: float) -> float | None:
