@@ -25,7 +25,7 @@ from true_figures import figures  # noqa: E402
 from stepdiag_ros.metrology.tracker.evaluation import evaluate_test  # noqa: E402
 
 
-def rows_of(machines, seed, chain_known=True):
+def rows_of(machines, seed):
     """Return kind of estimate → place → list of (departure over u, U)."""
     found = {}
     for number in range(machines):
@@ -33,7 +33,7 @@ def rows_of(machines, seed, chain_known=True):
         rng = np.random.default_rng([seed, number])
         how = {"runs": int(rng.integers(1, 6)), "targets": int(rng.integers(6, 13))}
         one = any_measurement(seed + number, place, **how)
-        result = evaluate_test(one.readings, chain=one.cell.chain if chain_known else "")
+        result = evaluate_test(one.readings, chain=one.cell.chain)
         for kind, value, spread, truth in figures(result, one):
             kept = found.setdefault(kind, [])
             kept.append(((value - truth) / spread, 1.96 * spread))
@@ -45,10 +45,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--machines", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--chain-not-told", action="store_true")
     arguments = parser.parse_args()
     document = {}
-    found = rows_of(arguments.machines, arguments.seed, not arguments.chain_not_told)
+    found = rows_of(arguments.machines, arguments.seed)
     for kind, values in found.items():
         standardised, expanded = np.array(values).T
         known = np.isfinite(standardised)

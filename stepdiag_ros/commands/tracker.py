@@ -247,7 +247,7 @@ def run_plan(arguments: Namespace) -> int:
             )
             found += test.readings(str(count))
             durations.append(_duration(arguments, test.readings(), station, tracker, box))
-            print_test(test, expect(test, tracker), str(count), console)
+            print_test(test, expect(test, tracker, _chain(arguments)), str(count), console)
             for text in duration_sentences(durations[-1]):
                 console.print(text)
             drawn, locating = {line.name: line.targets for line in test.lines}, test.locating
@@ -287,6 +287,12 @@ def run_plan(arguments: Namespace) -> int:
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
     return 0
+
+
+def _chain(arguments: Namespace) -> str:
+    from stepdiag_ros.configuration import load_machine
+
+    return load_machine(arguments.machine)[0].chain if arguments.machine else ""
 
 
 def _duration(

@@ -24,8 +24,8 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector
 
-_ROUNDING = 1e-6
-"""Places are written in whole micrometres; one beyond the last node by less is on it, m."""
+_CORRECTION = 1e-4
+"""A target that was corrected for errors lies some micrometres beyond the last node: no more, m."""
 
 SQUARENESS_SLOPES: dict[str, tuple[float, tuple[str, str]]] = {
     "C0Y": (-1.0, ("E_XY", "E_YX")),
@@ -102,6 +102,8 @@ class ErrorCurves:
     def outside(self, positions: Vector) -> str:
         """Say which place is farthest beyond the curves; empty if all are within.
 
+        A target that was corrected for errors counts as the node that it belongs to.
+
         Args:
             positions: machine coordinates, m, shape (n, 3).
         """
@@ -109,7 +111,7 @@ class ErrorCurves:
         low = np.array([nodes[0] for nodes in self.nodes])
         high = np.array([nodes[-1] for nodes in self.nodes])
         beyond = np.maximum(low - places, places - high)
-        if not beyond.size or np.max(beyond) <= _ROUNDING:
+        if not beyond.size or np.max(beyond) <= _CORRECTION:
             return ""
         row, axis = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
         return (

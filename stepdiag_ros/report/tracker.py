@@ -218,8 +218,8 @@ def _joint_sentences(joint: JointEstimate) -> list[str]:
     ]
     if not joint.machine.chain:
         said.append(
-            "The order of the machine's axes was not told (--chain): angles of every axis are taken"
-            " to act through both others, which makes U larger than need be."
+            "U is unknown, because the order of the machine's axes was not told (--chain): through"
+            " which levers angular errors act depends on it."
         )
     return said + [f"Warning, joint estimate: {text}" for text in joint.warnings]
 

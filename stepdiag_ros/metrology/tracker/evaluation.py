@@ -167,7 +167,8 @@ def evaluate_test(
         readings: of one station; ``locate`` and any of the seven lines.
         description: of the measuring conditions, for the uncertainty of ISO 230-2 and -6.
         minimum_range: of the tracker, m.
-        chain: order of the axes from workpiece to tool; empty if not known.
+        chain: order of the axes from workpiece to tool; empty if not known, and then neither is
+            any uncertainty, because it depends on the levers of the angular errors.
 
     Raises:
         PoorGeometry: the tracker cannot be located.
@@ -436,10 +437,11 @@ def _joint(
     used: Sequence[TrackerReading], location: Location, chain: str, remarks: list[str]
 ) -> JointEstimate | None:
     try:
-        return estimate(used, location.position, location.start_length, chain)
+        made = estimate(used, location.position, location.start_length, chain)
     except PoorGeometry as error:
         remarks.append(f"No joint estimate: {error}.")
         return None
+    return made if chain else made.without_bands()
 
 
 def _separated(

@@ -39,8 +39,14 @@ class Expectation:
     warnings: tuple[str, ...]
 
 
-def expect(test: SevenLineTest, tracker: Tracker) -> Expectation:
+def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> Expectation:
     """Return how well a test will tell the tracker's place, positioning and squareness.
+
+    Args:
+        test: that is planned.
+        tracker: its noise.
+        chain: order of the axes from workpiece to tool; empty if not known: then the joint
+            estimate's part is rough.
 
     Raises:
         PoorGeometry: the places do not locate the tracker.
@@ -55,7 +61,7 @@ def expect(test: SevenLineTest, tracker: Tracker) -> Expectation:
     try:
         ideal = measured(test.readings(), every - every[0], tracker.uncertainty(every))
         usual = [size.median for size in SIZES]
-        made = estimate(ideal, test.station, float(every[0]), sizes=usual)
+        made = estimate(ideal, test.station, float(every[0]), chain, sizes=usual)
         joint = dict(zip(NAMES, map(float, made.standard_uncertainty), strict=True))
     except PoorGeometry:
         joint = dict.fromkeys(NAMES, float("nan"))

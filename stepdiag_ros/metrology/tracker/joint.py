@@ -100,6 +100,15 @@ class JointEstimate:
         made: Vector = near + corner
         return made
 
+    def without_bands(self) -> "JointEstimate":
+        """Return the same values with unknown uncertainties."""
+        return replace(
+            self,
+            covariance=np.full_like(self.covariance, np.nan),
+            place_covariance=np.full_like(self.place_covariance, np.nan),
+            _covariance=np.full_like(self._covariance, np.nan),
+        )
+
     def told(self, functionals: Vector) -> tuple[Vector, Vector]:
         """Return what is known of functionals of the machine's errors.
 

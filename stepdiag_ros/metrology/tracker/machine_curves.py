@@ -14,8 +14,8 @@ straightnesses and all rotations. Beside them stand what differs between passes:
 the scale of the lengths (air), and lost motion. The readings tell the sizes as far as they can
 (``mixed_model``), but not below those of a good machine.
 
-Where the chain of the axes is not known, every axis's rotations act through both other axes: more
-than on any one machine, so bands are not too small.
+Where the chain of the axes is not known, every axis's rotations act through both other axes. That
+is no machine there is: it gives values, and a rough expectation of a test, but no uncertainty.
 """
 
 from collections.abc import Sequence

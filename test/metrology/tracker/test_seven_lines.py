@@ -192,7 +192,7 @@ def test_deviations_count_along_the_axis_whichever_way_the_line_runs(corner):
 
 def test_separation_from_one_line_agrees_with_the_truth_within_its_band():
     readings = seven_line_readings(straight_machine(), BESIDE, seed=3)
-    result = evaluate_test(readings)
+    result = evaluate_test(readings, chain="YXZ")
     along_x = result.separations["x"]
     u_scale, u_lean = along_x.standard_uncertainty
     np.testing.assert_allclose(along_x.towards, [0, 0, -1], atol=1e-3)
@@ -232,11 +232,11 @@ def test_a_tracker_beside_the_middle_of_a_line_is_no_iso_230_test():
 
 
 def test_what_is_expected_is_what_comes():
-    expectation = expect(make_test(BOX, BESIDE, TRACKER), TRACKER)
-    result = evaluate_test(seven_line_readings(PERFECT, BESIDE))
+    expectation = expect(make_test(BOX, BESIDE, TRACKER), TRACKER, "YXZ")
+    result = evaluate_test(seven_line_readings(PERFECT, BESIDE), chain="YXZ")
     # Expected for a usual machine; a perfect one is taken for a good one.
     ratio = result.joint.standard_uncertainty / np.array(list(expectation.joint.values()))
-    assert np.all((ratio > 0.6) & (ratio < 1.1))
+    assert np.all((ratio > 0.5) & (ratio < 1.1))
     for name in "xy":
         scale, lean, correlation = expectation.separations[name]
         one = result.separations[name]

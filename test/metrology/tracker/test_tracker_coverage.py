@@ -5,9 +5,7 @@ import pytest
 from random_machines import PLACES, any_measurement
 from true_figures import figures
 
-from stepdiag_ros.metrology.tracker.campaign import true_values
 from stepdiag_ros.metrology.tracker.evaluation import evaluate_test
-from stepdiag_ros.metrology.tracker.joint import NAMES
 from stepdiag_ros.metrology.tracker.location import LEAST_POINTS
 
 MACHINES = 60
@@ -53,14 +51,12 @@ def test_more_passes_over_the_same_places_do_not_make_curves_smaller():
     assert np.all(twelve[3:] > 0.6 * one[3:])
 
 
-def test_an_unknown_chain_widens():
+def test_without_the_chain_nothing_has_a_band():
+    """Through which levers angular errors act decides; a wrong guess was wrong by 12 u."""
     one = any_measurement(7, "outside", **FEW)
-    told = evaluate_test(one.readings, chain=one.cell.chain).joint
-    untold = evaluate_test(one.readings).joint
-    assert np.sum(untold.standard_uncertainty[3:] ** 2) > np.sum(told.standard_uncertainty[3:] ** 2)
-    away = (untold.values - true_values(one.cell, untold.machine.box)) / untold.standard_uncertainty
-    assert len(away) == len(NAMES)
-    assert np.max(np.abs(away)) < 3.5
+    untold = evaluate_test(one.readings)
+    assert np.all(np.isfinite(untold.joint.values))
+    assert np.all(np.isnan([spread for _, _, spread, _ in figures(untold, one)]))
 
 
 def test_what_no_joint_estimate_tells_is_unknown():
