@@ -457,6 +457,15 @@ def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_plan_beyond_the_cell_is_refused_before_anything_starts(capsys, tmp_path):
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(load_plan("quick")[1].replace("step_m: [0.010,", "step_m: [0.050,"))
+    sentence = refused(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
+    assert "X = 150 mm" in sentence
+    assert "0 to 120 mm" in sentence
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_correction_that_is_no_map_is_refused_before_anything_starts(capsys, tmp_path):
     no_map = tmp_path / "no_map.json"
     no_map.write_text('{"schema": "urn:stepdiag:plan:1"}')

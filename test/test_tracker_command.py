@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from stepdiag_ros import cli
-from stepdiag_ros.configuration import available, load_tracker
+from stepdiag_ros.configuration import available, find, load_tracker
 from stepdiag_ros.schemas import schema
 
 PLACE = ["--station", "-0.2", "0.1", "0.05"]
+BOX = ["--box", 0, 0, 0, 0.12, 0.12, 0.12]
 FOUR = [
     *("--station", "-0.2", "-0.2", "-0.1", "--station", "0.3", "-0.2", "-0.15"),
     *("--station", "0.05", "0.35", "-0.1", "--station", "0.05", "-0.3", "0.35"),
@@ -23,11 +24,21 @@ def run(capsys, *arguments):
 
 
 @pytest.fixture
-def readings(tmp_path, capsys):
+def cell(tmp_path):
+    """The demo cell's errors over the whole travel of the demo machine."""
+    text = find("demo", "cells").read_text()
+    text = text.replace("[0.0, 0.0, 0.0]", "[-0.05, -0.05, -0.05]", 1)
+    path = tmp_path / "large.yaml"
+    path.write_text(text.replace("[0.12, 0.12, 0.12]", "[0.9, 0.5, 0.35]"))
+    return path
+
+
+@pytest.fixture
+def readings(tmp_path, cell, capsys):
     plan = tmp_path / "plan"
     few = ["--targets", 5, "--runs", 2, "--pictures", "none"]
     assert run(capsys, "plan", "--machine", "demo", *PLACE, *few, "--output", plan)[0] == 0
-    code, out, _ = run(capsys, "simulate", plan / "places.csv", *PLACE, "--cell", "demo")
+    code, out, _ = run(capsys, "simulate", plan / "places.csv", *PLACE, "--cell", cell)
     assert code == 0
     assert "readings" in out
     return plan / "readings.csv"
@@ -56,11 +67,35 @@ def test_plan_shows_the_lines_and_writes_places_program_and_picture(tmp_path, ca
     }
     for name in ("x", "y", "z", "xy", "xz", "yz", "xyz"):
         assert f"\n {name} " in out
+    assert "conventional laser" in out
     assert (tmp_path / "p" / "station_1.nc").read_text().count("G4 P3000") == 10 + 7 * 2 * 5
 
 
-def test_evaluate_writes_text_json_and_pictures(readings, capsys):
-    code, out, _ = run(capsys, "evaluate", readings)
+def test_a_gantry_of_the_documents_size_from_plan_to_squareness(tmp_path, capsys):
+    """ATLI section 3: 1400 x 700 x 600 mm. All of its errors act, and the truth is in the band."""
+    plan = tmp_path / "gantry"
+    place = ["--station", -0.12, -0.1, 0.05]
+    few = ["--targets", 8, "--runs", 2, "--pictures", "none", "--json"]
+    code, out, _ = run(
+        capsys, "plan", "--machine", "gantry", *place, *few, "--tracker", "ideal", "--output", plan
+    )
+    assert code == 0
+    document = json.loads(out)
+    jsonschema.validate(document, schema("tracker_plan"))
+    (duration,) = document["durations"]
+    assert 1.8 < duration["laser"] / duration["tracker"] < 3.2
+    assert run(capsys, "simulate", plan / "places.csv", *place, "--cell", "gantry")[0] == 0
+    how = ["--chain", "XYZ", "--cell", "gantry", "--json", "--pictures", "none"]
+    code, out, _ = run(capsys, "evaluate", plan / "readings.csv", *how)
+    assert code == 0
+    joint = json.loads(out)["joint"]
+    spread = np.sqrt(np.diag(joint["covariance"]))
+    assert np.all(np.abs(np.array(joint["values"]) - joint["truth"]) < 3.0 * spread)
+    assert np.all(spread[3:] < 15e-6)
+
+
+def test_evaluate_writes_text_json_and_pictures(readings, cell, capsys):
+    code, out, _ = run(capsys, "evaluate", readings, "--cell", cell, "--chain", "YXZ")
     assert code == 0
     folder = readings.parent / "readings_evaluate"
     assert {path.name for path in folder.iterdir()} == {
@@ -74,7 +109,22 @@ def test_evaluate_writes_text_json_and_pictures(readings, capsys):
     assert "right-handed" in document["squareness_sign"]
     np.testing.assert_allclose(document["location"]["position"], [-0.2, 0.1, 0.05], atol=50e-6)
     assert "C0Y" in out
-    assert "Student" in out
+    joint = document["joint"]
+    jsonschema.validate(document, schema("tracker_result"))
+    spread = np.sqrt(np.diag(joint["covariance"]))
+    assert np.max(np.abs(np.array(joint["values"]) - joint["truth"]) / spread) < 3.5
+    assert joint["chain"] == "YXZ"
+
+
+def test_a_machine_is_not_simulated_beyond_its_errors(tmp_path, capsys):
+    plan = tmp_path / "plan"
+    few = ["--targets", 5, "--runs", 1, "--pictures", "none"]
+    assert run(capsys, "plan", "--machine", "demo", *PLACE, *few, "--output", plan)[0] == 0
+    code, out, err = run(capsys, "simulate", plan / "places.csv", *PLACE, "--cell", "demo")
+    assert (code, out) == (1, "")
+    assert "900 mm" in err
+    assert "0 to 120 mm" in err
+    assert not (plan / "readings.csv").exists()
 
 
 def test_locate_prints_the_place_as_json(readings, capsys):
@@ -87,9 +137,8 @@ def test_locate_prints_the_place_as_json(readings, capsys):
 
 def test_multilateration_from_plan_to_curves(tmp_path, capsys):
     plan = tmp_path / "grid"
-    box = ["--box", 0, 0, 0, 0.12, 0.12, 0.12]
     more = ["--grid", 3, "--tracker", "ideal", "--pictures", "none", "--output", plan]
-    assert run(capsys, "plan", *box, *FOUR, *more)[0] == 0
+    assert run(capsys, "plan", *BOX, *FOUR, *more)[0] == 0
     measured = ["--cell", "angular", "--tracker", "ideal"]
     assert run(capsys, "simulate", plan / "places.csv", *FOUR, *measured)[0] == 0
     code, out, _ = run(
@@ -160,9 +209,9 @@ def test_several_stations_must_be_chosen_from(readings, capsys):
     assert run(capsys, "locate", readings, "--station", "2", "--pictures", "none")[0] == 0
 
 
-def test_nothing_is_overwritten_without_force(readings, capsys):
+def test_nothing_is_overwritten_without_force(readings, cell, capsys):
     measured = readings.read_text()
-    again = ["simulate", readings.parent / "places.csv", *PLACE, "--cell", "demo", "--seed", 1]
+    again = ["simulate", readings.parent / "places.csv", *PLACE, "--cell", cell, "--seed", 1]
     code, _, err = run(capsys, *again)
     assert code == 1
     assert "is there already; --force" in err

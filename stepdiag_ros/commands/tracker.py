@@ -18,8 +18,11 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
+    from stepdiag_ros.metrology.geometry import Vector
+    from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.tracker.readings import TrackerReading
     from stepdiag_ros.metrology.tracker.seven_lines import Box
+    from stepdiag_ros.planning.tracker_duration import SevenLineDuration
 
 # Not taken from metrology, whose numerics every start of the command line would wait for.
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
@@ -38,8 +41,9 @@ meet the tracker's centre.
 _EXAMPLES = """\
 examples:
   stepdiag tracker plan --machine demo --station -0.2 0.1 0.05 --nc
-  stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -0.2 0.1 0.05
-  stepdiag tracker evaluate readings.csv        the seven lines by ISO 230-2 and -6
+  stepdiag tracker plan --box 0 0 0 .12 .12 .12 --station -.15 .15 -.15   where the cell has errors
+  stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -.15 .15 -.15
+  stepdiag tracker evaluate readings.csv --chain YXZ --cell angular       beside the truth
   stepdiag tracker locate readings.csv          only where the tracker stands
   stepdiag tracker multilaterate grid.csv --chain YXZ
   stepdiag tracker figures                      Figs. 4 and 5 of Chen et al. 2018, computed"""
@@ -75,6 +79,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
                 metavar="FILE",
                 help="measuring conditions for U of ISO 230-2 and -6, as for 'stepdiag iso230'",
             )
+            one.add_argument(
+                "--chain", choices=CHAINS, default="", help="axes from workpiece to tool, if known"
+            )
+            _add_cell(one)
     points = _command(
         what, "multilaterate", "points and error curves from four stations or more", run_points
     )
@@ -82,9 +90,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     points.add_argument(
         "--chain", choices=CHAINS, required=True, help="axes from workpiece to tool"
     )
-    points.add_argument(
-        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
-    )
+    _add_cell(points)
     add_result_options(points, "NAME_multilaterate beside the table")
     figures = _command(what, "figures", "compute Figs. 4 and 5 of Chen et al. 2018", run_figures)
     add_output_options(figures, "tracker_figures")
@@ -107,6 +113,12 @@ def _command(
 def _add_readings(parser: ArgumentParser) -> None:
     parser.add_argument("table", type=Path, help="readings (.csv), see below")
     _add_tracker(parser)
+
+
+def _add_cell(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
+    )
 
 
 def _add_tracker(parser: ArgumentParser) -> None:
@@ -162,14 +174,14 @@ def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
         type=partial(number, low=1e-6, high=10.0),
         default=0.05,
         metavar="M/S",
-        help="of the NC programs, m/s (default: 0.05)",
+        help="of all moves, m/s (default: 0.05)",
     )
     parser.add_argument(
         "--dwell",
         type=partial(number, low=0.0, high=600.0),
         default=3.0,
         metavar="S",
-        help="at each place in the NC programs, s (default: 3)",
+        help="at each place, s (default: 3)",
     )
     parser.add_argument("--output", type=Path, default=Path("tracker_plan"), metavar="FOLDER")
     parser.add_argument("--pictures", choices=("png", "svg", "pdf", "none"), default="png")
@@ -209,13 +221,14 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables import make_console
-    from stepdiag_ros.report.tracker import print_test
+    from stepdiag_ros.report.tracker_plan import duration_sentences, print_test
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
     stations = [np.array(station) for station in arguments.station]
     console = make_console(sys.stderr if arguments.json else sys.stdout)
     drawn: dict[str, Any] = {}
+    durations: list[SevenLineDuration | str] = []
     if arguments.grid is not None:
         readings = grid_readings(box, stations, tracker, arguments.grid)
         locating = np.unique(points_of(readings), axis=0)
@@ -233,7 +246,10 @@ def run_plan(arguments: Namespace) -> int:
                 locating=arguments.places,
             )
             found += test.readings(str(count))
-            print_test(test, expect(test, tracker), str(count), console)
+            durations.append(_duration(arguments, test.readings(), station, tracker, box))
+            print_test(test, expect(test, tracker, _chain(arguments)), str(count), console)
+            for text in duration_sentences(durations[-1]):
+                console.print(text)
             drawn, locating = {line.name: line.targets for line in test.lines}, test.locating
         readings = tuple(found)
     contents = {"places.csv": table_text(readings)}
@@ -259,11 +275,51 @@ def run_plan(arguments: Namespace) -> int:
             formats,
         )
     if arguments.json:
-        content = {"files": [str(path) for path in files], "places": len(readings)}
+        content = {
+            "files": [str(path) for path in files],
+            "places": len(readings),
+            "durations": [
+                None if isinstance(one, str) else {"tracker": one.tracker, "laser": one.laser}
+                for one in durations
+            ],
+        }
         print(schemas.json_text(schemas.document("tracker_plan", content)))
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
     return 0
+
+
+def _chain(arguments: Namespace) -> str:
+    from stepdiag_ros.configuration import load_machine
+
+    return load_machine(arguments.machine)[0].chain if arguments.machine else ""
+
+
+def _duration(
+    arguments: Namespace,
+    readings: "tuple[TrackerReading, ...]",
+    station: "Vector",
+    tracker: "Tracker",
+    box: "Box",
+) -> "SevenLineDuration | str":
+    """Return how long a station takes on the machine, or in words why that is not known."""
+    from stepdiag_ros.configuration import load_machine
+    from stepdiag_ros.planning.tracker_duration import seven_line_duration
+
+    machine, _ = load_machine(arguments.machine or "demo")
+    try:
+        return seven_line_duration(
+            readings,
+            station,
+            tracker,
+            box,
+            machine,
+            feed=arguments.feed,
+            dwell=arguments.dwell,
+            overrun=arguments.overrun,
+        )
+    except ValueError as error:
+        return str(error)
 
 
 def run_simulate(arguments: Namespace) -> int:
@@ -306,7 +362,8 @@ def run_evaluate(arguments: Namespace) -> int:
 
 
 def _show_station(arguments: Namespace, what: str) -> int:
-    from stepdiag_ros.configuration import load_tracker
+    from stepdiag_ros.configuration import load_cell, load_tracker
+    from stepdiag_ros.metrology.tracker.campaign import true_values
     from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
     from stepdiag_ros.report.tracker import TrackerReport, print_tracker, tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
@@ -314,8 +371,16 @@ def _show_station(arguments: Namespace, what: str) -> int:
     station, readings = _one_station(arguments)
     tracker, _ = load_tracker(arguments.tracker)
     if what == "evaluate":
-        result = evaluate_test(readings, _conditions(arguments.uncertainty), tracker.minimum_range)
-        report = TrackerReport(str(arguments.table), station, result.location, result)
+        result = evaluate_test(
+            readings,
+            _conditions(arguments.uncertainty),
+            tracker.minimum_range,
+            arguments.chain,
+        )
+        truth = None
+        if arguments.cell and result.joint is not None:
+            truth = true_values(load_cell(arguments.cell)[0], result.joint.machine.box)
+        report = TrackerReport(str(arguments.table), station, result.location, result, truth)
     else:
         location = locate_from(readings, tracker.minimum_range)
         report = TrackerReport(str(arguments.table), station, location)

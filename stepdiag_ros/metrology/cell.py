@@ -228,6 +228,22 @@ class SimulatedCell:
         first_point = np.asarray(start, dtype=np.float64) + np.asarray(self.mirror_offset)
         return Alignment(beam, normal, first_point - self.dead_path * beam)
 
+    def require(self, positions: Vector, what: str) -> None:
+        """Refuse places where the machine's errors are not given.
+
+        Args:
+            positions: that are to be measured, machine coordinates, m, shape (n, 3).
+            what: asks for them, in words, as the sentence begins.
+
+        Raises:
+            ValueError: one is outside of the curves.
+        """
+        if beyond := self.errors.outside(positions):
+            raise ValueError(
+                f"{what} asks for {beyond} in the cell '{self.name}'; measure within, or give the"
+                " cell longer curves (travel_low_m and travel_high_m, or nodes_m)"
+            )
+
     def displacement(self, positions: Vector, alignment: Alignment) -> Vector:
         """Return the true displacement of the mirror along the beam, without noise, m, shape (n,).
 
@@ -249,8 +265,13 @@ class SimulatedCell:
         They are what the mirror's point and the tool really do as one axis moves with the others at
         the volume's first corner (``geometry.REFERENCE_POINT``), exactly; the frame is
         ``geometry.FRAME``.
+
+        Raises:
+            ValueError: the volume is larger than the travel of which errors are given.
         """
         nodes = [volume.nodes(axis) for axis in range(3)]
+        ends = np.array([[axis_nodes[0], axis_nodes[-1]] for axis_nodes in nodes]).T
+        self.require(ends, "the truth of the measured box")
         offset = np.asarray(self.mirror_offset)
         curves: dict[str, Vector] = {}
         for axis, letter in enumerate(AXES):

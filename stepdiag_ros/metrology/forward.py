@@ -24,6 +24,9 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector
 
+_CORRECTION = 1e-4
+"""A target that was corrected for errors lies some micrometres beyond the last node: no more, m."""
+
 SQUARENESS_SLOPES: dict[str, tuple[float, tuple[str, str]]] = {
     "C0Y": (-1.0, ("E_XY", "E_YX")),
     "B0Z": (+1.0, ("E_XZ", "E_ZX")),
@@ -42,7 +45,11 @@ SQUARENESS_DEFINITIONS: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class ErrorCurves:
-    """Error motions of the three axes, linear between nodes and constant beyond the first and last.
+    """Error motions of the three axes, linear between nodes.
+
+    Beyond the first and last node nothing is known. ``at`` holds the curves there as at the node,
+    for what is not measured: run-ups, overruns, ways to a line. Who simulates a measurement or asks
+    for the truth of a place looks first whether it is ``outside``.
 
     Attributes:
         nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that
@@ -92,8 +99,31 @@ class ErrorCurves:
         """Say whether any rotation is not zero."""
         return any(bool(np.any(values[:, 3:])) for values in self.values)
 
+    def outside(self, positions: Vector) -> str:
+        """Say which place is farthest beyond the curves; empty if all are within.
+
+        A target that was corrected for errors counts as the node that it belongs to.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+        """
+        places = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
+        low = np.array([nodes[0] for nodes in self.nodes])
+        high = np.array([nodes[-1] for nodes in self.nodes])
+        beyond = np.maximum(low - places, places - high)
+        if not beyond.size or np.max(beyond) <= _CORRECTION:
+            return ""
+        row, axis = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+        return (
+            f"{AXES[axis]} = {places[row, axis] * 1e3:.6g} mm, where the errors of that axis are"
+            f" given from {low[axis] * 1e3:.6g} to {high[axis] * 1e3:.6g} mm only"
+        )
+
     def at(self, axis: int, positions: Vector) -> Vector:
-        """Return the six errors of one axis at its positions (m), shape (positions, 6)."""
+        """Return the six errors of one axis at its positions (m), shape (positions, 6).
+
+        Beyond the nodes they are those of the nearest node.
+        """
         nodes, values = self.nodes[axis], self.values[axis]
         clipped = np.clip(positions, nodes[0], nodes[-1])
         upper = np.clip(np.searchsorted(nodes, clipped, side="right"), 1, len(nodes) - 1)

@@ -31,7 +31,8 @@ def simulate(
         the lines in the order of the plan, with the true standard uncertainty of every stop.
 
     Raises:
-        ValueError: fewer than one reading a stop, or an effect that cannot act in this plan.
+        ValueError: fewer than one reading a stop, an effect that cannot act in this plan, or a stop
+            where the cell's errors are not given.
     """
     if readings_per_stop < 1:
         raise ValueError(f"readings_per_stop is {readings_per_stop}; expected 1 or more")
@@ -86,7 +87,8 @@ def read_again(
         the run with other readings, each setup's counted from its first, and their uncertainty.
 
     Raises:
-        ValueError: an effect cannot act in this run; or the run has no line.
+        ValueError: an effect cannot act in this run; or the run has no line; or a stop is where the
+            cell's errors are not given.
     """
     rng = np.random.default_rng(seed)
     alignments: dict[str, Alignment] = {}
@@ -97,6 +99,7 @@ def read_again(
             # The laser stands before the forward pass's first stop, whichever pass comes first.
             start = replace(line.line, direction=FORWARD).stops(run.volume)[0]
             alignments[setup] = cell.alignment(setup, line.line.name, run.volume.step, tuple(start))
+        cell.require(line.target, f"line {line.line.name}")
         readings = cell.displacement(line.target, alignments[setup])
         readings = readings + noise * rng.standard_normal(len(line.target))
         lines.append(

@@ -1,7 +1,6 @@
 """A seven-line test with a tracker as tables, sentences and JSON."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +9,20 @@ from rich.table import Table
 
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineResult
-from stepdiag_ros.metrology.tracker.expectation import Expectation
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
-from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
-from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.report.numbers import (
+    ARC_SECONDS,
+    COVERAGE_FACTOR,
+    MICRO,
+    UNKNOWN,
+    plain,
+    with_uncertainty,
+)
 from stepdiag_ros.report.positioning import decimals_of, target_table, written
 from stepdiag_ros.report.tables import PlainConsole, new_table
 
@@ -34,12 +39,14 @@ class TrackerReport:
         station: name of the tracker's place.
         location: of the tracker.
         result: of the seven lines; None if only the place was asked for.
+        truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
     """
 
     source: str
     station: str
     location: Location
     result: SevenLineResult | None = None
+    truth: Vector | None = None
 
 
 def location_table(location: Location) -> Table:
@@ -67,21 +74,22 @@ def location_table(location: Location) -> Table:
     return table
 
 
-def joint_table(joint: JointEstimate) -> Table:
-    """Return scales and squareness from all readings together."""
-    factor = joint.adjustment.coverage_factor
+def joint_table(joint: JointEstimate, truth: Vector | None = None) -> Table:
+    """Return scales and squareness from all readings together, beside the truth if it is known."""
+    heads = ["", "unit", "value ± U"] if truth is None else ["", "unit", "value ± U", "truth"]
     table = new_table(
-        "Positioning and squareness from all readings, with the tracker's place",
-        "",
-        "unit",
-        "value ± U",
+        "Positioning and squareness from all readings, with the tracker's place", *heads
     )
     table.min_width = len(str(table.title))
-    for name, value, spread in zip(NAMES, joint.values, joint.standard_uncertainty, strict=True):
-        expanded = factor * spread
-        table.add_row(name, "µm/m", _value(value, expanded, MICRO, 2))
-        if not name.startswith("scale"):
-            table.add_row("", "arcsec", _value(value, expanded, ARC_SECONDS, 3))
+    for index, name in enumerate(NAMES):
+        spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
+        for unit, scale, decimals in (("µm/m", MICRO, 2), ("arcsec", ARC_SECONDS, 3)):
+            if unit == "arcsec" and name.startswith("scale"):
+                continue
+            row = [_value(joint.values[index], spread, scale, decimals)]
+            if truth is not None:
+                row.append(plain(truth[index] * scale, decimals))
+            table.add_row(name if unit == "µm/m" else "", unit, *row)
     return table
 
 
@@ -106,7 +114,7 @@ def lines_table(result: SevenLineResult) -> Table:
                 test.name if lines is result.located else "",
                 title,
                 *(_written_short(test, name, decimals) for name in _PARAMETERS),
-                _value(slope.slope, 1.96 * slope.standard_uncertainty, MICRO, 2),
+                _value(slope.slope, COVERAGE_FACTOR * slope.standard_uncertainty, MICRO, 2),
             )
     return table
 
@@ -131,9 +139,13 @@ def squareness_rows(result: SevenLineResult) -> Table | None:
     table.min_width = len(str(table.title))
     table.columns[1].justify = "left"
     for title, one in rows:
-        table.add_row(one.name, title, _value(one.value, 1.96 * one.standard_uncertainty, MICRO, 2))
+        table.add_row(
+            one.name, title, _value(one.value, COVERAGE_FACTOR * one.standard_uncertainty, MICRO, 2)
+        )
     for title, lines in closures:
-        written_closure = _value(lines.closure, 1.96 * lines.closure_uncertainty, MICRO, 2)
+        written_closure = _value(
+            lines.closure, COVERAGE_FACTOR * lines.closure_uncertainty, MICRO, 2
+        )
         table.add_row("closure of xyz", title, written_closure)
     return table
 
@@ -171,20 +183,15 @@ def sentences_of(report: TrackerReport) -> list[str]:
     location = report.location
     said = [f"Warning: {text}" for text in location.warnings]
     said += location.remarks
-    said.append(
-        "U: 95 %, of the lengths alone; Student's factor where their uncertainty was taken from"
-        " the residuals."
-    )
     result = report.result
+    if result is None or result.joint is None:
+        said.append(
+            "U of the place: 95 %, of the lengths alone; Student's factor where their uncertainty"
+            " was taken from the residuals."
+        )
     if result is not None:
         if result.joint is not None:
-            said.append(f"Frame of the joint estimate: {result.joint.frame}.")
-            said += [f"Warning, joint estimate: {text}" for text in result.joint.warnings]
-            if result.joint.warnings:
-                said.append(
-                    "The joint estimate knows of scales and squareness only; its U is widened by"
-                    " the size of the residuals."
-                )
+            said += _joint_sentences(result.joint)
         said.append(
             f"Squareness sign: {RIGHT_HANDED}. By the other definition ({OVER_90_DEGREES}) B0Z has"
             " the other sign, C0Y and A0Z the same."
@@ -200,6 +207,23 @@ def sentences_of(report: TrackerReport) -> list[str]:
     return list(dict.fromkeys(said))
 
 
+def _joint_sentences(joint: JointEstimate) -> list[str]:
+    said = [
+        f"U: 95 %, with what the machine's curves may do; {joint.machine.place}.",
+        f"Frame of the tracker's place: {joint.machine.frame}.",
+        "Sizes of what repeats and of what differs between passes, as the readings tell them with"
+        " what is usual: "
+        + "; ".join(f"{name}: {size:.2g}" for name, size in joint.sizes.items())
+        + ".",
+    ]
+    if not joint.machine.chain:
+        said.append(
+            "U is unknown, because the order of the machine's axes was not told (--chain): through"
+            " which levers angular errors act depends on it."
+        )
+    return said + [f"Warning, joint estimate: {text}" for text in joint.warnings]
+
+
 def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     """Print a report: tables, then sentences."""
     console.print(f"Source: {report.source}, station {report.station}")
@@ -208,7 +232,7 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     result = report.result
     if result is not None:
         if result.joint is not None:
-            tables.append(joint_table(result.joint))
+            tables.append(joint_table(result.joint, report.truth))
         tables.append(lines_table(result))
         for made in (squareness_rows(result), separation_table(result.separations)):
             if made is not None:
@@ -219,54 +243,6 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
         console.print(table)
     for text in sentences_of(report):
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
-
-def print_test(
-    test: SevenLineTest, expectation: Expectation, station: str, console: PlainConsole
-) -> None:
-    """Print a planned test: its lines, what it will tell, what is left out, remarks."""
-    table = new_table(
-        f"Seven-line test, station {station}",
-        "line",
-        "from / mm",
-        "to / mm",
-        "length / mm",
-        "targets",
-        "tracker beside / mm",
-        "beam off the line",
-    )
-    for line in test.lines:
-        table.add_row(
-            line.name,
-            _place(line.targets[0]),
-            _place(line.targets[-1]),
-            plain(line.length * _MILLI, 1),
-            str(len(line.targets)),
-            plain(line.offset * _MILLI, 1),
-            f"{np.degrees(line.obliqueness):.0f}°",
-        )
-    console.print(table)
-    console.print(f"{len(test.locating)} places locate the tracker; {test.runs} runs each way.")
-    told = new_table("Expected U (95 %) of the lengths alone", "", "unit", "U")
-    told.min_width = len(str(told.title))
-    for letter, spread in zip("XYZ", expectation.position, strict=True):
-        told.add_row(f"tracker {letter}, from its places", "µm", plain(1.96 * spread * MICRO))
-    for name, spread in expectation.joint.items():
-        told.add_row(f"{name}, from all readings", "µm/m", plain(1.96 * spread * MICRO))
-    for name, one in expectation.separations.items():
-        if not isinstance(one, str):
-            for what, spread in zip(("scale", "lean to the tracker"), one, strict=False):
-                told.add_row(f"line {name} alone, {what}", "µm/m", plain(1.96 * spread * MICRO))
-    console.print(told)
-    for name, one in expectation.separations.items():
-        if isinstance(one, str):
-            console.print(f"Line {name} alone: {one}.")
-    for text in expectation.warnings:
-        console.print(text)
-    for name, reason in test.left_out.items():
-        console.print(f"Left out: line {name}, {reason}.")
-    for text in test.remarks:
-        console.print(text)
 
 
 def tracker_json(report: TrackerReport) -> str:
@@ -280,7 +256,7 @@ def tracker_json(report: TrackerReport) -> str:
     if result is not None:
         document |= {
             "squareness_sign": RIGHT_HANDED,
-            "joint": None if result.joint is None else _joint_document(result.joint),
+            "joint": None if result.joint is None else _joint_document(result.joint, report.truth),
             "lines_with_tracker_from_places": _lines_document(result.located),
             "lines_with_tracker_from_all_readings": (
                 None if result.corrected is None else _lines_document(result.corrected)
@@ -362,16 +338,18 @@ def _location_document(location: Location) -> dict[str, Any]:
     }
 
 
-def _joint_document(joint: JointEstimate) -> dict[str, Any]:
+def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any]:
     return {
         "names": list(NAMES),
         "values": _numbers(joint.values),
+        "truth": None if truth is None else _numbers(truth),
         "covariance": [_numbers(row) for row in joint.covariance],
         "position": _numbers(joint.position),
         "start_length": _number(joint.start_length),
-        "degrees_of_freedom": joint.adjustment.degrees_of_freedom,
-        "chi_squared": _number(joint.adjustment.chi_squared),
-        "frame": joint.frame,
+        "sizes": joint.sizes,
+        "chain": joint.machine.chain or None,
+        "quantity": joint.machine.place,
+        "frame": joint.machine.frame,
         "warnings": list(joint.warnings),
     }
 
@@ -431,10 +409,6 @@ def _value(value: float, expanded: float, scale: float, decimals: int) -> str:
         return f"{plain(value * scale, decimals)} ± {UNKNOWN}"
     text, spread = with_uncertainty(value * scale, expanded * scale)
     return f"{text} ± {spread}"
-
-
-def _place(place: Sequence[float]) -> str:
-    return ", ".join(f"{value * _MILLI:.1f}" for value in place)
 
 
 def _number(value: float) -> float | None:

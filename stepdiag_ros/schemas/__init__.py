@@ -30,7 +30,7 @@ VERSIONS = {
     "measurement": 1,
     "tracker_plan": 1,
     "tracker_readings": 1,
-    "tracker_result": 1,
+    "tracker_result": 2,
     "tracker_figures": 1,
     "info": 1,
     "recovery": 1,

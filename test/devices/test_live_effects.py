@@ -276,8 +276,16 @@ def test_an_effect_that_cannot_act_is_refused_before_the_run():
         device.begin_run(PLAN, START)
 
 
+def test_a_plan_beyond_the_cells_errors_is_refused_before_the_run():
+    device = prepare("interferometer", "simulated", {}, Surroundings(cell=CELL))(START)
+    assert isinstance(device, FollowsRun)
+    larger = replace(PLAN, volume=replace(PLAN.volume, blocks=90))
+    with pytest.raises(ValueError, match=r"asks for [XYZ] = \d+ mm"):
+        device.begin_run(larger, START)
+
+
 def test_a_long_run_is_followed_in_no_time():
-    plan = replace(PLAN, volume=replace(PLAN.volume, blocks=90))
+    plan = replace(PLAN, volume=replace(PLAN.volume, blocks=90, step=(1e-3, 1e-3, 1e-3)))
     assert plan.stop_count > 1400
     cell = with_effects(active("angular error", {"error": "E_CZ"}, linear=1e-5, quadratic=0.0))
     effects = LiveEffects(plan, cell)

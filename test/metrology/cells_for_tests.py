@@ -2,7 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.geometry import BODY_DIAGONALS
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import NOTHING
@@ -55,8 +58,10 @@ def make_cell(
     size=1e-6,
     squareness=(30e-6, -20e-6, 25e-6),
     lines=None,
+    held=0.1,
 ):
-    return SimulatedCell.from_mapping(
+    """Return a cell; beyond its travel the curves are held as at its ends, over ``held`` metres."""
+    made = SimulatedCell.from_mapping(
         {
             "seed": seed,
             "chain": chain,
@@ -77,3 +82,6 @@ def make_cell(
         },
         "test cell",
     )
+    nodes = [np.array([axis[0] - held, *axis, axis[-1] + held]) for axis in made.errors.nodes]
+    values = [np.vstack([axis[:1], axis, axis[-1:]]) for axis in made.errors.values]
+    return replace(made, errors=ErrorCurves(tuple(nodes), tuple(values))) if held else made

@@ -58,7 +58,7 @@ def unchanged():
     """Return what many machines say that were measured twice and did not change."""
     made = []
     for seed in range(PAIRS):
-        cell = make_cell(seed=seed)
+        cell = make_cell(seed=seed, held=0.0)
         made.append(compare(measured(cell, 2 * seed), measured(cell, 2 * seed + 1)))
     return made
 
@@ -112,7 +112,7 @@ def test_of_an_unchanged_machine_chi_squared_is_what_chance_makes(unchanged):
 def test_a_change_is_seen_at_its_size():
     hits = []
     for seed in range(12):
-        cell = make_cell(seed=seed)
+        cell = make_cell(seed=seed, held=0.0)
         found = compare(measured(cell, 2 * seed), measured(with_change(cell), 2 * seed + 1))
         true = {
             name: with_change(cell).truth(PLAN.volume)[name] - values
@@ -138,7 +138,7 @@ def test_a_change_is_seen_at_its_size():
 
 
 def test_e_n_and_its_sign():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     before, after = measured(cell, 1), measured(with_change(cell), 2)
     found, back = compare(before, after), compare(after, before)
     for one, other in zip(found.curves, back.curves, strict=True):
@@ -168,7 +168,7 @@ def test_the_uncertainty_of_the_rms_is_what_draws_of_the_curves_have():
 
 
 def test_what_both_share_cancels_in_the_difference():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     both = [measured(cell, number) for number in (1, 2)]
 
     def budgets(wavelength):
@@ -210,7 +210,7 @@ def test_the_sources_that_are_shared_are_sources_of_the_budget():
 
 
 def test_grids_of_one_box_are_compared_where_they_meet():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     fine = measured(cell, 1, plan=make_plan(6, (0.01,) * 3))
     coarse = measured(cell, 2, plan=make_plan(3, (0.02,) * 3))
     found = compare(fine, coarse)
@@ -257,7 +257,7 @@ def test_what_the_frame_fixes_is_no_largest_change():
 
 
 def test_what_is_not_known_is_not_judged():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     plan = make_plan(5, (0.012,) * 3, diagonals=())
     found = compare(*(measured(cell, number, "least_squares", plan) for number in (1, 2)))
     known = {one.name for one in found.curves if one.changed is not None}
@@ -364,7 +364,7 @@ def reversal_of(found, axis="X"):
 
 
 def test_a_change_of_the_reversal_alone_is_a_change():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     for overrun in (0.0, 0.002):
         before, after = (
             with_lost_motion(measured(cell, number), size, overrun)
@@ -387,7 +387,7 @@ def test_a_change_of_the_reversal_alone_is_a_change():
 
 
 def test_to_measure_with_and_without_overrun_is_no_change():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     first, second = (measured(cell, number) for number in (1, 2))
     for size in (2e-6, 0.0):
         without, beyond = (
@@ -416,7 +416,7 @@ def test_to_measure_with_and_without_overrun_is_no_change():
 
 
 def test_where_the_reversal_is_not_measured_the_overrun_may_be_all():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     plan = make_plan(5, (0.012,) * 3)
     one, other = (measured(cell, number, plan=plan) for number in (1, 2))
     found = compare(with_lost_motion(one, 2e-6, 0.0), with_lost_motion(other, 2e-6, 0.002))
@@ -451,7 +451,7 @@ def test_runs_that_do_not_repeat_are_no_change_of_the_reversal():
 
 
 def test_a_reversal_is_compared_at_the_targets_that_tell_it_in_both():
-    cell = make_cell(seed=1)
+    cell = make_cell(seed=1, held=0.0)
     ways = ("forward", "backward")
     fine = measured(cell, 1, plan=make_plan(6, (0.01,) * 3, directions=ways)).measurement
     coarse = measured(cell, 2, plan=make_plan(3, (0.02,) * 3, directions=ways)).measurement

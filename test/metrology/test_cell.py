@@ -1,12 +1,13 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from cells_for_tests import make_cell
+from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import perpendiculars, tilted
@@ -20,6 +21,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.resources import directory
 
 STEP = (0.01, 0.01, 0.01)
@@ -220,3 +222,33 @@ def test_too_few_values_name_the_curve():
     errors = {"nodes_m": nodes, "curves": {"E_ZY": [0.0]}}
     with pytest.raises(ValueError, match="E_ZY: 1 values for 2 nodes of Y"):
         SimulatedCell.from_mapping({"chain": "XYZ", "errors": errors}, "c")
+
+
+def test_nothing_is_measured_or_true_beyond_the_curves():
+    """The curves are held beyond their ends, but neither a stop nor a truth is taken from there."""
+    cell = make_cell(high=(0.06, 0.06, 0.06), held=0.0)
+    larger = Volume((0.0, 0.0, 0.0), (0.01, 0.011, 0.01), 6)
+    with pytest.raises(ValueError, match="Y = 66 mm"):
+        cell.truth(larger)
+    plan = make_plan(step=larger.step)
+    with pytest.raises(ValueError, match=r"line \w+ asks for Y = 66 mm.* 0 to 60 mm"):
+        simulate(plan, cell)
+    assert simulate(make_plan(step=larger.step), make_cell(held=0.01)).lines
+
+
+def test_a_run_up_beyond_the_curves_is_no_measurement():
+    """It is passed on the way to the first stop, over which the curves are held."""
+    cell = make_cell(held=0.0)
+    plan = replace(make_plan(), overrun=2e-3)
+    assert np.min(plan.run_up(plan.lines[0])) < 0.0
+    assert simulate(plan, cell).lines
+    np.testing.assert_array_equal(
+        cell.errors.at(0, np.array([-2e-3, 0.062])), cell.errors.at(0, np.array([0.0, 0.06]))
+    )
+
+
+def test_places_of_another_axis_or_within_rounding_are_inside():
+    errors = make_cell(high=(0.06, 0.05, 0.04), held=0.0).errors
+    assert errors.outside(np.array([[0.06, 0.05, 0.04 + 1e-9], [0.0, 0.0, 0.0]])) == ""
+    assert "Z = 41 mm" in errors.outside(np.array([[0.06, 0.05, 0.041]]))
+    assert "X = -1 mm" in errors.outside(np.array([[-0.001, 0.05, 0.04]]))

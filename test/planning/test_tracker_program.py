@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, points_of
 from stepdiag_ros.metrology.tracker.seven_lines import Box, make_test
+from stepdiag_ros.planning.tracker_duration import seven_line_duration
 from stepdiag_ros.planning.tracker_program import tracker_program
 
 BOX = Box(np.zeros(3), np.array([0.8, 0.5, 0.4]))
@@ -97,3 +99,23 @@ def test_a_place_out_of_the_volume_is_refused(planned):
         tracker_program(
             readings, STATION, TRACKER, small, feed_m_per_s=0.05, name="x", overrun=OVERRUN
         )
+
+
+@pytest.mark.parametrize("name", ["demo", "gantry"])
+def test_a_tracker_takes_half_to_a_third_of_a_lasers_time(name):
+    """ATLI: half by its abstract, a third by section 1."""
+    machine, _ = load_machine(name)
+    box = Box(np.array(machine.travel_low_m), np.array(machine.travel_high_m))
+    station = box.low + np.array([-0.15, 0.1, 0.1])
+    test = make_test(box, station, TRACKER)
+    how = {"feed": 0.05, "dwell": 3.0, "overrun": 2e-3}
+    one = seven_line_duration(test.readings(), station, TRACKER, box, machine, **how)
+    assert one.lines == len(test.lines)
+    assert 1.8 < one.laser / one.tracker < 3.2
+    # The dwells alone, without a single move.
+    assert one.running > 3.0 * len(test.readings())
+    assert one.running > one.laser_running
+    slower = seven_line_duration(
+        test.readings(), station, TRACKER, box, machine, **{**how, "feed": 0.01}
+    )
+    assert slower.running > one.running

@@ -132,8 +132,15 @@ class SimulatedInterferometer:
         self._course: Course | None = None
 
     def begin_run(self, plan: Plan, start_ns: int) -> None:
-        """Let the effects of the cell act in a run (see ``FollowsRun.begin_run``)."""
+        """Let the effects of the cell act in a run (see ``FollowsRun.begin_run``).
+
+        Raises:
+            ValueError: an effect cannot act in this plan, or a stop is where the cell's errors are
+                not given.
+        """
         self._course = None
+        for line in plan.lines:
+            self._cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
         if self._cell.effects:
             begins = self._behaviour.weather_begins
             self._course = Course(plan, self._cell, start_ns, begins, self._grid)

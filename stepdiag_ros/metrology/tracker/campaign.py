@@ -6,13 +6,16 @@ from itertools import product
 import numpy as np
 
 from stepdiag_ros.metrology.cell import SimulatedCell
-from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
+from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.plan import FORWARD, Volume
+from stepdiag_ros.metrology.solvers.summary import slope_weights
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.evaluation import locate_from
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 from stepdiag_ros.metrology.tracker.location import LEAST_POINTS, locate
+from stepdiag_ros.metrology.tracker.machine_curves import NODES, MeasuredBox
 from stepdiag_ros.metrology.tracker.multilateration import Points, multilaterate
 from stepdiag_ros.metrology.tracker.readings import (
     GRID,
@@ -95,7 +98,8 @@ def simulate_readings(
         the same readings with length changes and their standard uncertainties.
 
     Raises:
-        ValueError: another number of stations than the readings have.
+        ValueError: another number of stations than the readings have, or a place where the
+            machine's errors are not given.
     """
     groups = stations_of(readings)
     if len(groups) != len(stations):
@@ -103,6 +107,7 @@ def simulate_readings(
             f"the table has {len(groups)} stations ({', '.join(groups)}), but {len(stations)}"
             " places of the tracker were given"
         )
+    cell.require(points_of(readings), "the table of places")
     rng = np.random.default_rng(seed)
     offset = np.asarray(cell.mirror_offset)
     made: list[TrackerReading] = []
@@ -116,6 +121,31 @@ def simulate_readings(
         known = spread if np.all(spread > 0) else np.full(len(spread), np.nan)
         made += measured(group, read - read[0], known)
     return tuple(made)
+
+
+def true_values(cell: SimulatedCell, box: MeasuredBox) -> Vector:
+    """Return the true scales and squareness of a simulated machine in the order of ``joint.NAMES``.
+
+    Args:
+        cell: the machine.
+        box: of the measured places, of which the joint estimate speaks.
+
+    Raises:
+        ValueError: the machine's curves do not reach as far.
+    """
+    step_x, step_y, step_z = (float(value) for value in box.side / (NODES - 1))
+    x, y, z = (float(value) for value in box.low)
+    volume = Volume((x, y, z), (step_x, step_y, step_z), NODES - 1)
+    curves = cell.truth(volume)
+    slopes = {
+        name: float(slope_weights(volume.nodes(moving_axis(name))) @ curves[name])
+        for name in TRANSLATIONS
+    }
+    made = [slopes[f"E_{letter}{letter}"] for letter in AXES]
+    for name in SQUARENESS:
+        factor, (first, second) = SQUARENESS_SLOPES[name]
+        made.append(factor * (slopes[first] + slopes[second]))
+    return np.array(made)
 
 
 def points_from(readings: Sequence[TrackerReading]) -> Points:

@@ -18,19 +18,32 @@ left over is the test's own check (``closure``).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINEAR
+from stepdiag_ros.metrology.solvers.summary import slope_weights
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest, evaluate
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
-from stepdiag_ros.metrology.tracker.joint import JointEstimate, estimate
-from stepdiag_ros.metrology.tracker.location import Location, locate
+from stepdiag_ros.metrology.tracker.bands import (
+    slope_across,
+    slope_along,
+    standard_uncertainty,
+    widened,
+    with_the_place,
+)
+from stepdiag_ros.metrology.tracker.joint import (
+    NAMES,
+    JointEstimate,
+    estimate,
+    functionals_of,
+)
+from stepdiag_ros.metrology.tracker.location import Location, geometry_warnings, locate
 from stepdiag_ros.metrology.tracker.readings import (
     LOCATE,
     SEVEN_LINES,
@@ -47,7 +60,12 @@ _MOST_OBLIQUE = 0.05
 """Larger tangents between beam and line let more than a twentieth of what is across it in."""
 LINES_ALONE = (
     "Slopes of the lines, reckoned from the located tracker, carry what its place is wrong by; the"
-    " joint estimate from all readings does not."
+    " joint estimate from all readings does not. Their U, that of the squareness from them and that"
+    " of single lines is as large as they depart from the joint estimate of the same quantity."
+)
+NO_BANDS = (
+    "Without a joint estimate nothing tells what straightness and angles do to slopes, squareness"
+    " and single lines: their U is unknown, and that of the tracker's place is of lengths alone."
 )
 
 
@@ -57,18 +75,26 @@ class LineSlope:
 
     Attributes:
         name: of the line.
-        direction: unit vector, shape (3,).
+        targets: m, shape (n, 3).
         slope: of the least-squares line through all deviations, m/m.
-        standard_uncertainty: m/m; NaN if not known.
+        standard_uncertainty: as a figure of what the machine does along the line (``bands``), m/m;
+            NaN if not known.
         oblique: largest tangent of the angle between beam and line: the share with which what
             moves the reflector across the line enters.
     """
 
     name: str
-    direction: Vector
+    targets: Vector
     slope: float
     standard_uncertainty: float
     oblique: float
+
+    @property
+    def direction(self) -> Vector:
+        """Return the unit vector along the line, shape (3,)."""
+        way = self.targets[-1] - self.targets[0]
+        made: Vector = way / np.linalg.norm(way)
+        return made
 
 
 @dataclass(frozen=True)
@@ -110,7 +136,8 @@ class SevenLineResult:
     """What a seven-line test says.
 
     Attributes:
-        location: of the tracker, from the places ``locate``.
+        location: of the tracker, from the places ``locate``; with a joint estimate, its covariance
+            has in it what the machine's errors do to it (``bands``).
         joint: scales and squareness together with the tracker's place, from all readings; None if
             the readings do not tell.
         located: the lines with the tracker where ``location`` has it, as ATLI evaluates them.
@@ -132,6 +159,7 @@ def evaluate_test(
     readings: Sequence[TrackerReading],
     description: UncertaintyDescription | None = None,
     minimum_range: float = 0.0,
+    chain: str = "",
 ) -> SevenLineResult:
     """Evaluate the readings of a seven-line test of one station.
 
@@ -139,6 +167,8 @@ def evaluate_test(
         readings: of one station; ``locate`` and any of the seven lines.
         description: of the measuring conditions, for the uncertainty of ISO 230-2 and -6.
         minimum_range: of the tracker, m.
+        chain: order of the axes from workpiece to tool; empty if not known, and then neither is
+            any uncertainty, because it depends on the levers of the angular errors.
 
     Raises:
         PoorGeometry: the tracker cannot be located.
@@ -154,11 +184,13 @@ def evaluate_test(
     missing = [name for name in SEVEN_LINES if name not in by_line]
     if missing:
         remarks.append(f"Not measured: {', '.join(missing)}.")
-    located = _evaluated(by_line, location.position, location, description)
-    joint = _joint(used, location, remarks)
+    joint = _joint(used, location, chain, remarks)
+    located = _evaluated(by_line, location.position, joint, description)
     corrected = None
-    if joint is not None:
-        corrected = _evaluated(by_line, joint.machine_position, location, description)
+    if joint is None:
+        remarks.append(NO_BANDS)
+    else:
+        corrected = _evaluated(by_line, joint.machine_position, joint, description)
     oblique = [slope.name for slope in located.slopes if slope.oblique > _MOST_OBLIQUE]
     if oblique:
         remarks.append(
@@ -166,12 +198,12 @@ def evaluate_test(
             " these lines are in their deviations, and no squareness is made of their slopes."
         )
     return SevenLineResult(
-        location=location,
+        location=location if joint is None else _with_the_machine(location, joint),
         joint=joint,
         located=located,
         corrected=corrected,
         separations={
-            name: _separated(by_line[name], location) for name in "xyz" if name in by_line
+            name: _separated(by_line[name], location, joint) for name in "xyz" if name in by_line
         },
         remarks=tuple(remarks),
     )
@@ -195,22 +227,43 @@ def locate_from(readings: Sequence[TrackerReading], minimum_range: float = 0.0) 
     )
 
 
+def _with_the_machine(location: Location, joint: JointEstimate) -> Location:
+    """Return a location whose covariance knows how wrong the machine's errors make it.
+
+    What it said of residuals is left out: they are the machine's, and the joint estimate says which
+    readings neither machine nor noise explains.
+    """
+    found = np.append(location.position, location.start_length)
+    away = found - np.append(joint.position, joint.start_length)
+    return replace(
+        location,
+        covariance=joint.place_covariance + np.outer(away, away),
+        warnings=tuple(geometry_warnings(location.points, location.position)),
+        remarks=(
+            "The places are those commanded. What the machine does otherwise is in the uncertainty"
+            " of the tracker's place, by the joint estimate.",
+        ),
+    )
+
+
 def _evaluated(
     by_line: dict[str, list[TrackerReading]],
     station: Vector,
-    location: Location,
+    joint: JointEstimate | None,
     description: UncertaintyDescription | None,
 ) -> LineEvaluation:
     runs = {name: runs_of_line(found, station) for name, found in by_line.items()}
     slopes = tuple(
-        _slope(name, runs[name], found, station, _noise(found, location))
-        for name, found in by_line.items()
+        _slope(name, runs[name], found, station, joint) for name, found in by_line.items()
     )
-    closure, closure_uncertainty = closure_of(slopes)
+    closure, closure_uncertainty = closure_of(slopes, joint)
     return LineEvaluation(
-        tests=tuple(evaluate(run, description) for run in runs.values()),
+        tests=tuple(
+            with_the_place(evaluate(runs[slope.name], description), slope.targets, joint)
+            for slope in slopes
+        ),
         slopes=slopes,
-        squareness=squareness_of(slopes),
+        squareness=squareness_of(slopes, joint),
         closure=closure,
         closure_uncertainty=closure_uncertainty,
     )
@@ -286,51 +339,61 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
     )
 
 
-def squareness_of(slopes: Sequence[LineSlope]) -> tuple[Squareness, ...]:
+def squareness_of(
+    slopes: Sequence[LineSlope], joint: JointEstimate | None
+) -> tuple[Squareness, ...]:
     """Return the squareness angles that face lines and the lines along their axes tell.
 
     Lines along which the beam does not run are left out: squareness across them is in their slopes.
+
+    Args:
+        slopes: of the lines.
+        joint: the same from all readings, which tells the uncertainty; None: it is unknown.
     """
     by_name = {slope.name: slope for slope in slopes if slope.oblique <= _MOST_OBLIQUE}
     made = []
     for name, line in _PLANES.items():
         if not {line, *line} <= set(by_name):
             continue
-        shear, variance = _shear(by_name, line)
-        factor = SQUARENESS_SLOPES[name][0]
-        made.append(Squareness(name, factor * shear, float(np.sqrt(variance))))
+        value = SQUARENESS_SLOPES[name][0] * _shear(by_name, line)
+        spread = float("nan")
+        if joint is not None:
+            functional = functionals_of(joint.machine)[NAMES.index(name)]
+            spread = standard_uncertainty(value, functional, joint)
+        made.append(Squareness(name, value, spread))
     return tuple(made)
 
 
-def _shear(by_name: dict[str, LineSlope], line: str) -> tuple[float, float]:
-    """Return the shear of a plane and its variance from its line and the axes' lines."""
+def _shear(by_name: dict[str, LineSlope], line: str) -> float:
+    """Return the shear of a plane from its line and the axes' lines."""
     face = by_name[line]
-    cosines = [abs(face.direction["xyz".index(letter)]) for letter in line]
+    cosines = [abs(float(face.direction["xyz".index(letter)])) for letter in line]
     # Both axes may run backwards along the line, or one of them: then the shear changes its sign.
     signs = np.sign([face.direction["xyz".index(letter)] for letter in line])
     product = float(np.prod(signs)) * cosines[0] * cosines[1]
-    shear, variance = face.slope, face.standard_uncertainty**2
+    shear = face.slope
     for letter, cosine in zip(line, cosines, strict=True):
-        shear -= by_name[letter].slope * cosine**2
-        variance += (by_name[letter].standard_uncertainty * cosine**2) ** 2
-    return shear / product, variance / product**2
+        shear -= by_name[letter].slope * float(cosine) ** 2
+    return shear / product
 
 
-def closure_of(slopes: Sequence[LineSlope]) -> tuple[float, float]:
+def closure_of(slopes: Sequence[LineSlope], joint: JointEstimate | None) -> tuple[float, float]:
     """Return how far the xyz line departs from what the six others make it, and its u, m/m.
 
-    NaN if a line is missing or the beam does not run along it.
+    On a machine with curves its true value is not zero. NaN if a line is missing or the beam does
+    not run along it; its u is NaN without a joint estimate.
     """
     by_name = {slope.name: slope for slope in slopes if slope.oblique <= _MOST_OBLIQUE}
     if not set(SEVEN_LINES) <= set(by_name):
         return float("nan"), float("nan")
-    direction = by_name["xyz"].direction
     rows = np.array([_strain_row(by_name[name].direction) for name in SEVEN_LINES[:6]])
-    weights = np.linalg.solve(rows.T, _strain_row(direction))
-    values = np.array([by_name[name].slope for name in SEVEN_LINES[:6]])
-    spreads = np.array([by_name[name].standard_uncertainty for name in SEVEN_LINES[:6]])
-    spread = np.hypot(by_name["xyz"].standard_uncertainty, np.linalg.norm(weights * spreads))
-    return by_name["xyz"].slope - float(weights @ values), float(spread)
+    made = np.linalg.solve(rows.T, _strain_row(by_name["xyz"].direction))
+    weights = np.append(-made, 1.0)
+    value = float(weights @ [by_name[name].slope for name in SEVEN_LINES])
+    if joint is None:
+        return value, float("nan")
+    along = np.array([slope_along(joint, by_name[name].targets) for name in SEVEN_LINES])
+    return value, standard_uncertainty(value, weights @ along, joint)
 
 
 def _strain_row(direction: Vector) -> Vector:
@@ -338,66 +401,55 @@ def _strain_row(direction: Vector) -> Vector:
     return np.array([x * x, y * y, z * z, x * y, x * z, y * z])
 
 
-def _direction(readings: Sequence[TrackerReading]) -> Vector:
-    first = min(readings, key=lambda reading: reading.stop)
-    last = max(readings, key=lambda reading: reading.stop)
-    way = np.array(last.position) - np.array(first.position)
-    made: Vector = way / np.linalg.norm(way)
-    return made
-
-
-def _noise(readings: Sequence[TrackerReading], location: Location) -> float:
-    known = uncertainties_of(readings)
-    if np.all(np.isfinite(known)):
-        return float(np.sqrt(np.mean(known**2)))
-    return float(np.max(location.adjustment.uncertainty))
-
-
 def _slope(
     name: str,
     runs: BidirectionalRuns,
     readings: Sequence[TrackerReading],
     station: Vector,
-    noise: float,
+    joint: JointEstimate | None,
 ) -> LineSlope:
-    """Return the least-squares slope; its uncertainty from the lengths, or the runs if larger."""
-    centred = runs.target - runs.target.mean()
-    weights = centred / float(centred @ centred)
-    values = np.concatenate([runs.forward, runs.backward]) @ weights
-    count = len(values)
-    spread = noise * float(np.linalg.norm(weights)) / np.sqrt(count)
-    if count > 1:
-        scatter = float(np.std(values, ddof=1)) / np.sqrt(count)
-        spread = scatter if not np.isfinite(spread) else max(spread, scatter)
-    direction = _direction(readings)
-    beam = points_of(readings) - station
+    values = np.concatenate([runs.forward, runs.backward]) @ slope_weights(runs.target)
+    slope = float(values.mean())
+    targets = np.array(
+        [one.position for one in sorted({r.stop: r for r in readings}.values(), key=_stop)]
+    )
+    along, across = _beam_and_line(targets, station)
+    spread = float("nan")
+    if joint is not None:
+        spread = standard_uncertainty(slope, slope_along(joint, targets), joint)
+    return LineSlope(name, targets, slope, spread, float(np.max(across / np.abs(along))))
+
+
+def _stop(reading: TrackerReading) -> int:
+    return reading.stop
+
+
+def _beam_and_line(targets: Vector, station: Vector) -> tuple[Vector, Vector]:
+    """Return how far targets are from a station along their line and across it, m, (n,) each."""
+    way = targets[-1] - targets[0]
+    direction = way / np.linalg.norm(way)
+    beam = targets - station
     along = beam @ direction
-    across = np.linalg.norm(beam - np.outer(along, direction), axis=1)
-    oblique = float(np.max(across / np.abs(along)))
-    return LineSlope(name, direction, float(values.mean()), spread, oblique)
+    return along, np.linalg.norm(beam - np.outer(along, direction), axis=1)
 
 
 def _joint(
-    used: Sequence[TrackerReading], location: Location, remarks: list[str]
+    used: Sequence[TrackerReading], location: Location, chain: str, remarks: list[str]
 ) -> JointEstimate | None:
     try:
-        return estimate(
-            points_of(used),
-            changes_of(used),
-            uncertainties_of(used),
-            location.position,
-            location.start_length,
-            tuple(map(str, used)),
-        )
+        made = estimate(used, location.position, location.start_length, chain)
     except PoorGeometry as error:
         remarks.append(f"No joint estimate: {error}.")
         return None
+    return made if chain else made.without_bands()
 
 
-def _separated(readings: Sequence[TrackerReading], location: Location) -> "Separation | str":
-    ordered = sorted(readings, key=lambda reading: reading.stop)
+def _separated(
+    readings: Sequence[TrackerReading], location: Location, joint: JointEstimate | None
+) -> "Separation | str":
+    ordered = sorted(readings, key=_stop)
     try:
-        return separate(
+        made = separate(
             points_of(ordered),
             changes_of(ordered),
             uncertainties_of(ordered),
@@ -407,3 +459,10 @@ def _separated(readings: Sequence[TrackerReading], location: Location) -> "Separ
         )
     except PoorGeometry as error:
         return str(error)
+    if joint is None:
+        return replace(made, covariance=np.full((2, 2), np.nan))
+    targets = np.array([one.position for one in {r.stop: r for r in ordered}.values()])
+    functionals = np.array(
+        [slope_along(joint, targets), slope_across(joint, targets, made.towards)]
+    )
+    return replace(made, covariance=widened([made.scale, made.lean], functionals, joint))

@@ -15,7 +15,8 @@ from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.joint import NAMES, estimate
 from stepdiag_ros.metrology.tracker.lengths import lengths
 from stepdiag_ros.metrology.tracker.location import locate
-from stepdiag_ros.metrology.tracker.readings import points_of
+from stepdiag_ros.metrology.tracker.machine_curves import SIZES
+from stepdiag_ros.metrology.tracker.readings import measured, points_of
 from stepdiag_ros.metrology.tracker.separation import separate
 from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
 
@@ -38,8 +39,14 @@ class Expectation:
     warnings: tuple[str, ...]
 
 
-def expect(test: SevenLineTest, tracker: Tracker) -> Expectation:
+def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> Expectation:
     """Return how well a test will tell the tracker's place, positioning and squareness.
+
+    Args:
+        test: that is planned.
+        tracker: its noise.
+        chain: order of the axes from workpiece to tool; empty if not known: then the joint
+            estimate's part is rough.
 
     Raises:
         PoorGeometry: the places do not locate the tracker.
@@ -52,9 +59,9 @@ def expect(test: SevenLineTest, tracker: Tracker) -> Expectation:
     points = points_of(test.readings())
     every = lengths(points, test.station)
     try:
-        made = estimate(
-            points, every - every[0], tracker.uncertainty(every), test.station, float(every[0])
-        )
+        ideal = measured(test.readings(), every - every[0], tracker.uncertainty(every))
+        usual = [size.median for size in SIZES]
+        made = estimate(ideal, test.station, float(every[0]), chain, sizes=usual)
         joint = dict(zip(NAMES, map(float, made.standard_uncertainty), strict=True))
     except PoorGeometry:
         joint = dict.fromkeys(NAMES, float("nan"))

@@ -132,6 +132,16 @@ def length_deviations(commanded: Vector, reached: Vector, station: Vector) -> Ve
     return made
 
 
+def proportional_share(uncertainty: Vector, lengths: Vector) -> float:
+    """Return the b of standard uncertainties √(a² + (b L)²) of lengths L (m, shape (n,)), m/m.
+
+    It is what all lengths may be wrong by in common, as by the wavelength. 0 if none grows.
+    """
+    rows = np.column_stack([np.ones(len(lengths)), np.asarray(lengths) ** 2])
+    solution = np.linalg.lstsq(rows, np.asarray(uncertainty) ** 2, rcond=None)[0]
+    return float(np.sqrt(max(solution[1], 0.0)))
+
+
 def machine_lengths(
     positions: Vector,
     station: Vector,

@@ -14,6 +14,12 @@ displacements from the commanded places have no mean and no mean rotation,
 
 so no single point is taken as perfect. The points are eliminated station by station (Schur
 complement), so the effort grows with the number of points alone.
+
+Uncertainties are those of the lengths, and more where the residuals are larger than these: a zero
+that wanders and a machine that does not come back to its places add to them. Such an excess is
+partly common to places that follow each other, and then the fewer independent readings it leaves
+make it count more than once; it is counted twice. The part of a length's uncertainty that grows
+with the length is taken as common to all readings, too, as an error of the wavelength is.
 """
 
 from collections.abc import Sequence
@@ -24,12 +30,15 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.lengths import proportional_share
 
 LEAST_STATIONS = 4
 _FREE = 6
 _NOTHING = 1e-9
 _MOST_STEPS = 50
 _LEAST_PER_POINT = 3
+_COUNTED = 2.0
+"""How often the variance of the residuals beyond that of the lengths counts; see the module."""
 POINT_FRAME = (
     "displacements of all points from their commanded places have no mean and no mean rotation"
 )
@@ -194,7 +203,18 @@ def multilaterate(
     chi_squared = float(np.sum(weight * residual**2))
     remarks = []
     scale = 1.0
-    if not known:
+    shared = 0.0
+    if known:
+        # A zero that wanders and a machine that does not come back show in the residuals.
+        excess = max(chi_squared / freedom - 1.0, 0.0) if freedom else 0.0
+        scale = float(np.sqrt(1.0 + _COUNTED * excess))
+        shared = proportional_share(spread[read], (changes + starts)[read])
+        if scale > 1.0:
+            remarks.append(
+                f"Uncertainties are {scale:.3g} times as large as those of the lengths make them:"
+                " the residuals are larger than these let expect."
+            )
+    else:
         scale = np.sqrt(chi_squared / freedom) if freedom else np.nan
         remarks.append(
             f"The lengths have no uncertainty: {scale * 1e6:.3g} µm was taken from the residuals"
@@ -204,19 +224,21 @@ def multilaterate(
         )
     # A⁻¹ Bᵀ of the points' share in the stations, times a root of the stations' covariance.
     share = np.einsum("nij,nkj->nik", inverse, coupling).reshape(3 * count, -1)
+    # A wrong wavelength makes everything larger alike, which no residual shows.
+    larger = shared * (points - points.mean(axis=0)).reshape(-1, 1)
     return Points(
         commanded=commanded,
         position=points,
         stations=places,
         start_lengths=starts,
         residuals=np.where(read, residual, np.nan),
-        uncertainty=np.where(read, spread * scale, np.nan),
+        uncertainty=np.where(read, spread if known else spread * scale, np.nan),
         degrees_of_freedom=freedom,
         chi_squared=chi_squared if known else float("nan"),
         remarks=tuple(remarks),
         frame=POINT_FRAME,
         _own=inverse * scale**2,
-        _common=scale * share @ _root_of_inverse(own),
+        _common=np.hstack([scale * share @ _root_of_inverse(own), larger]),
     )
 
 
