@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.model import MachineModel
+    from stepdiag_ros.metrology.plausible import Plausible
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
@@ -167,6 +168,20 @@ def chain_from_text(text: str, source: str) -> str:
     """
     parsed = parse_yaml(text, source) if text else {}
     return "".join(parsed.get("chain", "")) if isinstance(parsed, Mapping) else ""
+
+
+def plausible_from_text(text: str, source: str) -> "Plausible":
+    """Return what a machine's YAML tells of the plausible size of its rotations.
+
+    Raises:
+        ValueError: it is neither a class of machine nor a size.
+    """
+    from stepdiag_ros.metrology.plausible import ORDINARY, ROTATIONS_KEY, Plausible, size_of
+
+    parsed = parse_yaml(text, source) if text else {}
+    if not isinstance(parsed, Mapping) or ROTATIONS_KEY not in parsed:
+        return ORDINARY
+    return Plausible(rotation=size_of(parsed[ROTATIONS_KEY]))
 
 
 def cell_from_text(text: str, source: str) -> "SimulatedCell":

@@ -12,7 +12,9 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.configuration import parse_yaml
 from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
+from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
+from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"
@@ -38,6 +40,7 @@ class Case:
 
     Attributes:
         chain: order of the axes from workpiece to tool, for example YXZ; empty if unknown.
+        rotations: plausible size of the axes' rotations, rad; see ``metrology.plausible``.
         volume: the measured box; None if origin, step and blocks are to be seen from the positions.
         dead_path: from the laser's reference to the mirror at the first stop of a line, m; NaN if
             unknown.
@@ -51,6 +54,7 @@ class Case:
     """
 
     chain: str = ""
+    rotations: float = CLASSES[DEFAULT_CLASS]
     volume: Volume | None = None
     dead_path: float = float("nan")
     reading_noise: float = float("nan")
@@ -77,6 +81,7 @@ class Case:
         known: dict[str, Any] = {"name": self.facts.get("machine", name)}
         if self.chain:
             known["chain"] = self.chain
+        known |= self._turning()
         return _yaml({**known, **self._optical()})
 
     def case_text(self) -> str:
@@ -84,12 +89,17 @@ class Case:
         told: dict[str, Any] = {"units": UNITS}
         if self.chain:
             told["chain"] = list(self.chain)
+        told |= self._turning()
         if self.volume is not None:
             told["origin_m"] = [float(value) for value in self.volume.origin]
             told["step_m"] = [float(value) for value in self.volume.step]
             told["blocks"] = int(self.volume.blocks)
         facts = {"facts": dict(self.facts)} if self.facts else {}
         return _yaml({**told, **self.plan, **self._optical(), **facts})
+
+    def _turning(self) -> dict[str, Any]:
+        usual = self.rotations == CLASSES[DEFAULT_CLASS]
+        return {} if usual else {ROTATIONS_KEY: self.rotations}
 
     def _optical(self) -> dict[str, Any]:
         told: dict[str, Any] = {
@@ -144,6 +154,7 @@ def case_of(mapping: Any, source: str, text: str = "") -> Case:
     section.number("overrun_m", low=0.0, high=1.0, default=0.0)
     made = Case(
         chain=_chain(section, mapping),
+        rotations=told_rotations(section),
         volume=_volume(section, mapping, source),
         dead_path=_number(section, mapping, "dead_path_m", unknown),
         reading_noise=_number(section, mapping, "reading_noise_m", unknown),

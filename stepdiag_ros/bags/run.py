@@ -13,7 +13,12 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.configuration import chain_from_text, parse_yaml, plan_from_text
+from stepdiag_ros.configuration import (
+    chain_from_text,
+    parse_yaml,
+    plan_from_text,
+    plausible_from_text,
+)
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.air.recompensation import SensorValue
@@ -155,7 +160,8 @@ class RecordedRun:
     @property
     def measurement(self) -> Measurement:
         """Return the recorded lines, each with its last attempt, over the measured box."""
-        return Measurement(self.volume, latest_attempts(self.lines), self.chain)
+        plausible = plausible_from_text(self.machine_text, f"{self.path}: machine")
+        return Measurement(self.volume, latest_attempts(self.lines), self.chain, plausible)
 
     def events(self) -> Iterator[Event]:
         """Go through commands, arrivals and readings in the order in which they were recorded.

@@ -67,10 +67,30 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         " with, and how certain it can be",
     )
     add_direct_option(parser)
+    parser.add_argument(
+        "--rotations",
+        type=rotation_size,
+        metavar="SIZE",
+        help="plausible size of the angular errors over the measured travel, in all uncertainties"
+        " where the lines do not tell: rad, or precision, machining_centre, large_machine"
+        " (default: as the machine's file says, else machining_centre, 10e-6)",
+    )
     add_air_options(parser)
     add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
     parser.set_defaults(run=run)
+
+
+def rotation_size(text: str) -> float:
+    """Return a plausible size of rotations from the command line, rad."""
+    from argparse import ArgumentTypeError
+
+    from stepdiag_ros.metrology.plausible import size_of
+
+    try:
+        return size_of(text)
+    except ValueError as wrong:
+        raise ArgumentTypeError(str(wrong)) from None
 
 
 def run(arguments: Namespace) -> int:
@@ -86,6 +106,7 @@ def run(arguments: Namespace) -> int:
         arguments.run_id,
         air_choice(arguments),
         direct_measurement(arguments),
+        arguments.rotations,
     )
     return show_report(report, arguments, results_folder(arguments.bag))
 
@@ -99,6 +120,7 @@ def report_of(
     run_id: str | None = None,
     air: "AirChoice | None" = None,
     direct: "DirectMeasurement | None" = None,
+    rotation: float | None = None,
 ) -> "Report":
     """Solve a bag by every method.
 
@@ -112,6 +134,7 @@ def report_of(
         run_id: which run, where the bag holds several.
         air: compensate the readings for the air anew; None: as it was done in the run.
         direct: what was measured directly; None: nothing.
+        rotation: plausible size of rotations, rad; None: as the machine's file tells.
 
     Raises:
         ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
@@ -125,4 +148,5 @@ def report_of(
             *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
             with_verdict=True,
             direct=direct,
+            rotation=rotation,
         )

@@ -20,7 +20,7 @@ from math import isfinite, nan, sqrt
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector, beam_direction
+from stepdiag_ros.metrology.geometry import Vector, beam_direction, inner
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -348,8 +348,8 @@ class Assembler:
         last = line.stops[settled[-1]]
         beam = beam_direction(line.line.name, np.asarray(self._plan.volume.step))
         targets = line.targets
-        nominal = float(beam @ (targets[number] - targets[last.command.stop]))
-        move = float(beam @ (targets[number] - targets[number - 1]))
+        nominal = float(inner(beam, targets[number] - targets[last.command.stop]))
+        move = float(inner(beam, targets[number] - targets[number - 1]))
         found = window.displacement - last.displacement
         if abs(found - nominal) <= 0.5 * abs(move):
             return ""
@@ -466,7 +466,7 @@ def _block(
         from_stop=before.command.stop,
         to_stop=after.command.stop,
         nominal_displacement=float(
-            beam_direction(line.line.name, np.asarray(plan.volume.step)) @ (end - start)
+            inner(beam_direction(line.line.name, np.asarray(plan.volume.step)), end - start)
         ),
         displacement=after.displacement - before.displacement,
         standard_uncertainty=sqrt(before.standard_uncertainty**2 + after.standard_uncertainty**2),

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector, inner
 
 _CORRECTION = 1e-4
 """A target that was corrected for errors lies some micrometres beyond the last node: no more, m."""
@@ -169,8 +169,13 @@ def rotation_matrices(vectors: Vector) -> Vector:
     # sin(a)/a and (1-cos a)/a² without division by zero at a = 0.
     first = np.sinc(angle / np.pi)[..., None, None]
     second = (0.5 * np.sinc(0.5 * angle / np.pi) ** 2)[..., None, None]
-    turned: Vector = np.eye(3) + first * cross + second * (cross @ cross)
+    turned: Vector = np.eye(3) + first * cross + second * _product(cross, cross)
     return turned
+
+
+def _product(one: Vector, other: Vector) -> Vector:
+    """Return products of matrices, shape (..., 3, 3); see ``geometry.inner``."""
+    return inner(one[..., :, None, :], np.swapaxes(other, -1, -2)[..., None, :, :])
 
 
 def rotation_vectors(matrices: Vector) -> Vector:
@@ -231,12 +236,12 @@ def tool_point(
         move = error[:, :3]
         move[:, axis] += positions[:, axis]
         if turns:
-            point += (rotation @ move[:, :, None])[:, :, 0]
-            rotation = rotation @ rotation_matrices(error[:, 3:])
+            point += inner(rotation, move[:, None, :])
+            rotation = _product(rotation, rotation_matrices(error[:, 3:]))
         else:
             point += move
     if offset is not None:
-        point += rotation @ np.asarray(offset, dtype=np.float64)
+        point += inner(rotation, np.asarray(offset, dtype=np.float64))
     return point, rotation if turns else None
 
 
@@ -264,8 +269,10 @@ def reading(
     """
     point, rotation = tool_point(positions, errors, chain, offset)
     normal = alignment.mirror_normal
-    turned = normal[None, :] if rotation is None else rotation @ normal
-    length: Vector = np.sum((point - alignment.origin) * turned, axis=1) / (turned @ alignment.beam)
+    turned = normal[None, :] if rotation is None else inner(rotation, normal)
+    length: Vector = np.sum((point - alignment.origin) * turned, axis=1) / inner(
+        turned, alignment.beam
+    )
     return length
 
 

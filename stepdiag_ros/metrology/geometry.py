@@ -89,6 +89,20 @@ def move_orders(line: str) -> tuple[str, ...]:
     return tuple("".join(order) for order in permutations(moving))
 
 
+def inner(one: Vector, other: Vector) -> Vector:
+    """Return inner products over the last dimension, the same to the last bit on every processor.
+
+    The libraries behind ``@`` sum in an order that depends on the processor. Readings and lines are
+    compared to the last bit with those of a run on another computer, so they do without.
+
+    Args:
+        one: shape (..., n).
+        other: shape (..., n), or one that fits it.
+    """
+    products: Vector = np.sum(one * other, axis=-1)
+    return products
+
+
 def beam_direction(line: str, step: Vector) -> Vector:
     """Return the nominal unit vector of the beam of a line, shape (3,).
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
+from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY, size_of
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class Machine:
         travel_high_m: upper soft limits of X, Y, Z, m, each above the lower one.
         feed_limit_m_per_s: largest feed of an axis, m/s.
         acceleration_m_per_s2: of an axis, m/s².
+        rotations: plausible size of its angular errors over the measured travel, rad; see
+            ``plausible``.
         position_window_m: an axis is in position while it is within this distance of its target, m.
         position_hold_s: ... and has been so for this time, s.
     """
@@ -32,6 +35,7 @@ class Machine:
     acceleration_m_per_s2: float
     position_window_m: float = 0.5e-6
     position_hold_s: float = 0.02
+    rotations: float = CLASSES[DEFAULT_CLASS]
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> "Machine":
@@ -58,6 +62,7 @@ class Machine:
             position_hold_s=section.number(
                 "position_hold_s", low=0.0, high=60.0, default=cls.position_hold_s
             ),
+            rotations=told_rotations(section),
         )
         section.finish()
         for axis, low, high in zip(AXES, machine.travel_low_m, machine.travel_high_m, strict=True):
@@ -66,3 +71,16 @@ class Machine:
                     f"{source}: travel_low_m of {axis} is {low:g}, not below travel_high_m {high:g}"
                 )
         return machine
+
+
+def told_rotations(section: Section) -> float:
+    """Return the plausible size of rotations in a file's section, rad; that of the usual class.
+
+    Raises:
+        ValueError: it is neither a class of machine nor a size.
+    """
+    told = section.given([ROTATIONS_KEY]).get(ROTATIONS_KEY, DEFAULT_CLASS)
+    try:
+        return size_of(told)
+    except ValueError as wrong:
+        raise ValueError(f"{section.source}: '{ROTATIONS_KEY}': {wrong}") from None

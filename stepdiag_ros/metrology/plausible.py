@@ -39,6 +39,34 @@ MODES = 8
 """Sine functions of each rotation: they hold 97 % of the variance of the path."""
 
 
+ROTATIONS_KEY = "rotations"
+"""Key of a machine's or a case's YAML: a class of machine, or the size in rad."""
+_LARGEST = 1e-3
+
+
+def size_of(told: object) -> float:
+    """Return the plausible size of rotations that a user tells, rad.
+
+    Args:
+        told: a class of machine, or a number in rad (0: the axes do not turn), as text or not.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if isinstance(told, str) and told in CLASSES:
+        return CLASSES[told]
+    try:
+        size = float(told)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        size = -1.0
+    if isinstance(told, bool) or not 0.0 <= size <= _LARGEST:
+        raise ValueError(
+            f"'{told}' is no size of rotations: give one of {', '.join(CLASSES)}, or rad from 0 to"
+            f" {_LARGEST:g}, such as 5e-6"
+        )
+    return size
+
+
 @dataclass(frozen=True)
 class Plausible:
     """What is plausible of a machine and of its measurement before the readings are looked at.

@@ -7,7 +7,7 @@ from math import isnan, sqrt
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import Sampling
 
@@ -166,14 +166,14 @@ def standard_uncertainty_of_mean(values: Vector) -> float:
         return _UNKNOWN
     deviations = values - values[0]
     deviations = deviations - np.mean(deviations)
-    power = float(deviations @ deviations)
+    power = float(inner(deviations, deviations))
     if isnan(power):
         return _UNKNOWN
     if power == 0.0:
         return 0.0
     inflation = 1.0
     for lag in range(1, count - 1):
-        correlation = float(deviations[:-lag] @ deviations[lag:]) / power
+        correlation = float(inner(deviations[:-lag], deviations[lag:])) / power
         if correlation <= (1.96 / sqrt(count) if lag == 1 else 0.0):
             break
         inflation += 2.0 * (count - lag) / count * correlation
@@ -216,8 +216,8 @@ def _mean(values: Vector) -> float:
 
 def _slope(times: Vector, values: Vector) -> float:
     centred = times - float(np.mean(times))
-    spread = float(centred @ centred)
-    return float(centred @ (values - values[0])) / spread if spread > 0.0 else _UNKNOWN
+    spread = float(inner(centred, centred))
+    return float(inner(centred, values - values[0])) / spread if spread > 0.0 else _UNKNOWN
 
 
 def _mean_environment(readings: Sequence[Reading]) -> Environment:

@@ -7,10 +7,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import chain_from_text, plan_from_text
+from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.conversion import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plausible import ORDINARY
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
@@ -38,6 +39,7 @@ class SolverNode(LineNode):
         super().__init__("solver")
         self._volume: Volume
         self._chain = ""
+        self._plausible = ORDINARY
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
         self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
@@ -51,10 +53,12 @@ class SolverNode(LineNode):
         """Begin anew with the box and the chain of the run."""
         self._volume = plan_from_text(description.plan, "plan of the run").volume
         self._chain = chain_from_text(description.machine, "machine of the run")
+        self._plausible = plausible_from_text(description.machine, "machine of the run")
 
     def on_line(self, line: MeasuredLine) -> None:
         """Solve all lines so far."""
-        measurement = Measurement(self._volume, latest_attempts(tuple(self.lines)), self._chain)
+        lines = latest_attempts(tuple(self.lines))
+        measurement = Measurement(self._volume, lines, self._chain, self._plausible)
         solved = self._worker.submit(solve_reproducibly, measurement)
         if not self._solving:
             self._work.begin(self.real_time())

@@ -46,6 +46,7 @@ def report_of_run(
     warn: Callable[[str], None] = silent,
     with_verdict: bool = False,
     direct: DirectMeasurement | None = None,
+    rotation: float | None = None,
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -62,6 +63,7 @@ def report_of_run(
         with_verdict: diagnose the lines that are solved.
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
+        rotation: plausible size of the axes' rotations, rad; None: as the machine's file tells.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
@@ -69,6 +71,9 @@ def report_of_run(
     measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     measurement = replace(measurement, direct=direct)
+    if rotation is not None:
+        plausible = replace(measurement.plausible, rotation=rotation)
+        measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
     return build_report(
         measurement,
@@ -81,7 +86,7 @@ def report_of_run(
         truth=_truth(recorded, measurement, truth),
         bag=recorded.path,
         with_visibility=with_visibility,
-        recorded=() if corrections or air or direct else recorded.results,
+        recorded=() if corrections or air or direct or rotation is not None else recorded.results,
         remarks=(
             remark,
             *corrections,
@@ -186,7 +191,7 @@ def measurement_of(
         comparison = "NOT the same lines as recorded"
         warn(f"{recorded.path}: the lines assembled from the readings differ from those recorded")
     return (
-        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
+        replace(recorded.measurement, lines=latest_attempts(lines)),
         f"assembled again from {readings.count} readings: {comparison}",
     )
 
@@ -229,7 +234,7 @@ def _compensated_anew(
             f" {air.dead_path:g} m, wavelength {air.wavelength * 1e9:.4f} nm"
         )
     return (
-        Measurement(recorded.volume, latest_attempts(lines), recorded.chain),
+        replace(recorded.measurement, lines=latest_attempts(lines)),
         f"assembled from {readings.count} readings, {how}",
     )
 

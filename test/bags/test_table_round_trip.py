@@ -27,7 +27,14 @@ from stepdiag_ros.solving import solve_reproducibly
 
 FIELDS = ("line", "line_index", "attempt", "setup")
 ARRAYS = ("time", "target", "displacement", "standard_uncertainty", "environment", "overrun")
-CELL = cell_from_text(read_text(find("demo", "cells")), "demo")
+# Curves for every place that a plan below may have.
+CELL = cell_from_text(
+    read_text(find("demo", "cells"))
+    .replace("travel_low_m: [0.0, 0.0, 0.0]", "travel_low_m: [-0.3, -0.3, -0.3]")
+    .replace("travel_high_m: [0.12, 0.12, 0.12]", "travel_high_m: [0.8, 0.8, 0.8]"),
+    "demo with long axes",
+)
+assert CELL.errors.nodes[0][-1] == 0.8
 NAN = float("nan")
 
 

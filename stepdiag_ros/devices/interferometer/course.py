@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.devices.grid import SampleGrid
 from stepdiag_ros.devices.interferometer import Point
 from stepdiag_ros.metrology.cell import SimulatedCell
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.live_effects import LiveEffects
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import Plan
@@ -192,8 +192,8 @@ class Course:
         if leg is None or leg.begin is None:
             return np.zeros(len(times))
         way = np.asarray(leg.command.target) - leg.begin
-        length = float(way @ way)
-        share = (positions - leg.begin) @ way / length if length else np.ones(len(times))
+        length = float(inner(way, way))
+        share = inner(positions - leg.begin, way) / length if length else np.ones(len(times))
         values = leg.before + np.clip(share, 0.0, 1.0) * (leg.coming - leg.before)
         if leg.arrival is not None:
             stands = times >= leg.arrival

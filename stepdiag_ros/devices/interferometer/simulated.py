@@ -28,7 +28,7 @@ from stepdiag_ros.metrology.air import (
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.forward import Alignment
-from stepdiag_ros.metrology.geometry import Vector, beam_direction
+from stepdiag_ros.metrology.geometry import Vector, beam_direction, inner
 from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.samples import MOST_IN_BLOCK, Bytes, SampleBlock
@@ -350,7 +350,7 @@ class SimulatedInterferometer:
         beam.length_at_zero = float(length)
         beam.index_at_zero = float(index)
         # The dead path is given for the first stop; the zero may be set elsewhere on the line.
-        way = float(beam.nominal @ (position - beam.start))
+        way = float(inner(beam.nominal, position - beam.start))
         beam.path_at_zero = self._behaviour.believed_dead_path + way
 
     def _statuses(

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.air.compensation import compensated_displacement
 from stepdiag_ros.metrology.air.index import DEFAULT_EQUATION, HELIUM_NEON_WAVELENGTH, index_of
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.samples import SampleBlock
 
@@ -138,7 +138,7 @@ class Compensator:
         self._wants_zero = False
         way = 0.0
         if self._position is not None:
-            way = float(self._direction @ (self._position - self._start))
+            way = float(inner(self._direction, self._position - self._start))
         self._raw_at_zero, self._path_at_zero = raw, self._dead_path + way
         self._index_at_zero = self._index
 
