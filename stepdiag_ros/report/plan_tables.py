@@ -62,7 +62,11 @@ def _minutes(seconds: float) -> str:
 
 def uncertainty_table(assessment: Assessment) -> Table:
     """Return the expected expanded uncertainties, without and with rotations in the model."""
-    table = new_table("Expected uncertainty U (95 %) of", "", "unit", "least_squares", "rigid_body")
+    table = new_table(
+        "Expected uncertainty U (95 %) by the readings' noise; what rotations do that no line tells"
+        " comes on top",
+        *("", "unit", "least_squares", "rigid_body"),
+    )
     plain_model, rotating = assessment.expectation, assessment.rotating
     for words, group, unit in (
         ("positioning, largest over the nodes", "positioning", "µm"),
@@ -76,7 +80,7 @@ def uncertainty_table(assessment: Assessment) -> Table:
             table.add_row(
                 f"{name}  {words}" if number == 0 else name,
                 unit,
-                _expanded(without[name]) if name in without else "taken as 0",
+                _expanded(without[name]) if name in without else "not estimated",
                 _expanded(within[name]) if name in within else UNKNOWN,
             )
     table.add_row(

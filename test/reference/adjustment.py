@@ -2,7 +2,7 @@
 
 Each reading is one observation; nothing is averaged beforehand. Model: s = g·(q + Σ t_i(q_i)) + c
 with one unit vector g for each diagonal setup (two angles along the perpendiculars of its nominal
-beam), the nominal direction for a linear line, and one zero c for each setup. Curves are zero at
+beam), the nominal direction for a linear line, and one zero c for each pass. Curves are zero at
 the first node; E_YX, E_ZX and E_YZ are zero at the last (IH eq. 17).
 """
 
@@ -29,10 +29,11 @@ class Adjustment:
                         self.column[name, node] = len(self.column)
         self.nominal = {}
         for line in problem.passes:
+            if any(value is not None for value in line.reading):
+                self.column["zero", id(line)] = len(self.column)
             if line.setup in self.nominal:
                 continue
             self.nominal[line.setup] = beam(line.name, problem.step)
-            self.column["zero", line.setup] = len(self.column)
             if len(line.name) == 3:
                 for which in (1, 2):
                     self.column["tilt", line.setup, which] = len(self.column)
@@ -69,7 +70,7 @@ class Adjustment:
         for line, nodes, _ in self.entries:
             g, by_one, by_two = directions[line.setup]
             point = [size * node for size, node in zip(a, nodes, strict=True)]
-            row = {self.column["zero", line.setup]: mpf(1)}
+            row = {self.column["zero", id(line)]: mpf(1)}
             for axis, sign in enumerate(line.signs):
                 for error in range(3):
                     key = (f"E_{LETTERS[error]}{LETTERS[axis]}", nodes[axis])
@@ -81,7 +82,7 @@ class Adjustment:
                 row[self.column["tilt", line.setup, 1]] = dot(by_one, point)
                 row[self.column["tilt", line.setup, 2]] = dot(by_two, point)
             derivatives.append(row)
-            values.append(dot(g, point) + self.unknowns[self.column["zero", line.setup]])
+            values.append(dot(g, point) + self.unknowns[self.column["zero", id(line)]])
         return derivatives, values
 
     def factor(self, derivatives):

@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL, Line, Volume
+from stepdiag_ros.metrology.plausible import NOTHING
 
 FOLDER = Path(__file__).parents[1] / "data" / "reference"
 EPSILON = 2.0**-52
@@ -44,7 +45,7 @@ def measurement_of(problem, chain=""):
                 environment=np.full((len(values), 4), np.nan),
             )
         )
-    return Measurement(volume, tuple(lines), chain)
+    return Measurement(volume, tuple(lines), chain, NOTHING)
 
 
 def matching_digits(computed, certified, size=None):

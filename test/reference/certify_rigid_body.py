@@ -45,7 +45,8 @@ def lines():
 
 def entries(chain, column, line, unknowns):
     """Return for each stop: derivatives by column, and the model's value."""
-    name, order, _, nodes, setup = line
+    name, order, corner, nodes, setup = line
+    zero = column["zero", name, order, str(corner)]
     step = [exactly(v) for v in STEP]
     n = beam(name, STEP)
     u1, u2 = perpendiculars(n)
@@ -56,7 +57,7 @@ def entries(chain, column, line, unknowns):
     for node in nodes:
         u = [a * k for a, k in zip(step, node, strict=True)]
         w = [a * (k - first) for a, k, first in zip(step, node, nodes[0], strict=True)]
-        point, row = list(w), {column["zero", setup]: mpf(1)}
+        point, row = list(w), {zero: mpf(1)}
         for axis in moving:
             later = chain[chain.index(LETTERS[axis]) + 1 :]
             lever = [u[i] if LETTERS[i] in later else mpf(0) for i in range(3)]
@@ -77,7 +78,7 @@ def entries(chain, column, line, unknowns):
             row[column["tilt", setup, 2]] = dot(
                 [a - two / along * b for a, b in zip(u2, n, strict=True)], point
             )
-        yield row, dot(g, point) + unknowns[column["zero", setup]]
+        yield row, dot(g, point) + unknowns[zero]
 
 
 def columns(measured):
@@ -87,8 +88,10 @@ def columns(measured):
             name = f"E_{error}{axis}"
             for node in range(1, BLOCKS + (name not in FIXED_ENDS)):
                 column[name, node] = len(column)
-    for _, order, _, _, setup in measured:
-        for key in [("zero", setup)] + [("tilt", setup, w) for w in (1, 2) if order]:
+    for name, order, corner, _, setup in measured:
+        for key in [("zero", name, order, str(corner))] + [
+            ("tilt", setup, w) for w in (1, 2) if order
+        ]:
             column.setdefault(key, len(column))
     return column
 

@@ -7,6 +7,7 @@ from certified import matching_digits, names_of, read
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL, Line, Volume
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.solvers import solve
 
 DEMANDED = 4.5
@@ -37,7 +38,7 @@ def measurement_of(problem):
                 environment=np.full((len(values), 4), np.nan),
             )
         )
-    return Measurement(volume, tuple(lines), problem["chain"])
+    return Measurement(volume, tuple(lines), problem["chain"], NOTHING)
 
 
 @pytest.mark.parametrize("name", names_of("rigid_body"))
