@@ -16,6 +16,7 @@ from stepdiag_ros.commands import changes as command
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.handover import changes_page
 from stepdiag_ros.metrology.agreement import compare
+from stepdiag_ros.metrology.agreement.shared import UNSEEN_ANGLES
 from stepdiag_ros.report.changes import ChangesReport, print_changes
 from stepdiag_ros.report.changes_words import verdict
 from stepdiag_ros.report.documents import report_json
@@ -85,8 +86,10 @@ def test_the_document_holds_what_both_results_say(capsys, before, after):
     assert document["before"]["run_id"] == "20260101T030405-abcd"
     assert document["after"]["file"] == "after.mcap"
     figures = {one["name"]: one for one in document["figures"]}
+    by_readings = []
     for source, when in ((before, "before"), (after, "after")):
         result = report_of(source).preferred()
+        by_readings.append(np.diag(result.readings_covariance))
         for name in ("C0Y", "positioning E_XX", "straightness E_YX", "diagonal ppp"):
             told = result.figure(name)
             assert figures[name][when] == told.value
@@ -94,14 +97,22 @@ def test_the_document_holds_what_both_results_say(capsys, before, after):
         for name, values in result.curves.items():
             assert document["curves"][name][when] == values.tolist()
     one = figures["C0Y"]
-    u = np.hypot(one["before_standard_uncertainty"], one["after_standard_uncertainty"])
+    u = one["difference_standard_uncertainty"]
     assert one["difference"] == one["after"] - one["before"]
     assert one["normalised_error"] == pytest.approx(one["difference"] / (2.0 * u))
+    # Rotations that neither run shows are the same in both: what is left is the readings' scatter.
+    apart = np.hypot(one["before_standard_uncertainty"], one["after_standard_uncertainty"])
+    assert 0.0 < u < 0.5 * apart
+    told = [document["curves"][name]["difference_standard_uncertainty"] for name in result.curves]
+    np.testing.assert_allclose(
+        np.concatenate(told), np.sqrt(sum(by_readings)), rtol=1e-6, atol=1e-12
+    )
     assert document["verdict"] == "better"
     assert "times better" in document["words"][0]
     assert document["joint"]["probability"] < 1e-6
     assert document["curves"]["E_XY"]["changed"] and not document["curves"]["E_XX"]["changed"]
-    assert document["uncertainty"]["shared"] == []
+    assert document["uncertainty"]["shared"] == [UNSEEN_ANGLES]
+    assert UNSEEN_ANGLES in " ".join(document["uncertainty"]["words"])
     assert {"mean reversal X", "mean reversal Y", "mean reversal Z"} <= set(figures)
 
 
@@ -186,11 +197,16 @@ def test_a_result_without_its_bag_tells_single_nodes(capsys, tmp_path, before, a
     code, out, _ = stepdiag(capsys, "changes", before, path, "--json")
     document = json.loads(out)
     assert code == 0 and document["after"]["file"] == "results.json"
+    # Which lines a document was solved from is not told: nothing is known to be in both alike.
+    assert document["uncertainty"]["shared"] == []
     for one in report.changes.curves:
         told = document["curves"][one.name]
         known = [value for value in told["normalised_error"] if value is not None]
-        expected = one.normalised_error[np.isfinite(one.normalised_error)]
+        apart = np.hypot(one.before_uncertainty, one.after_uncertainty)
+        fixed = apart == 0.0
+        expected = one.difference[~fixed] / (2.0 * apart[~fixed])
         np.testing.assert_allclose(known, expected)
+        np.testing.assert_array_less(np.abs(known), np.abs(one.normalised_error[~fixed]))
         # Of many nodes one is named by itself, without the covariance of the others.
         assert told["changed"] is (True if one.name in ("E_XY", "E_XZ", "E_ZY") else None)
         assert told["joint"]["probability"] is None

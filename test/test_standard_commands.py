@@ -11,6 +11,8 @@ import standard_runs
 from stepdiag_ros import cli
 from stepdiag_ros.bags import run as bags_run
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.metrology.plausible import NOTHING
+from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_of
 
 CASE = Path(__file__).parent / "data" / "cases" / "iso230_2_measured"
 STEPS = """\
@@ -150,10 +152,24 @@ def test_squareness_of_a_bag_in_both_signs(bag, capsys, tmp_path):
         # The cell's straightness ends where it begins; noise is five times smaller than this.
         assert one["rotation"] == pytest.approx(true[one["name"]], abs=1e-6)
         assert one["angle"] == one["rotation"] * (-1 if one["name"] == "B0Z" else 1)
-        assert 0 < one["standard_uncertainty"] < 0.5e-6
     assert abs(document["closure"]) < 4 * document["closure_standard_uncertainty"]
-    assert document["remarks"] == []
+    measurement = load_run(bag).measurement
+    # How large the rotations are taken that are in these uncertainties, and nothing else.
+    [remark] = document["remarks"]
+    assert f"{measurement.plausible.rotation * 1e6:g} µrad" in remark
     assert (tmp_path / "squareness_sensitivity.png").is_file()
+    told = [one["standard_uncertainty"] for one in document["squareness"]]
+
+    def uncertainties(plausible):
+        told = squareness_of(replace(measurement, plausible=plausible)).values
+        return [one.standard_uncertainty for one in told]
+
+    assert told == uncertainties(measurement.plausible)
+    by_noise = uncertainties(NOTHING)
+    assert min(by_noise) > 0.0 and max(by_noise) < 0.5e-6
+    # Rotations lengthen diagonals as a squareness does: as large as they are, far beyond noise.
+    twice = replace(measurement.plausible, rotation=2.0 * measurement.plausible.rotation)
+    assert uncertainties(twice) == pytest.approx([2.0 * u for u in told], rel=0.01)
 
 
 def test_squareness_from_step_diagonals_warns_of_what_is_not_known(capsys, tmp_path):

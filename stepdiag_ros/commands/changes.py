@@ -57,7 +57,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         default=[],
         metavar="NAME|FILE",
         help="what is known of laser, sensors, material and setup, as for 'stepdiag budget'; given"
-        " twice: of BEFORE and of AFTER (default: uncertainties are what the readings alone tell)",
+        " twice: of BEFORE and of AFTER (default: as 'stepdiag solve' tells uncertainties)",
     )
     parser.add_argument(
         "--same-instrument",

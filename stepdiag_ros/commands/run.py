@@ -157,6 +157,7 @@ def run(arguments: argparse.Namespace) -> int:
         "truth": None,
         **AS_MEASURED,
         "direct": [],
+        "rotations": None,
         "expansion": None,
         "material_temperature": None,
         "visibility": False,

@@ -372,8 +372,15 @@ def _effects(section: Section, mapping: Mapping[str, Any]) -> tuple[ActiveEffect
     known = catalogue()
     made = []
     for part in section.sections("effects"):
-        made.append(active_effect(part, known))
+        active = active_effect(part, known)
         part.finish()
+        if active.effect.typical:
+            raise ValueError(
+                f"{part.source}: '{active.effect.name}' is only the typical size of unknown errors,"
+                " which cannot be simulated; give the errors themselves under errors (curves E_AX"
+                " to E_CZ, or rotation_rad)"
+            )
+        made.append(active)
     return tuple(made)
 
 

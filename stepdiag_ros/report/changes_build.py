@@ -109,7 +109,7 @@ def changes_of(
         before: the first.
         after: the second.
         instruments: what is known of laser, sensors, material and setup: of both, or of each; none:
-            uncertainties are what the readings alone tell.
+            uncertainties are as the solver tells them.
         same_instrument: one laser with its sensors measured both.
         expansion: coefficient that both were corrected to 20 °C with, 1/K; NaN: they were not.
         material_temperature: °C, instead of the recorded one.

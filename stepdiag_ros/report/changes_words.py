@@ -247,7 +247,8 @@ def meaning(changes: Changes) -> list[str]:
         " least-squares line (peak to peak); squareness: right-handed rotation; volume: length of"
         f" the error vectors, counted from the first corner. Frame: {changes.before.frame}.",
         f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %). E_n = (after - before) /"
-        " (U_before² + U_after²)^½ with U = 2 u (ISO 13528): within ±1 both agree. p: probability"
+        " (U_before² + U_after² - 8 cov)^½ with U = 2 u (ISO 13528) and cov by what both share:"
+        " within ±1 both agree. p: probability"
         " that chance alone makes the nodes of a curve, with their correlations, differ as much.",
         "Changed: every number of the tables counts, since of many some are beyond ±1 by chance."
         " Of each kind (all nodes together, single curves, single nodes, squareness, reversal …) p"
@@ -266,18 +267,14 @@ def method_words(changes: Changes, instruments: tuple[str, str]) -> list[str]:
     """
     if not any(instruments):
         return [
-            "U holds what the readings alone tell, and both measurements are taken as independent."
-            " Laser, air, sensors and material are in no U; with --instrument they are."
+            "U holds what the readings tell, and what is plausible of angular errors and of the"
+            " laser's scale and alignment. What is known of laser, air, sensors and material counts"
+            " with --instrument.",
+            *_shared_words(changes),
         ]
     names = dict.fromkeys(instruments)
     said = [f"U holds all known sources by the instrument file ({', '.join(names)})."]
-    if changes.shared:
-        said.append(
-            f"The same in both, so that it cancels in the change: {', '.join(changes.shared)}. All"
-            " else is taken as independent."
-        )
-    else:
-        said.append("Both measurements are taken as independent.")
+    said += _shared_words(changes)
     if not set(changes.shared) & set(SAME_INSTRUMENT):
         said.append("If one laser with its sensors measured both, say so: --same-instrument.")
     if changes.at_least:
@@ -286,6 +283,16 @@ def method_words(changes: Changes, instruments: tuple[str, str]) -> list[str]:
             " size of E_n an upper one."
         )
     return said
+
+
+def _shared_words(changes: Changes) -> list[str]:
+    """Say what cancels in the change, since it is the same in both measurements."""
+    if not changes.shared:
+        return ["Both measurements are taken as independent."]
+    return [
+        f"The same in both, so that it cancels in the change: {', '.join(changes.shared)}. All else"
+        " is taken as independent."
+    ]
 
 
 def ratio(factor: float) -> str:

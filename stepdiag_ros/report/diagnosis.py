@@ -335,7 +335,7 @@ def _shown(labels: list[str], known: Mapping[str, list[str]]) -> str:
 
 
 def noise_sentence(diagnosis: Diagnosis) -> str:
-    """Say how large the noise of a reading is and how that is known."""
+    """Say how large the noise of a reading is, how that is known, and what scatters beside it."""
     if not math.isfinite(diagnosis.noise):
         return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
     text = (
@@ -345,6 +345,12 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
     )
     if abs(diagnosis.noise_correlation) >= 0.005:
         text += f", correlation of neighbouring stops {diagnosis.noise_correlation:.2f}"
+    if diagnosis.loose.zero > 0.0:
+        text += (
+            ". Beside it the zero scatters from pass to pass by"
+            f" {two_digits(diagnosis.loose.zero * MICRO)} µm (standard deviation, estimated from"
+            " passes over the same places)"
+        )
     return f"{text}."
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Pattern
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, Prediction
+from stepdiag_ros.metrology.discrepancy.loose import repeated_passes
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures
@@ -64,6 +65,7 @@ def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "degrees_of_freedom": _number(diagnosis.noise_degrees_of_freedom),
             "correlation": _number(diagnosis.noise_correlation),
             "source": diagnosis.noise_source,
+            "zero_scatter_m": _zero_scatter(diagnosis),
         },
         "before": _fit(
             diagnosis.chi_squared_before,
@@ -95,6 +97,11 @@ def verdict_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "detection_limits": _mapping(diagnosis.detection_limits),
         "not_testable": dict(diagnosis.not_testable),
     }
+
+
+def _zero_scatter(diagnosis: Diagnosis) -> float | None:
+    known = math.isfinite(diagnosis.noise) and repeated_passes(diagnosis.stops)
+    return diagnosis.loose.zero if known else None
 
 
 def _model(model: MachineModel) -> dict[str, Any]:

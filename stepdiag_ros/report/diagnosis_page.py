@@ -256,6 +256,8 @@ def _tiles(report: DiagnosisReport) -> list[tuple[str, str]]:
         proof = report.held_out
         reduced = (plain(proof.before.reduced, 2), plain(proof.after.reduced, 2))
         tiles.append(("the same, held out", " → ".join(reduced)))
+        gain = f"Δχ² {plain(proof.gain, 1)}, p {chance(proof.gain_p_value)}"
+        tiles.append(("the effect itself, held out", gain))
     if diagnosis.findings:
         least = min(finding.probability for finding in diagnosis.findings)
         tiles.append(("probability of the name", chance(least)))

@@ -42,6 +42,8 @@ UNSEEN_SIZE = 5e-6
 """Of what an effect that nobody can see moves the readings, m: far above any noise."""
 UNSEEN_LIGHT = 8e-9
 """Likewise of the light's swing within a fringe, m; no interferometer swings by more than 40 nm."""
+WANDER = (0.1e-6, 0.2e-6)
+"""Of the zero from pass to pass on half of the machines that lack nothing, m."""
 _TRIES = 300
 
 
@@ -58,6 +60,7 @@ class Case:
         twin: for a confounded pair, the other effect, which is not at work.
         signs: of the sizes.
         gross: for a gross error, its name and where.
+        wander: of the laser's zero from pass to pass, m, standard deviation.
     """
 
     seed: int
@@ -68,6 +71,7 @@ class Case:
     twin: Hidden | None = None
     signs: tuple = ()
     gross: dict | None = None
+    wander: float = 0.0
 
     @property
     def name(self):
@@ -98,7 +102,9 @@ def draw_case(kind, seed, level=None, largest=LARGEST):
             if not hidden:
                 continue
         signs = tuple(float(sign) for sign in rng.choice([-1.0, 1.0], len(hidden)))
-        return Case(seed, kind, level, plan, hidden, twin, signs, gross)
+        # Every other machine that lacks nothing is of an ordinary workshop.
+        wander = float(rng.uniform(*WANDER)) if kind == "none" and seed % 2 else 0.0
+        return Case(seed, kind, level, plan, hidden, twin, signs, gross, wander)
     raise RuntimeError(f"no {kind} case found from seed {seed}")
 
 
@@ -204,7 +210,8 @@ def readings_of(case, sizes, noise_stream=0):
     machine = Machine(case.seed, case.plan)
     run = machine.run()
     action = _action(run, zip(case.hidden, sizes, strict=True))
-    return run, machine.measured(run, action, np.random.default_rng([case.seed, 2, noise_stream]))
+    rng = np.random.default_rng([case.seed, 2, noise_stream])
+    return run, machine.measured(run, action, rng, case.wander)
 
 
 def _action(run, acting):
@@ -270,6 +277,7 @@ def seal(path, case, sizes, facts):
         "hidden": [asdict(hidden) for hidden in case.hidden],
         "twin": asdict(case.twin) if case.twin else None,
         "gross": case.gross,
+        "wander": case.wander,
         "sizes": list(sizes),
         **facts,
     }

@@ -72,9 +72,18 @@ class Machine:
         without = self.shown(run, Action.none(len(run.time)))
         return (self.shown(run, hidden.act(run, unit)) - without) / unit
 
-    def measured(self, run, action, rng):
-        """Readings: what is shown, with noise, resolution and zero, m, (n,)."""
+    def measured(self, run, action, rng, wander=0.0):
+        """Readings: what is shown, with noise, resolution and zero, m, (n,).
+
+        Args:
+            run: its stops.
+            action: of the effects.
+            rng: of the noise.
+            wander: standard deviation of the laser's zero from pass to pass, m.
+        """
         noise = draw_noise(rng, len(run.time), self.plan.noise, self.plan.memory)
+        if wander:
+            noise = noise + wander * rng.standard_normal(int(run.passes.max()) + 1)[run.passes]
         return zeroed(quantised(self.shown(run, action) + noise, self.resolution), run.setup)
 
 

@@ -106,9 +106,14 @@ def readings(run):
 
 
 def spread(which):
-    """Every eleventh setting or so of each effect of the catalogue, at half its largest sizes."""
+    """Every eleventh setting or so of each effect of the catalogue, at half its largest sizes.
+
+    Effects that are only a typical size are left out: they change no reading, and the file of a
+    cell may not hold them.
+    """
     stops = stops_of(planned_run(PLAN, CELL))
-    for number, effect in enumerate(catalogue().values()):
+    acting = [effect for effect in catalogue().values() if not effect.typical]
+    for number, effect in enumerate(acting):
         settings = list(effect.settings(stops))
         if settings:
             setting = settings[(11 * which + number) % len(settings)]

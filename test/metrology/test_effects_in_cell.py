@@ -27,6 +27,7 @@ SLIP = {
     },
     "sizes": {"size": 3.16e-7},
 }
+TURNS = {"effect": "several angular errors", "setting": {}, "sizes": {"size": 1e-5}}
 BACKLASH = {"effect": "backlash", "setting": {"axis": "X"}, "sizes": {"lost_motion": 8e-7}}
 
 
@@ -91,6 +92,8 @@ def _weather():
         ({**BACKLASH, "sizes": {"lost_motion": "much"}}, "'lost_motion' is 'much'"),
         ({**BACKLASH, "sizes": {"lostmotion": 1e-6}}, "did you mean 'lost_motion'"),
         ({**BACKLASH, "note": "hello"}, "unknown key 'note'"),
+        (TURNS, "cannot be simulated; give the errors themselves under errors (curves E_AX to"),
+        ({**TURNS, "sizes": {"size": -1e-5}}, "'size' is -1e-05"),
         ({**SLIP, "setting": {**SLIP["setting"], "from_stop": -1}}, "a whole number from 0"),
     ],
 )

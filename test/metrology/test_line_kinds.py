@@ -102,7 +102,10 @@ def test_a_plan_file_names_diagonals():
     ("group", "words"),
     [
         ({"kind": "diagonal", "names": ["x"]}, "names.* is 'x'; expected .*ppp"),
-        ({"kind": "step_diagonal", "names": ["pp0"]}, "expected .*ppp"),
+        ({"kind": "step_diagonal", "names": ["x"]}, "names.* is 'x'; expected .*ppp"),
+        ({"kind": "step_diagonal", "names": ["p00"]}, "names.* is 'p00'; expected .*pp0"),
+        ({"kind": "step_diagonal", "names": ["pp0"], "orders": ["XZ"]}, "no order .* of pp0"),
+        ({"kind": "step_diagonal", "names": ["pp0"], "orders": ["XYZ"]}, "no order .* of pp0"),
         ({"kind": "diagonal", "names": ["ppp"], "orders": ["XYZ"]}, "orders"),
         (
             {"kind": "diagonal", "names": ["ppp"], "offset_m": [0, 0, 0.1]},

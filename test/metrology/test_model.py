@@ -67,6 +67,18 @@ def test_little_need_be_said():
     assert written["standard_uncertainty"] == {"lost_motion": "unknown"}
 
 
+@pytest.mark.parametrize("status", [FIXED, FITTED])
+def test_a_model_holds_a_typical_size_of_rotations_which_is_not_negative(status):
+    """A cell may not (``test_effects_in_cell``): the size does not say which way an axis turns."""
+    turns = {"effect": "several angular errors", "sizes": {"size": 12e-6}, "status": status}
+    model = model_of({"chain": "YXZ", "effects": [turns]})
+    (active,) = model.of_status(status)
+    assert active.effect.typical and active.sizes == {"size": 12e-6}
+    assert model_of(model.to_mapping()).of_status(status) == (active,)
+    with pytest.raises(ValueError, match=r"effects\[0\]: sizes: 'size' is -1\.2e-05"):
+        model_of({"chain": "YXZ", "effects": [{**turns, "sizes": {"size": -12e-6}}]})
+
+
 def test_a_date_without_quotes_is_a_date():
     text = yaml.safe_dump(FULL).replace("'2026-01-31'", "2026-01-31")
     assert "2026-01-31\n" in text

@@ -65,10 +65,6 @@ def test_tracker_position(case):
     extent = float(np.max(np.abs(certified)))
     at_hand = -math.log10(EPSILON * largest * case["dilution"] / extent)
     digits = matching_digits([*found.position, found.start_length], case["certified"], extent)
-    # The iteration ends where χ² changes by 1e-15 of itself: a step of some 1e-7 uncertainties.
-    settled = -math.log10(1e-6 * case["spread_m"] * case["dilution"] / extent)
-    print(
-        f"\ntracker {case['name']}: at hand {at_hand:.1f}, settled {settled:.1f}, {digits:.1f}",
-        end="",
-    )
-    assert digits >= min(at_hand - LOST, settled)
+    print(f"\ntracker {case['name']}: at hand {at_hand:.1f}, {digits:.1f}", end="")
+    # Nothing is lost by ending the iteration early.
+    assert digits >= at_hand - LOST

@@ -27,6 +27,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import SOLVERS, solve
 
@@ -270,9 +271,12 @@ def test_a_mirror_image_of_the_machine_has_mirrored_errors(seed, axis):
             )
         )
     mirrored = Measurement(
-        Volume(tuple(float(v) for v in new_origin), volume.step, blocks), tuple(lines)
+        Volume(tuple(float(v) for v in new_origin), volume.step, blocks),
+        tuple(lines),
+        measured.chain,
     )
-    one, other = solve(measured), solve(mirrored)
+    # Rotations that the machine may have are zero at the first node, which a mirror makes the last.
+    one, other = (solve(replace(run, plausible=NOTHING)) for run in (measured, mirrored))
     for name, (_, pair) in SQUARENESS_SLOPES.items():
         letters = {letter for curve in pair for letter in curve[2:]}
         sign = -1.0 if AXES[axis] in letters else 1.0
@@ -296,7 +300,7 @@ def test_a_mirror_image_of_the_machine_has_mirrored_errors(seed, axis):
 @FEW
 @given(seed=seeds)
 def test_repeats_that_are_told_twice_halve_the_variance_and_nothing_else(method, seed):
-    measured = measure(*machine(seed), repeats=1)
+    measured = replace(measure(*machine(seed), repeats=1), plausible=NOTHING)
     if method == "soons":
         measured = replace(measured, chain="YXZ")
     again = tuple(

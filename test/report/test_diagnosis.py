@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import jsonschema
 import numpy as np
 import pytest
 
+from stepdiag_ros import schemas
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -19,6 +21,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Candidate,
     Diagnosis,
     Finding,
+    Loose,
     Pattern,
     RunnerUp,
     Share,
@@ -46,7 +49,7 @@ from stepdiag_ros.report.tables import make_console
 VOLUME = Volume((0.0, 0.0, 0.0), (0.01, 0.01, 0.01), 2)
 
 
-def _stops():
+def _lines():
     lines, time = [], 0.0
     for repeat in (0, 1):
         for direction in ("forward", "backward"):
@@ -68,7 +71,11 @@ def _stops():
                 )
             )
             time += 10.0
-    return stops_of(Measurement(VOLUME, tuple(lines), "YXZ"))
+    return tuple(lines)
+
+
+def _stops():
+    return stops_of(Measurement(VOLUME, _lines(), "YXZ"))
 
 
 FOUND = Finding(
@@ -220,6 +227,8 @@ def _proof():
         readings=6,
         before=Prediction(60.0, 6, 1e-9, 10.0 * gap),
         after=Prediction(5.4, 6, 0.5, gap),
+        gain=43.21,
+        gain_p_value=3e-12,
     )
 
 
@@ -230,6 +239,37 @@ def test_the_proof_is_told_and_drawn():
     assert "to χ²/dof 0.900, without it to 10.000" in text
     assert diagnosis_document(report)["held_out"]["after"]["rms_m"] == pytest.approx(1e-7)
     assert "held_out" in draw_diagnosis(report)
+
+
+def test_what_the_effect_itself_explains_of_the_held_out_readings_is_told_everywhere():
+    report = _report(_diagnosis(NAMED, (FOUND,)), held_out=_proof())
+    assert "Δχ² = 43.2 (p < 0.0001)" in " ".join(_text(report).split())
+    page = diagnosis_page(report, {})
+    assert "Δχ² = 43.2 (p &lt; 0.0001)" in page
+    head = page[page.index("<header>") : page.index("</header>")]
+    assert "<dt>the effect itself, held out</dt><dd>Δχ² 43.2, p &lt; 0.0001</dd>" in head
+    document = diagnosis_document(report)
+    assert document["held_out"]["gain"] == {"chi_squared": 43.21, "p_value": 3e-12}
+    unknown = replace(report, held_out=replace(_proof(), gain=0.0, gain_p_value=float("nan")))
+    assert "(p unknown)" in " ".join(_text(unknown).split())
+    assert diagnosis_document(unknown)["held_out"]["gain"]["p_value"] is None
+
+
+def test_a_zero_that_scatters_from_pass_to_pass_is_told_beside_the_noise():
+    calm, wandering = _diagnosis(CONSISTENT), _diagnosis(CONSISTENT, loose=Loose(zero=1.23e-7))
+    said = "the zero scatters from pass to pass by 0.12 µm"
+    for diagnosis, told in ((calm, False), (wandering, True)):
+        report = _report(diagnosis)
+        assert (said in " ".join(_text(report).split())) == told
+        assert (said in diagnosis_page(report, {})) == told
+        document = json.loads(diagnosis_json(report))
+        jsonschema.validate(document, schemas.schema("diagnosis"))
+        assert document["noise"]["zero_scatter_m"] == (1.23e-7 if told else 0.0)
+    # What no repeat shows is not zero.
+    once = stops_of(Measurement(VOLUME, _lines()[:1], "YXZ"))
+    gap = np.zeros(len(once.time))
+    alone = replace(calm, stops=once, residual_before=gap, residual_after=gap)
+    assert diagnosis_document(_report(alone))["noise"]["zero_scatter_m"] is None
 
 
 def test_a_name_that_is_not_independent_is_said_so():

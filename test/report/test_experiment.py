@@ -10,6 +10,7 @@ import pytest
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.metrology.direct import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
+from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.report import experiment_figures, figures
 from stepdiag_ros.report.build import build_report, truth_of
@@ -110,8 +111,26 @@ def test_the_json_says_what_the_tables_say(experiment):
     compared = {entry["method"]: entry for entry in document["comparisons"]}
     assert "soons" not in compared
     errors = compared["conventional"]["curves"]["E_YY"]["normalised_error"]
-    assert errors[0] is None and abs(errors[-1]) > 10
+    assert errors[0] is None and abs(errors[-1]) < 1
     assert set(compared["setup_robust"]["curves"]) == set(TRANSLATIONS)
+
+
+def test_misalignment_is_in_the_uncertainty_of_a_method_that_takes_it_for_the_machine(report):
+    """The conventional method is 18 µm wrong in Y: beyond noise, within what setups may do."""
+    cell = load_cell("ibaraki_hata_2010")[0]
+    direct = read_direct(artefact_table(cell, report.measurement.volume), "artefact.csv")
+    noise_alone = build_report(replace(report.measurement, plausible=NOTHING))
+    for made, beyond in ((report, ()), (noise_alone, ("E_XX", "E_YY", "E_ZZ"))):
+        document = experiment_document(experiment_of(made, direct))
+        compared = {entry["method"]: entry["curves"] for entry in document["comparisons"]}
+        for name in ("E_XX", "E_YY", "E_ZZ"):
+            largest = {
+                method: max(abs(e) for e in curves[name]["normalised_error"] if e is not None)
+                for method, curves in compared.items()
+                if name in curves
+            }
+            assert (largest.pop("conventional") > 2.0) == (name in beyond)
+            assert largest and max(largest.values()) < 1.0
 
 
 def test_the_text_holds_both_signs_and_no_number_is_cut(experiment):

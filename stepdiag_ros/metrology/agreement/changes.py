@@ -164,7 +164,7 @@ def compare(before: Measured, after: Measured, same_instrument: bool = False) ->
         ValueError: they cannot be compared; see ``measured.pair``.
     """
     before, after, approach = by_their_approach(before, after)
-    shared = shared_sources(before.budget, after.budget, same_instrument)
+    shared = shared_sources(before, after, same_instrument)
     both = pair(before, after, cross_covariance(before, after, shared))
     combined = both.before.covariance + both.after.covariance - both.cross - both.cross.T
     curves, joint = _curves(both, combined)

@@ -2,8 +2,9 @@
 
 Readings, setups, drift and turbulence are another matter each time. The calibration of the laser
 and of the sensors is the same if the same instrument measured both times; a coefficient of thermal
-expansion that both were corrected with is the same, since the machine is. What the two share is
-only told by a budget, which knows the sources one by one.
+expansion that both were corrected with is the same, since the machine is. Such sources are only
+told by a budget, which knows them one by one. Without budgets the solver's own covariance tells
+what angular errors that no reading shows do to both alike.
 """
 
 from collections.abc import Sequence
@@ -26,31 +27,33 @@ SAME_INSTRUMENT = (
 """Sources that are one and the same value if one instrument, with its sensors, measured twice."""
 SAME_MACHINE = ("expansion coefficient",)
 """Sources that are one and the same value because the machine is the same."""
+UNSEEN_ANGLES = "angular errors that the readings do not show"
+"""The same in both because the machine is, unless these themselves changed."""
 
 
-def shared_sources(
-    before: Budget | None, after: Budget | None, same_instrument: bool
-) -> tuple[str, ...]:
+def shared_sources(before: Measured, after: Measured, same_instrument: bool) -> tuple[str, ...]:
     """Return the names of the sources that two measurements share.
 
     Args:
-        before: of the first; None if its sources are not known one by one.
-        after: of the second.
+        before: the first, with its budget if its sources are known one by one.
+        after: the second.
         same_instrument: one instrument, with its sensors, measured both.
     """
-    if before is None or after is None:
-        return ()
+    if before.budget is None or after.budget is None:
+        return () if _of_rotations(before, after) is None else (UNSEEN_ANGLES,)
+    budgets = (before.budget, after.budget)
     wanted = (*SAME_INSTRUMENT, *SAME_MACHINE) if same_instrument else SAME_MACHINE
     return tuple(
         name
         for name in wanted
-        if all(any(_acts(source, name) for source in one.sources) for one in (before, after))
+        if all(any(_acts(source, name) for source in one.sources) for one in budgets)
     )
 
 
 def _of_rotations(before: Measured, after: Measured) -> Vector | None:
-    """Return what the rotations that no reading tells make wrong in both alike; None if not known.
+    """Return what the rotations that no reading tells make wrong in both alike.
 
+    None where that is nothing, or not known.
     The same lines, moved in the same orders and solved by the same method, turn it into the same.
     """
     parts = []
@@ -61,7 +64,9 @@ def _of_rotations(before: Measured, after: Measured) -> Vector | None:
         parts.append(np.nan_to_num(total - readings))
     lines = [_lines(one) for one in (before, after)]
     alike = lines[0] and lines[0] == lines[1] and parts[0].shape == parts[1].shape
-    return 0.5 * (parts[0] + parts[1]) if alike else None
+    if not alike or not all(map(np.any, parts)):
+        return None
+    return 0.5 * (parts[0] + parts[1])
 
 
 def _lines(measured: Measured) -> tuple[object, ...]:

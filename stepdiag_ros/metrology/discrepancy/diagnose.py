@@ -16,26 +16,28 @@ from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, si
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
-    Candidate,
     Diagnosis,
     Finding,
     Loose,
     Pattern,
-    RunnerUp,
 )
 from stepdiag_ros.metrology.discrepancy.gross import mislabelled
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFit, LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.locate import gap_map, sentences
 from stepdiag_ros.metrology.discrepancy.loose import (
-    RotationTest,
     estimate_wander,
     judge_rotations,
     loosened,
+    wander_evidence,
 )
 from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
 from stepdiag_ros.metrology.discrepancy.patterns import patterns
+from stepdiag_ros.metrology.discrepancy.rotation_finding import (
+    beside_rotations,
+    explained_by,
+    rotation_finding,
+)
 from stepdiag_ros.metrology.discrepancy.selection import (
-    EVIDENCE_RATIO,
     FALSE_NAME_LEVEL,
     Selection,
 )
@@ -213,6 +215,7 @@ class _Run:
 
     def settled(self, result: _Result, stated: float) -> _Result:
         """Take noise and scatter anew from what the effects leave, until they stay the same."""
+        result = self._scattering(result)
         for _ in range(_PASSES):
             left = result.problem.readings(result.selection.left())
             noise = estimate_noise(self.baseline, left, self.stops, stated)
@@ -225,6 +228,22 @@ class _Run:
             self.tell("taking the noise anew, without what was found")
             result = self.once(noise, loose)
         return result
+
+    def _scattering(self, result: _Result) -> _Result:
+        """Return the run with a zero that scatters instead of effects, if that is likelier.
+
+        Several slow effects together can imitate the scatter of a few passes.
+        """
+        if not result.selection.chosen:
+            return result
+        none = Loose(rotation=result.loose.rotation)
+        problem = self.whitened(result.noise, none)
+        wander = estimate_wander(problem, self.stops, (), result.noise.freedom)
+        if wander == Loose():
+            return result
+        other = self.once(result.noise, replace(wander, rotation=none.rotation))
+        evidence = wander_evidence(problem, self.stops, wander) + other.selection.evidence
+        return other if evidence > result.selection.evidence else result
 
 
 def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
@@ -254,59 +273,13 @@ def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) ->
     ahead = rotations.evidence - price + turned.selection.evidence - result.selection.evidence
     explained = (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
     if ahead <= 0.0 and diagnosis.verdict in explained:
-        return _beside(diagnosis, beside, float(ahead))
+        return beside_rotations(diagnosis, beside, float(ahead))
     turned = run.settled(turned, stated)
     made = _diagnosis(turned, run.stops)
     if made.verdict not in explained and diagnosis.verdict in explained:
         return diagnosis
-    finding = _rotation_finding(beside, diagnosis, float(ahead), turned.luck.freedom)
+    finding = rotation_finding(beside, diagnosis, float(ahead), turned.luck.freedom)
     return _with_rotations(made, finding, result, run.stops)
-
-
-def _rotation_finding(
-    rotations: RotationTest, diagnosis: Diagnosis, ahead: float, freedom: float
-) -> Finding:
-    """Return rotations of all axes as a finding, with the effects that they won against."""
-    from scipy.special import stdtrit
-
-    size, spread = rotations.size, rotations.standard_uncertainty
-    factor = float(stdtrit(freedom, 0.975))
-    probability = float(1.0 / (1.0 + np.exp(-np.clip(ahead, -50.0, 50.0))))
-    rivals = (*diagnosis.findings, *diagnosis.partial)
-    close = bool(diagnosis.findings) and (1.0 - probability) * EVIDENCE_RATIO > probability
-    return Finding(
-        candidate=Candidate(SEVERAL_ANGULAR_ERRORS, {}, SEVERAL_ANGULAR_ERRORS.name),
-        sizes={"size": size},
-        standard_uncertainty={"size": spread},
-        band={"size": (max(size - factor * spread, 0.0), size + factor * spread)},
-        gain=rotations.gain,
-        p_value=rotations.p_value,
-        probability=probability,
-        runners_up=tuple(
-            RunnerUp(one.label, one.gain, 1.0 - probability, "explains less of the gap", close)
-            for one in rivals
-        ),
-        covariance=np.array([[spread**2]]),
-    )
-
-
-def _beside(diagnosis: Diagnosis, rotations: RotationTest, ahead: float) -> Diagnosis:
-    """Return a diagnosis that says where rotations of all axes cannot be ruled out either."""
-    chance = float(np.exp(ahead))
-    if not diagnosis.findings or chance * EVIDENCE_RATIO < 1.0:
-        return diagnosis
-    first, *others = diagnosis.findings
-    rival = RunnerUp(
-        SEVERAL_ANGULAR_ERRORS.name,
-        rotations.gain,
-        chance / (1.0 + chance),
-        f"lowers χ² by {rotations.gain:.3g} with {rotations.columns} sums of rotations: odds 1 to"
-        f" {1.0 / chance:.2g}, too close to rule out",
-        ambiguous=True,
-    )
-    findings = (replace(first, runners_up=(*first.runners_up, rival)), *others)
-    verdict, sentence = _explained(findings)
-    return replace(diagnosis, verdict=verdict, sentence=sentence, findings=findings)
 
 
 def _with_rotations(
@@ -327,7 +300,7 @@ def _with_rotations(
         verdict = made.verdict
         sentence = f"{rotations.label} explain part of the gap. Beside them: {made.sentence}"
     else:
-        verdict, sentence = _explained(findings)
+        verdict, sentence = explained_by(findings)
     count = len(made.covariance)
     covariance = np.zeros((count + 1, count + 1))
     covariance[0, 0] = rotations.covariance[0, 0]
@@ -435,19 +408,7 @@ def _verdict(
         return verdicts.CONSISTENT, (
             f"Model and run agree to within the noise of {noise.size * 1e6:.3g} µm."
         )
-    return _explained(chosen)
-
-
-def _explained(chosen: tuple[Finding, ...]) -> tuple[str, str]:
-    """Return verdict and sentence where findings close the gap."""
-    open_names = [one for one in chosen if one.ambiguous]
-    if open_names:
-        words = "; ".join(
-            f"{one.label}, or as well {', '.join(one.ambiguous)}" for one in open_names
-        )
-        return verdicts.AMBIGUOUS, f"The gap closes, but this run cannot tell by what: {words}."
-    words = " and ".join(one.label for one in chosen)
-    return verdicts.NAMED, f"The model lacks {words}; with that, model and run agree."
+    return explained_by(chosen)
 
 
 def _gross(stops: Stops, words: tuple[str, ...]) -> Diagnosis:

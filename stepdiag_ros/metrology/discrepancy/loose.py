@@ -18,7 +18,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Loose
-from stepdiag_ros.metrology.discrepancy.patterns import patterns
+from stepdiag_ros.metrology.discrepancy.patterns import TURNED, patterns
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plausible import ORDINARY, rotation_readings
@@ -117,9 +117,10 @@ def estimate_wander(
 ) -> Loose:
     """Return how the zero scatters from pass to pass beside what was found.
 
-    Only repeats tell it: what passes of one setup in one direction do not share. It is a scatter
-    only if no few shapes explain it better, such as a growth with time or one jump. Effects of
-    single passes, with which any scatter can be imitated, do not count as found.
+    Only repeats tell it: what passes of one setup in one direction do not share; where nothing is
+    repeated, what forward and backward passes do not share. It is a scatter only if no few shapes
+    explain it better, such as a growth with time or one jump. Effects of single passes, with which
+    any scatter can be imitated, do not count as found.
 
     Few passes tell the size of a scatter badly. It is enlarged, so that what is told from it by a
     normal distribution is told as seldom by chance as it should be (Student's distribution).
@@ -136,32 +137,64 @@ def estimate_wander(
     zeros, slopes = pass_shapes(stops)
     kinds = _kinds(stops)
     shared = np.column_stack([zeros @ kinds, slopes @ kinds])
-    freedom = len(kinds) - kinds.shape[1]
+    freedom = repeated_passes(stops)
     if freedom < 1:
         return Loose()
     span = _span(_left(problem, _free(stops, candidates)))
     both = _span(np.column_stack([span, _left(problem, shared)]))
     made = _Problem.of(problem, np.column_stack([zeros, slopes]), both)
-    best, sizes = _WORTH, (0.0, 0.0)
-    for zero in (0.0, *_WANDERS):
-        for slope in (0.0, *_WANDERS):
-            found = made.evidence(np.repeat([zero, slope], len(kinds)))
-            if found > best:
-                best, sizes = found, (zero, slope)
+    evidence = {
+        (zero, slope): made.evidence(np.repeat([zero, slope], len(kinds)))
+        for zero in (0.0, *_WANDERS)
+        for slope in (0.0, *_WANDERS)
+    }
+    ordinary = [
+        one for one in evidence if one[0] <= LARGEST_WANDER and one[1] <= LARGEST_INCLINATION
+    ]
+    sizes = max(ordinary, key=lambda one: evidence[one])
+    best = evidence[sizes]
     gap = problem.gap - both @ (both.T @ problem.gap)
-    if sizes[0] > LARGEST_WANDER or sizes[1] > LARGEST_INCLINATION:
+    if best < max(_WORTH, max(evidence.values()) - _WORTH):
         return Loose()
-    if not any(sizes) or _shape_evidence(problem, gap, both, stops, noise_freedom) > best:
+    if _shape_evidence(problem, gap, both, stops, noise_freedom) > best:
         return Loose()
     wider = float(stdtrit(max(freedom, 3), _LEVEL) / ndtri(_LEVEL))
     return Loose(zero=wider * sizes[0], slope=wider * sizes[1])
 
 
+def wander_evidence(problem: Whitened, stops: Stops, loose: Loose) -> float:
+    """Return ln p of a scatter from pass to pass against that of none, nothing else being found.
+
+    Args:
+        problem: whitened, without any scatter of passes in its baseline.
+        stops: of the run.
+        loose: the scatter.
+    """
+    zeros, slopes = pass_shapes(stops)
+    nothing = np.zeros((len(problem.gap), 0))
+    made = _Problem.of(problem, np.column_stack([zeros, slopes]), nothing)
+    return made.evidence(np.repeat([loose.zero, loose.slope], zeros.shape[1]))
+
+
+def repeated_passes(stops: Stops) -> int:
+    """Return how many passes repeat another one; without any, no scatter shows."""
+    passes, kinds = map(int, _kinds(stops).shape)
+    return passes - kinds
+
+
 def _kinds(stops: Stops) -> Vector:
-    """Return which passes are repeats of one another, shape (passes, kinds)."""
+    """Return which passes are repeats of one another, shape (passes, kinds).
+
+    Where no pass is repeated, one in each direction over the same places counts as that.
+    """
+    kinds = _alike(stops, by_direction=True)
+    return kinds if kinds.shape[1] < len(kinds) else _alike(stops, by_direction=False)
+
+
+def _alike(stops: Stops, by_direction: bool) -> Vector:
     setup = [int(stops.setup[stops.pass_index == index][0]) for index in range(len(stops.lines))]
     keys = [
-        (number, line.order, line.direction)
+        (number, line.order, line.direction if by_direction else "")
         for number, line in zip(setup, stops.lines, strict=True)
     ]
     kinds = list(dict.fromkeys(keys))
@@ -173,7 +206,11 @@ def _shape_evidence(
 ) -> float:
     """Return the evidence for what a gap looks like, by single shapes (``patterns``)."""
     best = total = 0.0
+    repeated = _alike(stops, by_direction=True).shape
     for one in patterns(problem, gap, span, stops, noise_freedom):
+        # Without repeats, the scatter of the passes is what the directions differ by.
+        if one.with_what == TURNED and repeated[0] == repeated[1]:
+            continue
         total += 0.5 * (one.gain - max(len(one.lines), 1) * np.log(len(gap))) - _TRIED
         best = max(best, total)
     return best

@@ -37,6 +37,7 @@ _MOST_JUMPS = 2000
 JUMP = "shifted by one jump"
 SWING = "swinging"
 ALONG = "the moves"
+TURNED = "opposite forward and backward"
 _FEWEST_HALF_WAVES, _MOST_HALF_WAVES = 3, 40
 """Of a swing in the time of the run; slower ones are not told from growing."""
 _EVERYWHERE = "all lines"
@@ -257,7 +258,7 @@ def _companions(stops: Stops) -> Iterator[tuple[str, Vector]]:
     yield "the same in every pass", np.ones(len(stops.time))
     sense = np.array([-1.0 if line.direction == BACKWARD else 1.0 for line in stops.lines])
     if len(set(sense.tolist())) > 1:
-        yield "opposite forward and backward", sense[stops.pass_index]
+        yield TURNED, sense[stops.pass_index]
     yield "growing with time", stops.time - stops.time.min()
     for words, values in (
         ("growing with the material temperature", stops.material_temperature),

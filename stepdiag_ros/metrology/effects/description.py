@@ -24,7 +24,9 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
     part.finish()
     part = section.section("sizes")
     given = part.keys()
-    sizes = {size.name: part.number(size.name, default=0.0) for size in effect.sizes}
+    # A typical size is a standard deviation; any other size may act either way.
+    limit = {"low": 0.0} if effect.typical else {}
+    sizes = {size.name: part.number(size.name, default=0.0, **limit) for size in effect.sizes}
     part.finish()
     if not given:
         names = ", ".join(size.name for size in effect.sizes)

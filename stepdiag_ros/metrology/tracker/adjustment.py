@@ -167,20 +167,32 @@ def _adjust(
     parameters = np.array(start, dtype=np.float64)
     prior_rows, prior_residual = _prior_rows(prior, len(parameters))
 
+    count = len(observed)
+
     def weighted(at: Vector) -> tuple[Vector, Vector]:
         predicted, derivatives = model(at)
         residual = np.concatenate([(observed - predicted) / uncertainty, prior_residual(at)])
         rows = np.concatenate([derivatives / uncertainty[:, None], prior_rows])
         return residual, rows
 
+    def rounding() -> Vector:
+        # Of each weighted residual: a difference of metres in units of micrometres or less.
+        terms = np.abs(rows) @ np.abs(parameters)
+        terms[:count] += np.abs(observed) / uncertainty
+        made: Vector = np.finfo(np.float64).eps * terms
+        return made
+
     residual, rows = weighted(parameters)
     left = float(residual @ residual)
     for _ in range(_MOST_STEPS):
         step, condition = _step(rows, residual)
         share = 1.0
+        blur = rounding()
+        # Near the minimum χ² changes by less than its own rounding, which must not stop a step.
+        allowed = left * 1e-12 + 1e-12 + float((2.0 * np.abs(residual) + blur) @ blur)
         for _ in range(_HALVINGS):
             tried, tried_rows = weighted(parameters + share * step)
-            if float(tried @ tried) <= left * (1.0 + 1e-12) + 1e-12:
+            if float(tried @ tried) <= left + allowed:
                 break
             share *= 0.5
         else:
@@ -188,14 +200,14 @@ def _adjust(
         parameters = parameters + share * step
         gain = left - float(tried @ tried)
         residual, rows, left = tried, tried_rows, float(tried @ tried)
-        settled = np.linalg.norm(rows @ (share * step)) < 1e-9 * np.sqrt(1.0 + left)
+        finest = 1e-9 * np.sqrt(1.0 + left) + np.linalg.norm(blur)
+        settled = np.linalg.norm(rows @ (share * step)) < finest
         if share == 1.0 and (settled or abs(gain) < 1e-15 * left):
             break
     _, condition = _step(rows, residual)
     lengths = np.linalg.norm(rows, axis=0)
     q, r = np.linalg.qr(rows / lengths)
     inverse = np.linalg.inv(r) / lengths[:, None]
-    count = len(observed)
     return Adjustment(
         parameters=parameters,
         covariance=inverse @ inverse.T,

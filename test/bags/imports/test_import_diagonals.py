@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from import_files import RTL
 
 from stepdiag_ros.bags.imports.source import PREFIX
@@ -43,7 +44,14 @@ def measured(kind, names, blocks=5, seed=3):
         },
         "plan",
     )
-    return simulate(plan, cell_from_text(read_text(find("demo", "cells")), "demo"), seed=seed)
+    return simulate(plan, cell_over_box(), seed=seed)
+
+
+def cell_over_box():
+    """Return the cell of the demonstration with its error curves over the measured box."""
+    given = yaml.safe_load(read_text(find("demo", "cells")))
+    given["errors"] |= {"travel_low_m": list(LOW), "travel_high_m": list(HIGH)}
+    return cell_from_text(yaml.safe_dump(given), "demo over the box")
 
 
 def write_rtl(path, lines, step, axis=""):

@@ -25,6 +25,21 @@ def test_eq_1_alone_finds_place_and_start_length_exactly():
     np.testing.assert_allclose(found, [*STATION, 0.123], atol=1e-12)
 
 
+@pytest.mark.parametrize("spread", [1e-7, 5e-6])
+def test_on_a_large_machine_the_place_is_found_to_rounding(spread):
+    """Metres in units of a micrometre round χ², but not the place: no step is left to be made."""
+    left = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        points, station = rng.uniform(0.0, 8.0, (30, 3)), np.array([12.0, 9.0, 0.7])
+        read = np.linalg.norm(points - station, axis=1) - 7.0 + spread * rng.standard_normal(30)
+        found = locate(points, read, spread)
+        predicted, rows = station_model(points, np.append(found.position, found.start_length))
+        step = np.linalg.lstsq(rows, read - predicted, rcond=None)[0]
+        left.append(np.linalg.norm(rows @ step))
+    assert max(left) < 4 * 2.0**-52 * np.linalg.norm(read + 7.0)
+
+
 def test_eq_1_is_the_pseudo_inverse_as_the_document_writes_it():
     points, read = PLACES[:6], changes(PLACES[:6])
     design = np.column_stack([2 * points, 2 * read, -np.ones(6)])
