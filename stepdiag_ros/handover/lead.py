@@ -140,7 +140,7 @@ def _basis(material: Material) -> str:
     known = material.given.instrument_source
     if not known:
         basis = (
-            "are what the readings tell of themselves, so the least that is possible: how well"
+            "are those of the readings, of plausible rotations and of the laser's scale: how well"
             " laser, air and setup are known was not told."
         )
     elif material.lower_bound:

@@ -249,7 +249,7 @@ def _taken_as_zero(lead: RunLead) -> list[str]:
             f"another method tells {', '.join(lead.told_elsewhere)} from these lines, see its"
             f" tables; the lines cannot tell {', '.join(missing)}"
         )
-    return [f"Taken as zero in these figures: pitch, yaw and roll of all axes; {words}."]
+    return [f"Not in these values, but in their ±: pitch, yaw and roll of all axes; {words}."]
 
 
 def _complete_first(lead: RunLead) -> list[tuple[str, str]]:

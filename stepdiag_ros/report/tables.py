@@ -412,8 +412,9 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
         lines.extend(visibility_sentences(report.visibility, report.ordered_results()))
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}. {LEAST_SQUARES_LINES}")
     lines.append(
-        f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of what the"
-        " readings tell alone; stepdiag budget adds laser, air and setup."
+        f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the"
+        " readings, of plausible rotations and of the laser's scale; stepdiag budget takes laser,"
+        " air and setup one by one."
         " Errors are motions of the tool relative to the workpiece."
     )
     lines.extend(f"Run: {remark}" for remark in report.remarks)

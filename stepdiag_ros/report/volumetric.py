@@ -133,7 +133,8 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
     if report.accuracies:
         sentence(
             f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
-            " what the readings tell alone; stepdiag report adds what the budget knows."
+            " the readings, of plausible rotations and of the laser's scale; stepdiag report adds"
+            " what the budget knows."
         )
     else:
         sentence(f"Warning: {DIAGONALS_ALONE}.")

@@ -189,7 +189,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
         of_readings.value, of_readings.expanded_uncertainty, MICRO
     )
-    assert "Taken as zero in these figures: pitch, yaw and roll of all axes" in page.text
+    assert "Not in these values, but in their ±: pitch, yaw and roll of all axes" in page.text
 
 
 def test_a_simulated_clock_is_called_one():

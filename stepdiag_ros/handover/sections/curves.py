@@ -67,8 +67,8 @@ def _frames(report: Report) -> list[str]:
     return [
         "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
         f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
-        " (95 %), of what the readings tell alone; the budget has all known sources, and the first"
-        " page the larger of the two.",
+        " (95 %), of the readings, of plausible rotations and of the laser's scale; the budget has"
+        " all known sources, and the first page the larger of the two.",
         *frame_sentences(report.ordered_results()),
     ]
 

@@ -34,7 +34,8 @@ def _tell(material: Material) -> Content | str:
             "tables": table_views([squareness_table(report, "rotation")]),
             "sentences": [
                 f"Sign: {SIGN_DEFINITIONS['rotation']}. C0Y: Y to X, B0Z: Z to X, A0Z: Z to Y."
-                " ±: of what the readings tell alone; the budget has all known sources.",
+                " ±: of the readings, of plausible rotations and of the laser's scale; the budget"
+                " has all known sources.",
                 LEAST_SQUARES_LINES,
             ],
         },

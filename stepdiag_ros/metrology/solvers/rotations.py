@@ -287,6 +287,8 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
     """Say what the readings show of rotations, and what the uncertainties contain for the rest."""
     if not measurement.plausible.rotation:
         return ["Rotations of the axes are taken as zero, as stated for this machine."]
+    known = all(np.all(np.isfinite(one.standard_uncertainty)) for one in measurement.lines)
+    misfit = known and rotations.noise_factor > 1.0
     plausible = measurement.plausible.rotation * 1e6
     size = f"{rotations.size * 1e6:.2g} µrad"
     chain = "" if measurement.chain else " The chain is not known, so that any of the six may act."
@@ -294,6 +296,12 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
         return [
             "These readings cannot show rotations of the axes. All uncertainties contain plausible "
             f"ones of {plausible:.3g} µrad over the measured travel.{chain}"
+        ]
+    if rotations.chance < SHOWN and misfit:
+        return [
+            f"A part of the misfit looks like rotations of the axes, {size} in size (p = "
+            f"{rotations.chance:.1g}); the diagnosis says what it is. All uncertainties contain "
+            f"rotations of that size.{chain}"
         ]
     if rotations.chance < SHOWN:
         return [
