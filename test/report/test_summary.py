@@ -172,7 +172,7 @@ def test_noise_is_no_size_of_an_error(monkeypatch):
     monkeypatch.setattr(leads, "is_noise", lambda _: True)
     said = in_short(make_report(results=(make_result(),)))
     assert len(said) == 2 and said[0].startswith("No error of this machine") and "±" not in said[0]
-    assert said[1].startswith("Taken as zero")
+    assert said[1].startswith("Not in these values")
 
 
 def test_the_last_lines_say_it_in_short_and_what_to_run_next():

@@ -31,7 +31,8 @@ def _tell(material: Material) -> Content | str:
     said = [
         DEFINITION,
         f"± (95 %) at that place: in the table {COVERAGE_FACTOR:g} standard uncertainties of the"
-        " readings, plausible rotations and the laser's scale; above it, as on the first page, the larger of that and of all"
+        " readings, plausible rotations and the laser's scale; above it, as on the first page, the"
+        " larger of that and of all"
         f" sources that the budget knows{', so at least that' if material.lower_bound else ''}.",
     ]
     said += [
