@@ -128,7 +128,9 @@ def test_the_worst_place_is_that_of_the_volume():
 
 
 def zero_words(*results):
-    return [text for text in in_short(make_report(results=results)) if "Not in these values" in text]
+    return [
+        text for text in in_short(make_report(results=results)) if "Not in these values" in text
+    ]
 
 
 def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
