@@ -38,6 +38,7 @@ from stepdiag_ros.metrology.discrepancy.rotation_finding import (
     rotation_finding,
 )
 from stepdiag_ros.metrology.discrepancy.selection import (
+    EVIDENCE_RATIO,
     FALSE_NAME_LEVEL,
     Selection,
 )
@@ -261,18 +262,21 @@ def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) ->
     paid for as any other, and beside them effects are looked for as without them.
     """
     run.tell("weighing rotations of all axes")
-    rotations = judge_rotations(result.problem, run.stops, (), run.seed)
+    freedom = result.noise.freedom
+    rotations = judge_rotations(result.problem, run.stops, (), freedom, run.seed)
     if rotations.p_value > FALSE_NAME_LEVEL:
         return diagnosis
     turned = run.once(result.noise, replace(result.loose, rotation=rotations.size))
     chosen = [turned.found.candidates[index] for index in turned.selection.chosen]
-    beside = judge_rotations(result.problem, run.stops, chosen, run.seed)
+    beside = judge_rotations(result.problem, run.stops, chosen, freedom, run.seed)
     if beside.p_value > FALSE_NAME_LEVEL:
         return diagnosis
     price = 0.5 * np.log(len(result.problem.gap))
     ahead = rotations.evidence - price + turned.selection.evidence - result.selection.evidence
     explained = (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
-    if ahead <= 0.0 and diagnosis.verdict in explained:
+    # A run that agrees without rotations needs better odds to be said to show them.
+    margin = float(np.log(EVIDENCE_RATIO)) if diagnosis.verdict == verdicts.CONSISTENT else 0.0
+    if ahead <= margin and diagnosis.verdict in explained:
         return beside_rotations(diagnosis, beside, float(ahead))
     turned = run.settled(turned, stated)
     made = _diagnosis(turned, run.stops)

@@ -238,7 +238,11 @@ class RotationTest:
 
 
 def judge_rotations(
-    problem: Whitened, stops: Stops, candidates: Sequence[Candidate], seed: int
+    problem: Whitened,
+    stops: Stops,
+    candidates: Sequence[Candidate],
+    noise_freedom: float,
+    seed: int,
 ) -> RotationTest:
     """Test a run for rotations of all axes.
 
@@ -246,6 +250,7 @@ def judge_rotations(
         problem: whitened, without rotations in its baseline.
         stops: of the run, its chain known.
         candidates: effects that were found, their sizes free.
+        noise_freedom: degrees of freedom of the noise.
         seed: of the draws that tell what chance does.
     """
     span = _span(_left(problem, _free(stops, candidates)))
@@ -259,8 +264,11 @@ def judge_rotations(
     cost = 0.5 * np.sum(np.log(spread), axis=1)
     evidence = 0.5 * share @ parts**2 - cost
     best = int(np.argmax(evidence))
-    draws = np.random.default_rng(seed).standard_normal((_DRAWS, len(values)))
-    luck = np.max(0.5 * (draws**2 * values) @ share.T - cost, axis=1)
+    rng = np.random.default_rng(seed)
+    # The noise of every draw is estimated as that of the run.
+    variance = rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
+    draws = rng.standard_normal((_DRAWS, len(values))) ** 2 / variance[:, None]
+    luck = np.max(0.5 * (draws * values) @ share.T - cost, axis=1)
     weight = np.exp(evidence - evidence[best])
     weight /= np.sum(weight)
     mean = float(weight @ sizes)
