@@ -79,6 +79,14 @@ class Baseline:
             deviation=np.append(self.deviation, np.full(columns.shape[1], deviation)),
         )
 
+    def with_free(self, columns: Vector) -> "Baseline":
+        """Return the baseline with more values that are free altogether.
+
+        Args:
+            columns: derivatives of the readings by them, m per their unit, shape (n, k).
+        """
+        return replace(self, matrix=np.column_stack([self.matrix, columns]))
+
     @property
     def loose_rows(self) -> Vector:
         """Return the observations that keep the loose values small, whitened, shape (q, q)."""

@@ -25,9 +25,11 @@ from stepdiag_ros.metrology.discrepancy.gross import mislabelled
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFit, LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.locate import gap_map, sentences
 from stepdiag_ros.metrology.discrepancy.loose import (
+    beyond,
     estimate_wander,
     judge_rotations,
     loosened,
+    rotation_columns,
     wander_evidence,
 )
 from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
@@ -201,8 +203,6 @@ class _Run:
         luck = look_elsewhere(found, noise.freedom, self.seed)
         self.tell("choosing")
         selection = Selection(found, problem.gap, luck, self.tell)
-        test = LackOfFitTest(problem, self.stops, noise)
-        none = np.zeros((len(problem.gap), 0))
         return _Result(
             noise,
             loose,
@@ -210,9 +210,25 @@ class _Run:
             found,
             luck,
             selection,
-            test(problem.gap, none),
-            test(selection.left(), selection.span()),
+            *self._fits(problem, selection, noise, loose),
         )
+
+    def _fits(
+        self, problem: Whitened, selection: Selection, noise: Noise, loose: Loose
+    ) -> tuple[LackOfFit, LackOfFit]:
+        """Test whether a gap is left without and with what was chosen.
+
+        Where all axes turn, by rotations that are free: how rough they are is not to be tested.
+        """
+        left, span = selection.left(), selection.span()
+        if loose.rotation:
+            plain = loosened(self.baseline, self.stops, replace(loose, rotation=0.0))
+            turning = plain.with_free(rotation_columns(self.stops)[plain.good])
+            problem = whitened(turning, noise.size, noise.correlation)
+            left, span = beyond(problem, self.stops, selection.candidates)
+        test = LackOfFitTest(problem, self.stops, noise)
+        none = np.zeros((len(problem.gap), 0))
+        return test(problem.gap, none), test(left, span)
 
     def settled(self, result: _Result, stated: float) -> _Result:
         """Take noise and scatter anew from what the effects leave, until they stay the same."""
@@ -220,7 +236,7 @@ class _Run:
         for _ in range(_PASSES):
             left = result.problem.readings(result.selection.left())
             noise = estimate_noise(self.baseline, left, self.stops, stated)
-            chosen = [result.found.candidates[index] for index in result.selection.chosen]
+            chosen = result.selection.candidates
             fixed = self.whitened(noise, Loose(rotation=result.loose.rotation))
             wander = estimate_wander(fixed, self.stops, chosen, noise.freedom)
             loose = replace(wander, rotation=result.loose.rotation)
@@ -267,7 +283,7 @@ def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) ->
     if rotations.p_value > FALSE_NAME_LEVEL:
         return diagnosis
     turned = run.once(result.noise, replace(result.loose, rotation=rotations.size))
-    chosen = [turned.found.candidates[index] for index in turned.selection.chosen]
+    chosen = turned.selection.candidates
     beside = judge_rotations(result.problem, run.stops, chosen, freedom, run.seed)
     if beside.p_value > FALSE_NAME_LEVEL:
         return diagnosis

@@ -216,6 +216,14 @@ def _shape_evidence(
     return best
 
 
+def beyond(
+    problem: Whitened, stops: Stops, candidates: Sequence[Candidate]
+) -> tuple[Vector, Vector]:
+    """Return what candidates of free sizes leave of a gap, and what they span, whitened."""
+    span = _span(_left(problem, _free(stops, candidates)))
+    return problem.gap - span @ (span.T @ problem.gap), span
+
+
 @dataclass(frozen=True)
 class RotationTest:
     """Whether several axes turn: rotations of all of them against none.

@@ -84,10 +84,12 @@ def estimate_noise(baseline: Baseline, gap: Vector, stops: Stops, stated: float)
 
 
 def _repeats(by_pass: list[Vector], stops: Stops) -> Iterator[_Series]:
-    groups: dict[tuple[int, str], list[int]] = {}
+    # Another order of the moves stops at other places: what two orders differ by has lost to the
+    # fit of the baseline already, and is no pure error.
+    groups: dict[tuple[int, str, str], list[int]] = {}
     for index, line in enumerate(stops.lines):
         setup = int(stops.setup[stops.pass_index == index][0])
-        groups.setdefault((setup, line.direction), []).append(index)
+        groups.setdefault((setup, line.order, line.direction), []).append(index)
     for members in groups.values():
         if len({len(by_pass[index]) for index in members}) > 1:
             continue
@@ -102,10 +104,10 @@ def _repeats(by_pass: list[Vector], stops: Stops) -> Iterator[_Series]:
 
 
 def _directions(by_pass: list[Vector], stops: Stops) -> Iterator[_Series]:
-    waiting: dict[tuple[int, int], int] = {}
+    waiting: dict[tuple[int, str, int], int] = {}
     for index, line in enumerate(stops.lines):
         rows = stops.pass_index == index
-        key = (int(stops.setup[rows][0]), line.repeat)
+        key = (int(stops.setup[rows][0]), line.order, line.repeat)
         if key not in waiting:
             waiting[key] = index
             continue

@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, alike
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
-from stepdiag_ros.metrology.discrepancy.findings import Finding, RunnerUp
+from stepdiag_ros.metrology.discrepancy.findings import Candidate, Finding, RunnerUp
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker, Ranking
 from stepdiag_ros.metrology.discrepancy.sizes import Sizes
 from stepdiag_ros.metrology.geometry import Vector
@@ -78,6 +78,11 @@ class Selection:
             if names.count(name) > _MOST_ALIKE and len(kinds) > _MANY_KINDS:
                 return f"it takes {names.count(name)} times a {name}, which is no explanation"
         return ""
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Return the chosen candidates."""
+        return tuple(self._found.candidates[index] for index in self.chosen)
 
     @property
     def evidence(self) -> float:
