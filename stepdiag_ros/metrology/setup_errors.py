@@ -21,13 +21,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import levers, perpendiculars
-from stepdiag_ros.metrology.geometry import AXES, CHAINS, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.forward import perpendiculars
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
-from stepdiag_ros.metrology.plausible import rotation_readings
+from stepdiag_ros.metrology.solvers.lengths import length_readings
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
+from stepdiag_ros.metrology.solvers.rotations import mode_readings
 from stepdiag_ros.metrology.solvers.setup_robust import LAMBDAS, body_map
 
 LAMBDA_TERMS: dict[str, tuple[tuple[int, str], tuple[int, str]]] = {
@@ -120,21 +121,9 @@ def _not_told(observations: Observations, measurement: Measurement) -> Vector:
     Rotations (of each of the six chains, with a sixth of the variance, where the machine's is not
     known) and the laser's scale, each column for one standard uncertainty.
     """
-    plausible, position = measurement.plausible, observations.position
-    setups = observations.setups
-    direction = np.array([setup.direction for setup in setups])[observations.setup]
-    share = position / (np.asarray(observations.volume.step) * observations.volume.blocks)
-    chains = (measurement.chain,) if measurement.chain else CHAINS
-    size = plausible.rotation / np.sqrt(len(chains))
-    columns = []
-    for chain in chains:
-        arms = np.stack([observations.way - lever for lever in levers(position, chain)], axis=1)
-        columns.append(size * rotation_readings(share, direction, arms))
-    nominal = np.sum(direction * observations.way, axis=1)[:, None]
-    each = observations.setup[:, None] == np.arange(len(setups))
-    made: Vector = np.hstack(
-        [*columns, plausible.scale * nominal, plausible.shift * nominal * each]
-    )
+    plausible = measurement.plausible
+    turned = plausible.rotation * mode_readings(observations, measurement.chain)
+    made: Vector = np.column_stack([turned, length_readings(observations, plausible)])
     return made
 
 

@@ -6,7 +6,7 @@ here are setup, scatter, drift, misfit and the angular errors that a model leave
 
 import numpy as np
 
-from stepdiag_ros.metrology.forward import levers, perpendiculars
+from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
@@ -14,9 +14,10 @@ from stepdiag_ros.metrology.geometry import (
     Vector,
     line_signs,
 )
-from stepdiag_ros.metrology.plausible import MODES, modes, rotation_readings
+from stepdiag_ros.metrology.plausible import MODES, modes
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
+from stepdiag_ros.metrology.solvers.rotations import mode_readings
 from stepdiag_ros.metrology.standards.length_effects import rotation_effects
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.length_sources import (
@@ -232,11 +233,8 @@ def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...])
     slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
     truly: dict[str, Vector] = {}
     if measurement.chain:
-        direction = np.array([setup.direction for setup in seen.setups])[seen.setup]
         travel = np.asarray(seen.volume.step) * seen.volume.blocks
-        after = levers(seen.position, measurement.chain)
-        arms = np.stack([seen.way - after[axis] for axis in range(3)], axis=1)
-        by_mode = rotation_readings(seen.position / travel, direction, arms).T
+        by_mode = mode_readings(seen, measurement.chain).T
         in_model = [name in names for name in ROTATIONS]
         by_mode.reshape(len(ROTATIONS), MODES, -1)[in_model] = 0.0
         slopes = by_mode.reshape(slopes.shape)
