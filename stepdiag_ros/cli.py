@@ -95,6 +95,16 @@ def _leave_pipe() -> None:
     os.dup2(nowhere, sys.stdout.fileno())
 
 
+def _forget_interrupt() -> None:
+    """Let ``python -m stepdiag_ros.cli`` end with the exit code that ``main`` returns.
+
+    An interrupt that hits code executed from text, such as the methods that ``dataclass`` writes,
+    leaves a mark in CPython. The interpreter then ends by SIGINT although the interrupt was
+    handled. Executing another text clears the mark.
+    """
+    exec("")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code.
 
@@ -112,6 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(argv)
     except KeyboardInterrupt:
         print("stepdiag: stopped", file=sys.stderr)
+        _forget_interrupt()
         return _EXIT_INTERRUPTED
     except BrokenPipeError:
         _leave_pipe()

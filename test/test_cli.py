@@ -578,3 +578,18 @@ def test_a_terminal_without_greek_letters_gets_question_marks(bag):
     )
     assert done.returncode == 0
     assert b"?m/m" in done.stdout
+
+
+def test_an_interrupt_inside_generated_code_ends_with_130_too(tmp_path):
+    """It hit dataclasses by chance as they were made, and ended the interpreter by the signal."""
+    (tmp_path / "interrupted.py").write_text(
+        "import sys\n"
+        "from stepdiag_ros import cli\n"
+        "cli._run = lambda argv: exec('raise KeyboardInterrupt')\n"
+        "sys.exit(cli.main([]))\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "interrupted"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (130, "stepdiag: stopped\n")
