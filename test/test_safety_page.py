@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 
 from stepdiag_ros.devices import known_drivers
-from stepdiag_ros.metrology.fringe_count import FLOOR, MISALIGNMENT, ROUGHNESS
+from stepdiag_ros.metrology.beam import MISALIGNMENT
+from stepdiag_ros.metrology.fringe_count import FLOOR, ROUGHNESS
 from stepdiag_ros.nodes.sequencer import PERMIT_PERIOD
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.run.motion_watch import ASTRAY, SETTLE_LIMIT

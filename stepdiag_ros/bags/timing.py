@@ -10,7 +10,6 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.runs import messages_of
-from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.time_alignment import (
     SEARCH_LIMIT,
@@ -63,8 +62,9 @@ def timing_of(run: RecordedRun) -> RunTiming:
             found.append(TimeOffset(reason=_LOST))
             continue
         around = slice(*np.searchsorted(at, [begin - margin, end + margin]).tolist())
-        beam = beam_direction(stops[0].line.name, np.asarray(run.volume.step))
-        record = LineRecord(at[around], places[around] @ beam, times[part], raw[part])
+        beam = run.plan.lines[stops[0].command.line_index].beam(run.volume)
+        ways = beam.between(np.asarray(stops[0].command.target), places[around])
+        record = LineRecord(at[around], ways, times[part], raw[part])
         found.append(line_offset(record))
     return run_timing(found)
 

@@ -19,9 +19,9 @@ from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.geometry import Vector
+    from stepdiag_ros.metrology.tracker.box import Box
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.tracker.readings import TrackerReading
-    from stepdiag_ros.metrology.tracker.seven_lines import Box
     from stepdiag_ros.planning.tracker_duration import SevenLineDuration
 
 # Not taken from metrology, whose numerics every start of the command line would wait for.
@@ -484,7 +484,7 @@ def _box(arguments: Namespace) -> "Box":
     import numpy as np
 
     from stepdiag_ros.configuration import load_machine
-    from stepdiag_ros.metrology.tracker.seven_lines import Box
+    from stepdiag_ros.metrology.tracker.box import Box
 
     if arguments.box:
         return Box(np.array(arguments.box[:3]), np.array(arguments.box[3:]))

@@ -20,7 +20,7 @@ from math import isfinite, nan, sqrt
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector, beam_direction, inner
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -346,12 +346,11 @@ class Assembler:
         if not settled or number == 0:
             return ""
         last = line.stops[settled[-1]]
-        beam = beam_direction(line.line.name, np.asarray(self._plan.volume.step))
+        beam = self._plan.lines[line.line_index].beam(self._plan.volume)
         targets = line.targets
-        nominal = float(inner(beam, targets[number] - targets[last.command.stop]))
-        move = float(inner(beam, targets[number] - targets[number - 1]))
+        nominal = float(beam.between(targets[last.command.stop], targets[number]))
         found = window.displacement - last.displacement
-        if abs(found - nominal) <= 0.5 * abs(move):
+        if abs(found - nominal) <= 0.5 * beam.span(targets[number - 1], targets[number]):
             return ""
         return (
             f"the displacement since stop {last.command.stop} is {found * 1e3:.4f} mm instead of "
@@ -455,6 +454,7 @@ def _block(
     line: _OpenLine, before: SettledStop, after: SettledStop, plan: Plan
 ) -> BlockDisplacement:
     start, end = line.targets[before.command.stop], line.targets[after.command.stop]
+    beam = plan.lines[line.line_index].beam(plan.volume)
     moves_per_block = max(len(line.line.order), 1)
     return BlockDisplacement(
         line_index=line.line_index,
@@ -465,9 +465,7 @@ def _block(
         axis=moved_axes(start, end),
         from_stop=before.command.stop,
         to_stop=after.command.stop,
-        nominal_displacement=float(
-            inner(beam_direction(line.line.name, np.asarray(plan.volume.step)), end - start)
-        ),
+        nominal_displacement=float(beam.between(start, end)),
         displacement=after.displacement - before.displacement,
         standard_uncertainty=sqrt(before.standard_uncertainty**2 + after.standard_uncertainty**2),
     )

@@ -37,9 +37,11 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 
 _WAVES = 3
 _FINE_NODES = 241
+_STATION_SCATTER = 1e-3
 
 
 @dataclass(frozen=True)
@@ -253,6 +255,29 @@ class SimulatedCell:
         """
         offset = np.asarray(self.mirror_offset) if any(self.mirror_offset) else None
         return reading(positions, alignment, self.errors, self.chain, offset)
+
+    def station(self, setup: str, planned: Sequence[float]) -> Vector:
+        """Return where a tracker really stands, machine coordinates, m, shape (3,).
+
+        Nobody puts it up better than to about a millimetre.
+
+        Args:
+            setup: identity of the zero; a new zero (`` #2``) leaves the tracker where it is.
+            planned: place of the tracker by the plan, m.
+        """
+        rng = np.random.default_rng([self.seed, *_stable_numbers(setup.partition(" #")[0])])
+        place: Vector = np.asarray(planned) + _STATION_SCATTER * rng.standard_normal(3)
+        return place
+
+    def length(self, positions: Vector, station: Vector) -> Vector:
+        """Return the true lengths from a tracker to the reflector, without noise, m, shape (n,).
+
+        Args:
+            positions: actual positions of the axes, machine coordinates, m, shape (n, 3).
+            station: of the tracker, see ``metrology.tracker``, m, shape (3,).
+        """
+        offset = np.asarray(self.mirror_offset) if any(self.mirror_offset) else None
+        return machine_lengths(positions, station, self.errors, self.chain, offset)
 
     def environment(self, time_s: float) -> Environment:
         """Return air and material at a time since the cell's start, s."""

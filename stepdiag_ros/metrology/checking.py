@@ -173,6 +173,16 @@ class Section:
                 raise self._wrong(key, [x, y, z], f"three numbers from {low:g} to {high:g}")
         return x, y, z
 
+    def vectors(
+        self, key: str, low: float = -1e3, high: float = 1e3
+    ) -> tuple[tuple[float, float, float], ...]:
+        """Return a list of at least one triple of numbers (X, Y, Z), each within [low, high]."""
+        value = self._take(key, _MISSING)
+        if not isinstance(value, Sequence) or isinstance(value, str) or not value:
+            raise self._wrong(key, value, "a list of places [x, y, z]")
+        item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
+        return tuple(item.vector(f"{key}[{i}]", low, high) for i in range(len(value)))
+
     def section(self, key: str) -> "Section":
         """Return a nested mapping; empty if the key is not there."""
         return Section(self._take(key, {}), f"{self._source}: {key}")

@@ -16,6 +16,7 @@ from math import isfinite
 import numpy as np
 
 from stepdiag_ros.metrology.assembly import FIRST_STATUS_THAT_LOSES_ZERO
+from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Reading
 
@@ -27,9 +28,6 @@ FLOOR = 5e-6
 """m by which the displacement may change from reading to reading while the axes stand."""
 SLACK = 1.1
 """Times the speed of the axes that the displacement may change with."""
-MISALIGNMENT = 5e-3
-"""Part of a way by which the displacement may differ from it: twice the tilt of beam or mirror, in
-rad, with which a signal still comes back."""
 ROUGHNESS = 5e-4
 """Part of a way by which two ways of the same axis may differ: twice the slope of the error motions
 of a poor machine."""
@@ -54,7 +52,7 @@ class CountCheck:
     """Judges readings by actual positions; both come in order of time, each in itself."""
 
     def __init__(self) -> None:
-        self._direction: Vector | None = None
+        self._beam: BeamPath | None = None
         self._positions: deque[tuple[int, Vector]] = deque(maxlen=MOST_PENDING)
         self._readings: deque[tuple[int, float]] = deque(maxlen=MOST_PENDING)
         self._last: tuple[int, float] | None = None
@@ -66,18 +64,18 @@ class CountCheck:
 
     def end(self) -> None:
         """Judge no reading until the next zero."""
-        self._direction = None
+        self._beam = None
         self._readings.clear()
         self.trouble = ""
 
-    def begin(self, direction: Vector, time: int) -> None:
+    def begin(self, beam: BeamPath, time: int) -> None:
         """Take a new zero; what was before a time (ns) no longer counts.
 
         Args:
-            direction: nominal, of the beam away from the laser, shape (3,).
+            beam: of the line that is measured.
             time: from which readings have the new zero, ns.
         """
-        self._direction = direction
+        self._beam = beam
         self._readings.clear()
         self._last = self._standing = None
         self._slopes = {}
@@ -97,7 +95,7 @@ class CountCheck:
             displacement: as counted.
             counts: the instrument itself says that it has counted all the way.
         """
-        if self._direction is None or time <= self._since:
+        if self._beam is None or time <= self._since:
             return
         if not (counts and isfinite(displacement)):
             self._readings.clear()
@@ -154,15 +152,16 @@ class CountCheck:
 
     def _judge_standing(self, now: _Standing) -> None:
         before, self._standing = self._standing, now
-        if before is None or self._direction is None:
+        if before is None or self._beam is None:
             return
         way = now.position - before.position
-        expected = float(self._direction @ way)
+        expected = float(self._beam.between(before.position, now.position))
         found = now.displacement - before.displacement
         length = float(np.linalg.norm(way))
-        allowed = FLOOR + MISALIGNMENT * length
+        allowed = FLOOR + self._beam.misdirection(before.position, now.position) * length
         axis = int(np.argmax(np.abs(way)))
-        if length > LEAST_WAY and length - abs(way[axis]) <= STILL:
+        along_axis = length > LEAST_WAY and length - abs(way[axis]) <= STILL
+        if along_axis and isinstance(self._beam, FixedBeam):
             if axis in self._slopes:
                 expected += self._slopes[axis] * float(way[axis])
                 allowed = 2.0 * FLOOR + ROUGHNESS * length

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.metrology.beam import BeamPath, FixedBeam, TrackingBeam
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import (
     AXES,
@@ -18,6 +19,17 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
     move_orders,
 )
+from stepdiag_ros.metrology.tracker.box import Box
+from stepdiag_ros.metrology.tracker.instrument import Tracker
+from stepdiag_ros.metrology.tracker.route import Route
+from stepdiag_ros.metrology.tracker.tracked_line import (
+    TRACKER,
+    TrackedLine,
+    check_lines,
+    is_tracked,
+    lines_of_group,
+    station_of,
+)
 
 LINEAR = "linear"
 STEP_DIAGONAL = "step_diagonal"
@@ -28,7 +40,9 @@ LINE_NAMES = {
     STEP_DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
     DIAGONAL: (*BODY_DIAGONALS, *FACE_DIAGONALS),
 }
-"""Kind of a line → the names that it may have."""
+"""Kind of a line that a standing beam measures → the names that it may have.
+
+A line of kind ``tracker`` has the name of its station before its own; see ``tracked_line``."""
 BOX_KEYS = ("origin_m", "step_m", "blocks")
 """Of a plan file: the measured box."""
 COURSE_KEYS = (
@@ -40,6 +54,7 @@ COURSE_KEYS = (
     "one_alignment_per_diagonal",
     "overrun_m",
     "sampling",
+    "tracker",
     "lines",
 )
 """Of a plan file: everything else, in the order in which it is written."""
@@ -73,8 +88,10 @@ class Line:
     """One pass along one line.
 
     Attributes:
-        kind: ``linear``, ``step_diagonal`` or ``diagonal``, the keys of ``LINE_NAMES``.
-        name: x, y, z, a body diagonal, or a face diagonal.
+        kind: ``linear``, ``step_diagonal`` or ``diagonal``, the keys of ``LINE_NAMES``, or
+            ``tracker``.
+        name: x, y, z, a body diagonal, or a face diagonal; of a tracker's line that of the station
+            and its own, such as ``1:xyz``.
         order: order of a block's moves along the forward direction, three letters on a body
             diagonal, two on a face; empty for lines along which all their axes move at once.
         repeat: from 0.
@@ -83,6 +100,8 @@ class Line:
             axis that stands, m.
         run: number of the run, from 1, where several are looked at together
             (``discrepancy.joint``); a plan knows of one.
+        tracked: places of a tracker's line; None of other lines, and of a line whose plan is not
+            at hand. It is no part of the line's identity.
     """
 
     kind: str
@@ -92,6 +111,7 @@ class Line:
     direction: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     run: int = 1
+    tracked: TrackedLine | None = field(default=None, compare=False)
 
     @property
     def setup(self) -> str:
@@ -103,10 +123,13 @@ class Line:
 
     def __str__(self) -> str:
         """Say which pass this is, for example ``ppp XYZ forward, repeat 1``."""
-        return f"{self._words} {self.direction}, repeat {self.repeat}"
+        words = of_run(self.name, self.run) if self.kind == TRACKER else self._words
+        return f"{words} {self.direction}, repeat {self.repeat}"
 
     @property
     def _words(self) -> str:
+        if self.kind == TRACKER:
+            return of_run(f"station {station_of(self.name)}", self.run)
         # A body diagonal may be measured in one plan by steps and at once: two alignments.
         words = f"{self.name} {DIAGONAL if self.kind == DIAGONAL else self.order}".strip()
         return of_run(words, self.run)
@@ -117,6 +140,8 @@ class Line:
         A stop ends each single-axis move of a step diagonal; on other lines the stops are the nodes
         that all axes of the line reach together, the targets of ISO 230-2 and ISO 230-6.
         """
+        if self.tracked is not None:
+            return self.tracked.stops(self.direction == FORWARD)
         signs = line_signs(self.name)
         if self.order:
             block = np.zeros((len(self.order), 3), dtype=np.int64)
@@ -132,10 +157,21 @@ class Line:
         )
         return positions if self.direction == FORWARD else positions[::-1].copy()
 
+    def beam(self, volume: Volume) -> BeamPath:
+        """Return the nominal beam of the line over the measured box."""
+        if self.tracked is not None:
+            return TrackingBeam(np.array(self.tracked.station))
+        return FixedBeam(beam_direction(self.name, np.asarray(volume.step)))
+
+    @property
+    def moves_at_once(self) -> bool:
+        """Say whether all axes of the line move together from stop to stop."""
+        return self.kind == DIAGONAL or (self.tracked is not None and self.tracked.straight)
+
     def block_of(self, stop: int) -> int:
         """Return the block, from 1 in the direction of the pass, in which a stop lies.
 
-        The stop that ends a block belongs to it; the first of the line, 0, belongs to none: 0.
+        The stop that ends a block belongs to it; the first of the line belongs to none: 0.
         """
         return -(-stop // max(len(self.order), 1))
 
@@ -170,6 +206,8 @@ def kind_of(name: str, order: str) -> str:
     """Return the kind of the line that has a name and an order of moves."""
     if order:
         return STEP_DIAGONAL
+    if is_tracked(name):
+        return TRACKER
     return LINEAR if name in LINEAR_LINES else DIAGONAL
 
 
@@ -225,7 +263,8 @@ class Plan:
         overrun: how far the machine goes beyond the first stop of a pass before it comes back to
             it, m, so that every stop of the pass is approached in its direction, as the
             bidirectional tests of ISO 230-2 and ISO 230-6 need it. Step diagonals have none: each
-            of their moves ends at a stop.
+            of their moves ends at a stop; a tracker's lines have their own.
+        tracker: the instrument of a plan whose lines are all of kind ``tracker``; else None.
     """
 
     name: str
@@ -236,6 +275,7 @@ class Plan:
     pause_for_setup: bool = True
     one_alignment_per_diagonal: bool = False
     overrun: float = 0.0
+    tracker: Tracker | None = None
 
     def setup_of(self, line: Line) -> str:
         """Return the identity of the alignment and zero that a line is measured with."""
@@ -243,17 +283,21 @@ class Plan:
 
     def overrun_of(self, line: Line) -> float:
         """Return how far beyond its first stop a pass is begun, m; step diagonals never are."""
+        if line.tracked is not None:
+            return line.tracked.overrun
         return 0.0 if line.kind == STEP_DIAGONAL else self.overrun
 
     def run_up(self, line: Line) -> Vector | None:
-        """Return the place beyond a pass's first stop that it is begun from, m, shape (3,).
+        """Return the place beyond a pass's first stop, m, shape (3,); None if it begins at that.
 
-        None if the pass begins at its first stop. Source of the practice: Renishaw, laser diagonal
+        Source of the practice: Renishaw, laser diagonal
         testing, "backlash is eliminated by moving in the same direction before each reading".
         """
         overrun = self.overrun_of(line)
         if overrun == 0.0:
             return None
+        if line.tracked is not None:
+            return line.tracked.run_up(line.direction == FORWARD)
         sense = 1.0 if line.direction == FORWARD else -1.0
         along = sense * beam_direction(line.name, np.asarray(self.volume.step))
         place: Vector = line.stops(self.volume)[0] - overrun * along
@@ -264,11 +308,8 @@ class Plan:
 
         After a line of the same alignment these are its stops the other way round, so that the
         mirror stays in the beam: otherwise the count of fringes, and with it the zero, is lost.
-        After another alignment, or where the line before ends at this line's first stop, there are
-        none.
-
-        Args:
-            line_index: of this plan, from 0.
+        There are none after another alignment, or where the line before (``line_index`` less one)
+        ends at this line's first stop.
         """
         none = np.empty((0, 3))
         if line_index == 0:
@@ -276,12 +317,39 @@ class Plan:
         before, line = self.lines[line_index - 1], self.lines[line_index]
         if self.setup_of(before) != self.setup_of(line):
             return none
+        if line.tracked is not None:
+            return self.way_to(line, 0, before.stops(self.volume)[-1])
         passed = before.stops(self.volume)[::-1]
         at_first_stop = np.all(passed == line.stops(self.volume)[0], axis=1)
         if at_first_stop[0] or not np.any(at_first_stop):
             return none
         way: Vector = passed[1 : int(np.argmax(at_first_stop)) + 1]
         return way
+
+    @property
+    def corners(self) -> Vector:
+        """The lowest and the highest corner of the measured box, m, shape (2, 3)."""
+        low = np.array(self.volume.origin)
+        return np.stack((low, low + self.volume.blocks * np.array(self.volume.step)))
+
+    def way_to(self, line: Line, stop: int, position: Vector) -> Vector:
+        """Return the places by which the machine comes to a stop of a tracker's line, m, (n, 3).
+
+        Stops along a straight line are reached from the stop before; for all others see
+        ``Route.reach``. The stop itself is not among them.
+
+        Raises:
+            ValueError: the tracker sees the start and the stop, and there is no way between them.
+        """
+        assert line.tracked is not None and self.tracker is not None
+        if line.tracked.straight and stop > 0:
+            return np.empty((0, 3))
+        stops = line.stops(self.volume)
+        beyond = self.run_up(line) if stop == 0 else None
+        end = stops[stop] if beyond is None else beyond
+        route = Route(Box(*self.corners), np.array(line.tracked.station), self.tracker)
+        places = route.reach(np.asarray(position, dtype=np.float64), end)
+        return places[:-1] if len(places) and np.all(places[-1] == stops[stop]) else places
 
     @property
     def stop_count(self) -> int:
@@ -306,6 +374,10 @@ class Plan:
         lines: list[Line] = []
         for group in plan.sections("lines"):
             lines.extend(_lines_of_group(group, repeats, directions))
+        tracker = plan.given(["tracker"]).get("tracker")
+        check_lines(
+            [(line, line.name, line.tracked) for line in lines], tracker is not None, source
+        )
         sampling_section = plan.section("sampling")
         standard = Sampling()
         sampling = Sampling(
@@ -350,13 +422,19 @@ class Plan:
             pause_for_setup=plan.flag("pause_for_setup", default=True),
             one_alignment_per_diagonal=plan.flag("one_alignment_per_diagonal", default=False),
             overrun=plan.number("overrun_m", low=0.0, high=1.0, default=0.0),
+            tracker=None
+            if tracker is None
+            else Tracker.from_mapping(tracker, f"{source}: tracker"),
         )
         plan.finish()
         return made
 
 
 def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:
-    kind = group.names("kind", tuple(LINE_NAMES))[0]
+    kind = group.names("kind", (*LINE_NAMES, TRACKER))[0]
+    if kind == TRACKER:
+        yield from _tracked_lines(group, repeats, directions)
+        return
     names = group.names("names", LINE_NAMES[kind])
     orders: dict[str, tuple[str, ...]] = dict.fromkeys(names, ("",))
     if kind == STEP_DIAGONAL:
@@ -372,6 +450,17 @@ def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -
             for repeat in range(group_repeats):
                 for direction in group_directions:
                     yield Line(kind, name, order, repeat, direction, offset)
+
+
+def _tracked_lines(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:
+    found = list(lines_of_group(group))
+    own_directions = group.names("directions", (FORWARD, BACKWARD), default=directions)
+    own_repeats = group.integer("repeats", low=1, high=1000, default=repeats)
+    group.finish()
+    for name, tracked in found:
+        for repeat in range(own_repeats):
+            for direction in own_directions:
+                yield Line(TRACKER, name, "", repeat, direction, tracked=tracked)
 
 
 def _orders(names: tuple[str, ...], group: Section) -> dict[str, tuple[str, ...]]:

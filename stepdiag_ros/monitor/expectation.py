@@ -19,8 +19,7 @@ def nominal_displacement(line: Line, volume: Volume, start: Vector, end: Vector)
         start: m, shape (3,).
         end: likewise.
     """
-    beam = beam_direction(line.name, np.asarray(volume.step))
-    return float(beam @ (np.asarray(end) - np.asarray(start)))
+    return float(line.beam(volume).between(np.asarray(start), np.asarray(end)))
 
 
 def expected_displacement(

@@ -24,8 +24,8 @@ from stepdiag_ros.conversion import (
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
 from stepdiag_ros.metrology.air.compensator import Compensator
+from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
 from stepdiag_ros.metrology.fringe_count import CountCheck
-from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import spin
@@ -79,7 +79,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         self._run_begins = 0
         self._setup = ""
         self._count_check = CountCheck()
-        self._direction = np.zeros(3)
+        self._line_beam: BeamPath = FixedBeam(np.zeros(3))
         # Since when a good reading of the present setup is waited for, ns; 0 if it has come.
         self._aligned = 0
         self._weather_time = 0
@@ -171,9 +171,9 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         x, y, z = (float(value) for value in replace(line, direction=FORWARD).stops(volume)[0])
         self._setup, self._aligned = state.setup, self.now()
         self._beam.set_up(self._aligned + self._source.mixing)
-        self._direction = beam_direction(line.name, np.asarray(volume.step))
+        self._line_beam = line.beam(volume)
         self._count_check.end()
-        self._compensator.align(self._aligned, self._direction, np.array((x, y, z)))
+        self._compensator.align(self._aligned, self._line_beam, np.array((x, y, z)))
         with self.failing(f"align the interferometer for {state.setup}"):
             self.device.align(self._aligned, state.setup, line.name, volume.step, (x, y, z))
 
@@ -222,7 +222,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
             self._readings.publish(message)
             if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
                 self._aligned = 0
-                self._count_check.begin(self._direction, reading.time)
+                self._count_check.begin(self._line_beam, reading.time)
                 self.facts["beam"] = fact_of_run(self.run_id, self._setup)
                 self.beat()
         if readings and self.active:

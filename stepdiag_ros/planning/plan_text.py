@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL, Line, Plan, Sampling
+from stepdiag_ros.metrology.tracker.instrument import Tracker
+from stepdiag_ros.metrology.tracker.tracked_line import TrackedLine, station_of, test_line_of
 
 _WIDTH = 110
 
@@ -39,6 +41,8 @@ def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
         text.append("one_alignment_per_diagonal: true")
     if plan.overrun:
         text.append(f"overrun_m: {_number(plan.overrun)}")
+    if plan.tracker is not None:
+        text += ["", "tracker:", *_tracker_text(plan.tracker)]
     text += ["", "lines:"]
     for group in _groups(plan.lines):
         text += _group_text(group)
@@ -48,7 +52,10 @@ def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
 
 def _groups(lines: tuple[Line, ...]) -> list[list[Line]]:
     """Return runs of lines that one entry of the file makes in just this order."""
-    groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.kind, line.offset))]
+    groups = [
+        list(group)
+        for _, group in groupby(lines, key=lambda line: (line.kind, line.offset, line.tracked))
+    ]
     made: list[list[Line]] = []
     for group in groups:
         made += _regular(group)
@@ -95,7 +102,11 @@ def _group_text(lines: list[Line]) -> list[str]:
     if not _is_combination(lines):
         raise ValueError(f"line {lines[0]} begins with repeat {lines[0].repeat}, not 0")
     first = lines[0]
+    if first.tracked is not None:
+        names = [test_line_of(first.name)]
     text = [f"  - kind: {first.kind}", f"    names: [{', '.join(names)}]"]
+    if first.tracked is not None:
+        text += _tracked_text(station_of(first.name), first.tracked)
     if first.kind == STEP_DIAGONAL:
         text.append(f"    orders: [{', '.join(orders)}]")
     if any(first.offset):
@@ -103,6 +114,27 @@ def _group_text(lines: list[Line]) -> list[str]:
     text.append(f"    repeats: {len(repeats)}")
     text.append(f"    directions: [{', '.join(directions)}]")
     return text
+
+
+def _tracker_text(tracker: Tracker) -> list[str]:
+    text = []
+    for key, value in tracker.to_mapping().items():
+        if isinstance(value, str):
+            written = _quoted(value)
+        else:
+            written = _numbers(value) if isinstance(value, list) else _number(value)
+        text.append(f"  {key}: {written}")
+    return text
+
+
+def _tracked_text(station: str, line: TrackedLine) -> list[str]:
+    places = ", ".join(_numbers(place) for place in line.targets)
+    text = [
+        f"    station: {_quoted(station)}",
+        f"    station_m: {_numbers(line.station)}",
+        f"    targets_m: [{places}]",
+    ]
+    return [*text, f"    overrun_m: {_number(line.overrun)}"] if line.overrun else text
 
 
 def _sampling_text(sampling: Sampling) -> list[str]:

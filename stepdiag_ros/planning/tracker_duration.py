@@ -14,9 +14,9 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 from stepdiag_ros.planning.duration import Assumptions, Clock
 from stepdiag_ros.planning.nc_program import Move
 from stepdiag_ros.planning.tracker_program import tracker_moves

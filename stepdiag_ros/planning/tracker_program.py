@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading, points_of
 from stepdiag_ros.metrology.tracker.route import Route
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 from stepdiag_ros.planning.nc_program import Dialect, Move, nc_program
 
 

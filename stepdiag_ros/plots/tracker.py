@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import (

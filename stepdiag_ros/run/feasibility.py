@@ -30,6 +30,8 @@ def out_of_limits(
         beyond = plan.run_up(line)
         if beyond is not None:
             stops = np.vstack((beyond, stops))
+        if line.tracked is not None:
+            stops = np.vstack((stops, plan.corners))
         for axis in range(3):
             reach = stops[:, axis].min(), stops[:, axis].max()
             if reach[0] < low[axis] or reach[1] > high[axis]:

@@ -7,9 +7,9 @@ from math import isfinite, isnan
 import numpy as np
 
 from stepdiag_ros.devices.cnc import Point, Traits
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, Line, Plan
+from stepdiag_ros.metrology.plan import FORWARD, Line, Plan, moved_axes
 
 OFF_LINE = 1e-4
 """m: farther from its line no move of several axes begins or ends, farther from its place no axis
@@ -56,9 +56,10 @@ class Permission:
     controller; if it ends at a stop, that is the stop that the plan has there, and it begins within
     the plan's box; if it only travels, the axis that moves ends within the plan's box, so that no
     move leads farther away from it than the machine stands already; several axes move at once only
-    on lines of kind ``diagonal`` (``refusal_of_plan``).
+    on lines whose axes move at once (``refusal_of_plan``).
 
-    The plan's box is the hull of all stops and run-ups of its lines.
+    The plan's box is the hull of all stops and run-ups of its lines; with a tracker, that of the
+    plan's volume as well.
 
     Attributes:
         plan: of the run.
@@ -81,6 +82,9 @@ class Permission:
             beyond = self.plan.run_up(line)
             if beyond is not None:
                 places.append(beyond[np.newaxis])
+        if self.plan.tracker is not None:
+            # Ways that keep clear of the tracker lead anywhere in its box.
+            places.append(self.plan.corners)
         every = np.vstack(places)
         return every.min(axis=0), every.max(axis=0)
 
@@ -219,8 +223,8 @@ def refusal_of_plan(
 ) -> str:
     """Say why a plan does not allow several axes to move at once; empty if it does.
 
-    They do only on lines of kind ``diagonal``, all axes of the line together, and from place to
-    place on the line itself, at most the plan's overrun beyond its ends.
+    They do only on lines whose axes move at once, all axes of the line together, and from place to
+    place on the line itself, at most its overrun beyond its ends.
 
     Args:
         plan: of the present run.
@@ -235,10 +239,11 @@ def refusal_of_plan(
         return f"it is for line {line_index}, but the plan has {len(plan.lines)} lines"
     line = plan.lines[line_index]
     at_once = " and ".join(axes)
-    if line.kind != DIAGONAL:
+    if not line.moves_at_once:
         return f"it moves {at_once} at once; on line '{line}' only one axis may move at a time"
-    own = [axis for axis, sign in zip(AXES, line_signs(line.name), strict=True) if sign]
-    if list(axes) != own:
+    stops = line.stops(plan.volume)
+    own = moved_axes(stops[0], stops[-1])
+    if axes != own:
         return f"it moves {at_once} at once, but line '{line}' is one of {' and '.join(own)}"
     for words, place in (("begins", position), ("ends", target)):
         if not _on_line(np.asarray(place, dtype=np.float64), line, plan):
@@ -250,10 +255,10 @@ def refusal_of_plan(
 def _on_line(place: Vector, line: Line, plan: Plan) -> bool:
     stops = line.stops(plan.volume)
     first, last = (stops[0], stops[-1]) if line.direction == FORWARD else (stops[-1], stops[0])
-    direction = beam_direction(line.name, np.asarray(plan.volume.step))
+    direction = (last - first) / np.linalg.norm(last - first)
     along = float(direction @ (place - first))
     beside = float(np.linalg.norm(place - first - along * direction))
-    reach = plan.overrun + OFF_LINE
+    reach = plan.overrun_of(line) + OFF_LINE
     length = float(direction @ (last - first))
     # Written so that a place that is no number is not on the line.
     return beside <= OFF_LINE and -reach <= along <= length + reach

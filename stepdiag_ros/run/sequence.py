@@ -114,9 +114,7 @@ class _Phase(Enum):
 
 
 class Sequence:
-    """Executes a plan one move at a time, each only when the stop before has settled.
-
-    A move is one of a single axis, except along a line of kind ``diagonal``.
+    """Executes a plan one move at a time (``Route``), each only when the stop before has settled.
 
     Every method takes the ROS time in ns (``now``) and a clock that never steps in s (``real``):
     durations of the machine count in ROS time, silence of other nodes in real time.
@@ -474,7 +472,11 @@ class Sequence:
             return
         if not self._has_beam(setup, real):
             return
-        target, at_stop = self._route.next(self._line, self._stop, self._position)
+        try:
+            target, at_stop = self._route.next(self._line, self._stop, self._position)
+        except ValueError as error:
+            self.fault(f"line {self._line}, stop {self._stop}: {error}")
+            return
         purpose = Purpose.STOP if at_stop else Purpose.POSITION
         self._command_count += 1
         axis = moved_axes(self._position, target)

@@ -5,7 +5,6 @@ from math import floor, isfinite, isnan, log10
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import MeasuredLine, Reading
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.time_alignment import (
@@ -153,10 +152,10 @@ class LiveTiming:
         if any(bad for _, _, bad in part):
             found = TimeOffset(reason="the zero was lost on the way")
         else:
-            beam = beam_direction(line.line.name, np.asarray(self._plan.volume.step))
+            beam = self._plan.lines[line.line_index].beam(self._plan.volume)
             record = LineRecord(
                 np.array([time for time, _ in self._positions], dtype=np.int64),
-                np.array([position for _, position in self._positions]) @ beam,
+                beam.between(line.target[0], np.array([place for _, place in self._positions])),
                 np.array([time for time, _, _ in part], dtype=np.int64),
                 np.array([value for _, value, _ in part]),
             )

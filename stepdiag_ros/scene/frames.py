@@ -101,7 +101,12 @@ def setup_placements(
         laser_distance: from the laser's reference to the mirror at the first stop, m.
         mirror_offset: of the mirror from the tool point, m, X Y Z.
     """
-    beam = beam_direction(line.name, np.asarray(volume.step))
+    if line.tracked is None:
+        beam = beam_direction(line.name, np.asarray(volume.step))
+    else:
+        way = first_stop(line, volume) - np.asarray(line.tracked.station)
+        laser_distance = float(np.linalg.norm(way))
+        beam = way / laser_distance
     rotation = quaternion_of(beam_axes(beam))
     mirror = first_stop(line, volume) + np.asarray(mirror_offset)
     return (

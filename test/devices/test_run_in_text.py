@@ -17,6 +17,7 @@ from test_live_effects import CELL, PLAN
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.air.known_air import KnownAir
+from stepdiag_ros.metrology.beam import FixedBeam
 from stepdiag_ros.metrology.geometry import beam_direction
 
 SETTINGS = {
@@ -60,7 +61,8 @@ class TextLaser:
         self.laser.align(now, setup, line, step, start)
         # The simulated one ends what was on its way with the old zero.
         self.driver.align(now, setup, line, step, start)
-        self.compensator.align(now, beam_direction(line, np.array(step)), np.array(start))
+        beam = FixedBeam(beam_direction(line, np.array(step)))
+        self.compensator.align(now, beam, np.array(start))
 
     def update_position(self, now, position):
         self.laser.update_position(now, position)

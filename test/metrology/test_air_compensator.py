@@ -9,6 +9,7 @@ import pytest
 from stepdiag_ros.metrology.air import index_of, raw_displacement
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.air.known_air import KnownAir, implausible
+from stepdiag_ros.metrology.beam import FixedBeam
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.samples import SampleBlock
 
@@ -95,7 +96,7 @@ class TestCompensator:
 
     def test_displacements_come_back_whatever_the_air_does(self):
         compensator = Compensator("own", self.DEAD)
-        compensator.align(1, X, np.zeros(3))
+        compensator.align(1, FixedBeam(X), np.zeros(3))
         assert compensator.reading(reading(0.0), AIR).compensated_displacement == 0.0
         for displacement in (0.0, 0.12, -0.05):
             for air in (AIR, WARM):
@@ -107,7 +108,7 @@ class TestCompensator:
     def test_the_zero_of_the_instrument_does_not_matter(self):
         there, elsewhere = (Compensator("own", self.DEAD) for _ in range(2))
         for compensator, offset in ((there, 0.0), (elsewhere, 3.21)):
-            compensator.align(1, X, np.zeros(3))
+            compensator.align(1, FixedBeam(X), np.zeros(3))
             compensator.reading(reading(offset), AIR)
         raw = self.counted(0.1, WARM)
         found = [
@@ -118,7 +119,7 @@ class TestCompensator:
 
     def test_the_dead_path_belongs_to_the_first_stop_wherever_the_zero_is_set(self):
         compensator = Compensator("own", self.DEAD)
-        compensator.align(1, X, np.array([0.1, 0.0, 0.0]))
+        compensator.align(1, FixedBeam(X), np.array([0.1, 0.0, 0.0]))
         compensator.move((0.3, 0.5, 0.0))
         compensator.reading(reading(0.0), AIR)
         raw = self.counted(0.05, WARM, way=0.2)
@@ -129,7 +130,7 @@ class TestCompensator:
 
     def test_the_zero_waits_for_a_good_reading_after_the_alignment(self):
         compensator = Compensator("own", self.DEAD)
-        compensator.align(10, X, np.zeros(3))
+        compensator.align(10, FixedBeam(X), np.zeros(3))
         compensator.reading(reading(5.0, time=9), AIR)
         compensator.reading(reading(6.0, time=11, status=2), AIR)
         compensator.reading(reading(nan, time=12), AIR)
@@ -137,7 +138,7 @@ class TestCompensator:
 
     def test_unknown_air_is_nan_and_the_first_known_one_serves_as_that_at_the_zero(self):
         compensator = Compensator("own", self.DEAD)
-        compensator.align(1, X, np.zeros(3))
+        compensator.align(1, FixedBeam(X), np.zeros(3))
         assert isnan(compensator.reading(reading(0.0), Environment()).compensated_displacement)
         assert compensator.reading(reading(0.0), AIR).compensated_displacement == 0.0
         blind = AIR._replace(air_pressure=nan)
@@ -160,7 +161,7 @@ class TestCompensator:
     def test_wavelength_and_equation_are_used(self):
         for how in ((1530e-9, "edlen"), (632.9908e-9, "ciddor")):
             compensator = Compensator("own", 0.0, *how)
-            compensator.align(1, X, np.zeros(3))
+            compensator.align(1, FixedBeam(X), np.zeros(3))
             compensator.reading(reading(0.0), AIR)
             made = compensator.reading(reading(1.0), AIR).compensated_displacement
             assert made == pytest.approx(1.0 / index_of(AIR, *how), rel=1e-15)
@@ -182,7 +183,7 @@ class TestCompensator:
         )
         blocks, singles = (Compensator(kind, self.DEAD) for _ in range(2))
         for compensator in (blocks, singles):
-            compensator.align(1, X, np.zeros(3))
+            compensator.align(1, FixedBeam(X), np.zeros(3))
         blocks.block(block, AIR)
         singles.reading(reading(0.5), AIR)
         made = blocks.block(replace(block, raw_displacement=raw + 0.1), WARM)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag_ros.metrology.beam import FixedBeam
 from stepdiag_ros.metrology.fringe_count import FLOOR, CountCheck
 
 MS = 1_000_000
@@ -36,7 +37,7 @@ def measured(slip=0.0, at=1e9, tilt=(0.0, 0.0, 0.0), offset=0.0, noise=0.2e-6, l
         return np.array([np.interp(time, times, places[:, axis]) for axis in range(3)])
 
     check = CountCheck()
-    check.begin(BEAM, -1)
+    check.begin(FixedBeam(BEAM), -1)
     said = None
     for tick in range(round(times[-1] * 100)):
         time = tick * 0.01
@@ -103,13 +104,13 @@ def test_vibration_below_the_floor_is_none_of_its_business():
 
 def test_it_holds_until_the_next_zero():
     check = CountCheck()
-    check.begin(BEAM, 0)
+    check.begin(FixedBeam(BEAM), 0)
     for tick in range(1, 100):
         check.add_position(tick * 10 * MS, (0.0, 0.0, 0.0))
         check.add_reading(tick * 10 * MS, 1e-4 * (tick > 50), True)
         check.check()
     assert check.trouble
-    check.begin(BEAM, 1000 * MS)
+    check.begin(FixedBeam(BEAM), 1000 * MS)
     for tick in range(99, 200):
         check.add_position(tick * 10 * MS, (0.0, 0.0, 0.0))
         # The readings before the new zero may still come.
@@ -119,7 +120,7 @@ def test_it_holds_until_the_next_zero():
 
 def test_without_positions_nothing_is_judged():
     check = CountCheck()
-    check.begin(BEAM, 0)
+    check.begin(FixedBeam(BEAM), 0)
     for tick in range(1, 20_000):
         check.add_reading(tick * MS, float(tick), True)
         assert check.check() == ""

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.configuration import load_machine
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, points_of
-from stepdiag_ros.metrology.tracker.seven_lines import Box, make_test
+from stepdiag_ros.metrology.tracker.seven_lines import make_test
 from stepdiag_ros.planning.tracker_duration import seven_line_duration
 from stepdiag_ros.planning.tracker_program import tracker_program
 

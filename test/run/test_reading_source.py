@@ -6,6 +6,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.air import index_of
 from stepdiag_ros.metrology.air.compensator import Compensator
+from stepdiag_ros.metrology.beam import FixedBeam
 from stepdiag_ros.metrology.decimation import Decimator
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.samples import SampleBlock
@@ -83,7 +84,7 @@ def test_readings_and_samples_are_compensated_by_the_air_that_is_given():
     for device in (Slow(), Fast()):
         compensator = Compensator("own")
         source = ReadingSource(device, 1000.0, 0.0, compensator)
-        compensator.align(-1, np.array([1.0, 0.0, 0.0]), np.zeros(3))
+        compensator.align(-1, FixedBeam(np.array([1.0, 0.0, 0.0])), np.zeros(3))
         # The zero is that of the first sample; from then on the index counts.
         source.poll(1, 0.0, air)
         compensator._raw_at_zero = 0.0

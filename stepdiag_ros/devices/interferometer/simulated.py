@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isnan, nan
 from typing import Any
 
@@ -17,21 +18,21 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OVERSPEED,
     Point,
 )
+from stepdiag_ros.devices.interferometer.behaviour import Behaviour
 from stepdiag_ros.devices.interferometer.course import Course
 from stepdiag_ros.metrology.air import (
-    DEFAULT_EQUATION,
-    EQUATIONS,
     compensated_displacement,
     index_of,
     raw_displacement,
 )
+from stepdiag_ros.metrology.beam import BeamPath, FixedBeam, TrackingBeam
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
-from stepdiag_ros.metrology.forward import Alignment
-from stepdiag_ros.metrology.geometry import Vector, beam_direction, inner
+from stepdiag_ros.metrology.geometry import Vector, beam_direction
 from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.samples import MOST_IN_BLOCK, Bytes, SampleBlock
+from stepdiag_ros.metrology.tracker.tracked_line import TrackedLine
 
 Instants = NDArray[np.int64]
 
@@ -51,8 +52,8 @@ class _Beam:
 
     since: int
     setup: str
-    alignment: Alignment
-    nominal: Vector
+    lengths: Callable[[Vector], Vector]
+    nominal: BeamPath
     start: Vector
     zeroed: bool = False
     length_at_zero: float = nan
@@ -63,37 +64,6 @@ class _Beam:
     last_position: Vector | None = None
     last_length: float = nan
     last_time: int = 0
-
-
-@dataclass(frozen=True)
-class Behaviour:
-    """How the simulated instrument behaves.
-
-    Attributes:
-        rate: of the readings, Hz.
-        seed: of the noise.
-        hold_after: without positions for this time the last one is taken to hold, s.
-        weather_age: sensor values older than this are no longer used, s.
-        believed_dead_path: that the compensation reckons with, m.
-        fastest: speed that the counter can follow, m/s.
-        weather_begins: the zero of the cell's weather, ns.
-        index_equation: that the compensation takes, one of ``air.EQUATIONS``.
-        transport_delay: of the readings, which are stamped when they come in, s.
-        clock_offset: by which the instrument's clock is ahead of the computer's at first, s.
-        clock_drift: by which it gains on the computer's, s/s.
-    """
-
-    rate: float
-    seed: int
-    hold_after: float
-    weather_age: float
-    believed_dead_path: float
-    fastest: float
-    weather_begins: int
-    index_equation: str
-    transport_delay: float = 0.0
-    clock_offset: float = 0.0
-    clock_drift: float = 0.0
 
 
 class SimulatedInterferometer:
@@ -130,6 +100,7 @@ class SimulatedInterferometer:
         self._zeros = 0
         self._breaks: list[tuple[int, int]] = []
         self._course: Course | None = None
+        self._tracked: dict[str, TrackedLine] = {}
 
     def begin_run(self, plan: Plan, start_ns: int) -> None:
         """Let the effects of the cell act in a run (see ``FollowsRun.begin_run``).
@@ -141,6 +112,12 @@ class SimulatedInterferometer:
         self._course = None
         for line in plan.lines:
             self._cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
+        self._tracked = {line.name: line.tracked for line in plan.lines if line.tracked is not None}
+        if self._cell.effects and self._tracked:
+            raise ValueError(
+                f"the effects of the cell '{self._cell.name}' act on a beam that stands still, not"
+                " on a tracker's; take a cell without 'effects'"
+            )
         if self._cell.effects:
             begins = self._behaviour.weather_begins
             self._course = Course(plan, self._cell, start_ns, begins, self._grid)
@@ -166,11 +143,26 @@ class SimulatedInterferometer:
             _Beam(
                 since=max(time_ns, last.since if last else time_ns),
                 setup=setup,
-                alignment=self._cell.alignment(setup, line, step, start),
-                nominal=beam_direction(line, np.asarray(step)),
+                lengths=self._lengths_of(setup, line, step, start),
+                nominal=self._nominal(line, step),
                 start=np.asarray(start, dtype=np.float64),
             )
         )
+
+    def _lengths_of(
+        self, setup: str, line: str, step: Point, start: Point
+    ) -> Callable[[Vector], Vector]:
+        """Return what gives the true lengths (m) at some positions of the axes in a setup."""
+        if line in self._tracked:
+            station = self._cell.station(setup, self._tracked[line].station)
+            return partial(self._cell.length, station=station)
+        alignment = self._cell.alignment(setup, line, step, start)
+        return partial(self._cell.displacement, alignment=alignment)
+
+    def _nominal(self, line: str, step: Point) -> BeamPath:
+        if line in self._tracked:
+            return TrackingBeam(np.array(self._tracked[line].station))
+        return FixedBeam(beam_direction(line, np.asarray(step)))
 
     def update_position(self, time_ns: int, position: Point) -> None:
         """Take the actual position of the axes (m) at a time; one that is not later is left out."""
@@ -343,15 +335,15 @@ class SimulatedInterferometer:
         if beam.last_position is not None and (positions == beam.last_position).all():
             return np.full(len(positions), beam.last_length)
         beam.last_position = positions[-1]
-        return self._cell.displacement(positions, beam.alignment)
+        return beam.lengths(positions)
 
     def _set_zero(self, beam: _Beam, length: float, index: float, position: Vector) -> None:
         beam.zeroed = True
         beam.length_at_zero = float(length)
         beam.index_at_zero = float(index)
         # The dead path is given for the first stop; the zero may be set elsewhere on the line.
-        way = float(inner(beam.nominal, position - beam.start))
-        beam.path_at_zero = self._behaviour.believed_dead_path + way
+        dead_path = self._behaviour.believed_dead_path
+        beam.path_at_zero = beam.nominal.path(position, beam.start, dead_path)
 
     def _statuses(
         self, beam: _Beam, times: Instants, length: Vector, broken: NDArray[np.bool_]
@@ -465,23 +457,7 @@ def from_settings(
     if cell is None:
         raise ValueError("the simulated interferometer needs a simulated cell")
     section = Section(settings, "settings of the simulated interferometer")
-    behaviour = Behaviour(
-        rate=section.number("rate_hz", low=0.1, high=1e5, default=cell.reading_rate),
-        seed=section.integer("seed", low=0, high=2**63 - 1, default=0),
-        hold_after=section.number("hold_after_s", low=0.0, high=3600.0, default=0.2),
-        weather_age=section.number("weather_age_s", low=0.1, high=86400.0, default=10.0),
-        believed_dead_path=section.number(
-            "dead_path_m", low=0.0, high=100.0, default=cell.dead_path
-        ),
-        fastest=section.number("fastest_m_per_s", low=1e-3, high=1e3, default=4.0),
-        weather_begins=section.integer("weather_begins_ns", low=0, high=2**63 - 1, default=0),
-        index_equation=section.names(
-            "index_equation", tuple(EQUATIONS), default=(DEFAULT_EQUATION,)
-        )[0],
-        transport_delay=section.number("transport_delay_s", low=0.0, high=10.0, default=0.0),
-        clock_offset=section.number("clock_offset_s", low=-10.0, high=10.0, default=0.0),
-        clock_drift=section.number("clock_drift", low=-1e-2, high=1e-2, default=0.0),
-    )
+    behaviour = Behaviour.from_section(section, cell)
     section.finish()
 
     def switch_on(start: int) -> SimulatedInterferometer:

@@ -13,7 +13,8 @@ import numpy as np
 
 from stepdiag_ros.metrology.air.compensation import compensated_displacement
 from stepdiag_ros.metrology.air.index import DEFAULT_EQUATION, HELIUM_NEON_WAVELENGTH, index_of
-from stepdiag_ros.metrology.geometry import Vector, inner
+from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.samples import SampleBlock
 
@@ -53,7 +54,7 @@ class Compensator:
         self._dead_path = dead_path
         self._wavelength = wavelength
         self._equation = equation
-        self._direction: Vector = np.zeros(3)
+        self._beam: BeamPath = FixedBeam(np.zeros(3))
         self._start: Vector = np.zeros(3)
         self._position: Vector | None = None
         self._since, self._wants_zero = -1, True
@@ -65,15 +66,15 @@ class Compensator:
         self._index = nan
         self._rest = _UNKNOWN
 
-    def align(self, time: int, direction: Vector, start: Vector) -> None:
+    def align(self, time: int, beam: BeamPath, start: Vector) -> None:
         """Take note that beam and mirror are set up anew; the next good reading is the zero.
 
         Args:
             time: ns; readings from before do not count.
-            direction: of the beam, unit vector, shape (3,).
+            beam: nominal, of the line.
             start: machine coordinates of the first stop, to which the dead path belongs, m.
         """
-        self._direction, self._start = direction, np.asarray(start, dtype=np.float64)
+        self._beam, self._start = beam, np.asarray(start, dtype=np.float64)
         self._since, self._wants_zero = time, True
 
     def move(self, position: Vector | tuple[float, float, float]) -> None:
@@ -136,10 +137,9 @@ class Compensator:
         if isnan(raw):
             return
         self._wants_zero = False
-        way = 0.0
-        if self._position is not None:
-            way = float(inner(self._direction, self._position - self._start))
-        self._raw_at_zero, self._path_at_zero = raw, self._dead_path + way
+        place = self._start if self._position is None else self._position
+        self._raw_at_zero = raw
+        self._path_at_zero = self._beam.path(place, self._start, self._dead_path)
         self._index_at_zero = self._index
 
     def _take_air(self, environment: Environment) -> None:

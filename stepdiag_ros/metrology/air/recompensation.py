@@ -9,12 +9,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.air.index import DEFAULT_EQUATION, HELIUM_NEON_WAVELENGTH
 from stepdiag_ros.metrology.air.known_air import KnownAir
-from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import Arrival, Reading, StopCommand
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 
@@ -111,6 +108,5 @@ def recompensated(
 def _begin(compensator: Compensator, begin: SetupBegin, plan: Plan) -> None:
     line, volume = plan.lines[begin.line_index], plan.volume
     start = replace(line, direction=FORWARD).stops(volume)[0]
-    direction = beam_direction(line.name, np.asarray(volume.step))
-    compensator.align(begin.time - 1, direction, start)
+    compensator.align(begin.time - 1, line.beam(volume), start)
     compensator.move(begin.position)

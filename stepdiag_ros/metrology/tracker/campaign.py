@@ -11,9 +11,9 @@ from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vect
 from stepdiag_ros.metrology.plan import FORWARD, Volume
 from stepdiag_ros.metrology.solvers.summary import slope_weights
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.evaluation import locate_from
 from stepdiag_ros.metrology.tracker.instrument import Tracker
-from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 from stepdiag_ros.metrology.tracker.location import LEAST_POINTS, locate
 from stepdiag_ros.metrology.tracker.machine_curves import NODES, MeasuredBox
 from stepdiag_ros.metrology.tracker.multilateration import Points, multilaterate
@@ -27,7 +27,6 @@ from stepdiag_ros.metrology.tracker.readings import (
     stations_of,
     uncertainties_of,
 )
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 
 _LEAST_NODES = 2
 _MOST_NODES = 12
@@ -109,12 +108,9 @@ def simulate_readings(
         )
     cell.require(points_of(readings), "the table of places")
     rng = np.random.default_rng(seed)
-    offset = np.asarray(cell.mirror_offset)
     made: list[TrackerReading] = []
     for group, station in zip(groups.values(), stations, strict=True):
-        length = machine_lengths(
-            points_of(group), station, cell.errors, cell.chain, offset if offset.any() else None
-        )
+        length = cell.length(points_of(group), station)
         spread = tracker.uncertainty(length)
         read = length + spread * rng.standard_normal(len(length))
         # The noise of the zero is a constant of the station, which every estimate leaves free.

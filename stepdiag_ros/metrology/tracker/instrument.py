@@ -79,6 +79,20 @@ class Tracker:
             raise ValueError(f"{source}: lowest_elevation_deg is not below highest_elevation_deg")
         return made
 
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what ``from_mapping`` makes this tracker from."""
+        return {
+            "name": self.name,
+            "held_by": self.held_by,
+            "minimum_range_m": self.minimum_range,
+            "maximum_range_m": self.maximum_range,
+            "lowest_elevation_deg": round(float(np.degrees(self.lowest_elevation)), 9),
+            "highest_elevation_deg": round(float(np.degrees(self.highest_elevation)), 9),
+            "upright": list(self.upright),
+            "length_noise_m": self.length_noise,
+            "length_proportional": self.length_proportional,
+        }
+
     def uncertainty(self, lengths: Vector) -> Vector:
         """Return the standard uncertainties of lengths (m), m: √(a² + (b L)²), same shape."""
         made: Vector = np.hypot(self.length_noise, self.length_proportional * np.asarray(lengths))

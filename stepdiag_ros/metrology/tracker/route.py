@@ -5,13 +5,13 @@ the tracker; then another order of the axes, or a detour by corners of the volum
 """
 
 from collections import deque
-from itertools import permutations, product
+from itertools import pairwise, permutations, product
 
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 
 _SAME = 1e-9
 
@@ -63,6 +63,26 @@ class Route:
             f"({', '.join(f'{value:.4g}' for value in end)}) m on which the tracker keeps the"
             " reflector in sight; place the tracker elsewhere"
         )
+
+    def reach(self, start: Vector, end: Vector) -> Vector:
+        """Return the places from a start to an end, one axis moving at a time, m, shape (n, 3).
+
+        From a start that the tracker does not see no way is in its sight: the axes go one after
+        the other, X before Y before Z, and the tracker has to be locked on where they end.
+
+        Args:
+            start: m, shape (3,).
+            end: the same.
+
+        Raises:
+            ValueError: the tracker sees the start, and there is no way to the end in its sight.
+        """
+        if self._tracker.unseen(start, self._station):
+            corners = [np.where(np.arange(3) < count, end, start) for count in (1, 2, 3)]
+        else:
+            corners = self.way(start, end)
+        moves = pairwise([start, *corners])
+        return np.array([there for here, there in moves if np.any(there != here)]).reshape(-1, 3)
 
     def _axis_by_axis(self, start: Vector, end: Vector) -> list[Vector] | None:
         """Return the corners of a way in one of six orders of the axes; None if all are barred."""

@@ -16,6 +16,7 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.location import LEAST_POINTS
 from stepdiag_ros.metrology.tracker.readings import LOCATE, SEVEN_LINES, TrackerReading
@@ -26,23 +27,6 @@ _START_STEPS = 2000
 _OBLIQUE = np.radians(30.0)
 _MOST_OBLIQUE = np.radians(45.0)
 _LATEST_START = 0.6
-
-
-@dataclass(frozen=True)
-class Box:
-    """Where the machine may go.
-
-    Attributes:
-        low: lower limits of X, Y, Z, machine coordinates, m, shape (3,).
-        high: upper limits, m, shape (3,).
-    """
-
-    low: Vector
-    high: Vector
-
-    def __post_init__(self) -> None:
-        if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):
-            raise ValueError("the volume needs three lower limits, each below its upper limit")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.plan import FORWARD
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.campaign import grid_readings
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
@@ -22,7 +23,7 @@ from stepdiag_ros.metrology.tracker.readings import (
     points_of,
     stations_of,
 )
-from stepdiag_ros.metrology.tracker.seven_lines import Box, make_test
+from stepdiag_ros.metrology.tracker.seven_lines import make_test
 
 TRACKER = Tracker(minimum_range=0.1)
 LARGE = Box(np.zeros(3), np.array([0.8, 0.5, 0.4]))

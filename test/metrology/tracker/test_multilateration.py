@@ -11,11 +11,11 @@ from stepdiag_ros.metrology.forward import ErrorCurves, rotation_matrices, tool_
 from stepdiag_ros.metrology.geometry import CHAINS, CURVES
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.campaign import grid_readings, points_from, simulate_readings
 from stepdiag_ros.metrology.tracker.curves import displacement_design, error_curves, grid_of
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.multilateration import multilaterate, rigid_motions
-from stepdiag_ros.metrology.tracker.seven_lines import Box
 
 STATIONS = np.array([[-0.1, -0.1, -0.1], [0.9, -0.1, -0.15], [0.4, 0.6, -0.1], [-0.15, 0.6, 0.5]])
 GRID = np.array(list(product([0, 0.4, 0.8], [0, 0.25, 0.5], [0, 0.2, 0.4])), dtype=float)

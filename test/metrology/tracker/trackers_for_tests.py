@@ -3,10 +3,11 @@
 import numpy as np
 
 from stepdiag_ros.metrology.forward import ErrorCurves
+from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 from stepdiag_ros.metrology.tracker.readings import measured, points_of
-from stepdiag_ros.metrology.tracker.seven_lines import Box, make_test
+from stepdiag_ros.metrology.tracker.seven_lines import make_test
 
 BOX = Box(np.zeros(3), np.array([0.8, 0.5, 0.4]))
 TRACKER = Tracker(minimum_range=0.1)
