@@ -1,10 +1,30 @@
 """Solving in the way that makes a live run, its replay and its bag agree to the last bit."""
 
+from dataclasses import dataclass, field
+
 from threadpoolctl import ThreadpoolController
 
-from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers import solve_all
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
+from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.metrology.tracker.run_result import SEVEN_LINE_METHOD, solve_station
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What the lines so far have come to.
+
+    Attributes:
+        results: method → errors.
+        refused: method → why these lines are not enough for it.
+        tests: of positioning, where the method makes them itself.
+    """
+
+    results: dict[str, VolumetricErrors]
+    refused: dict[str, str]
+    tests: tuple[PositioningTest, ...] = field(default=())
 
 
 def solve_reproducibly(
@@ -21,3 +41,24 @@ def solve_reproducibly(
     """
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         return solve_all(measurement)
+
+
+def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solved:
+    """Solve what there is of a run after one of its lines, as the plan's kind of line needs it.
+
+    Args:
+        plan: of the run.
+        measurement: the lines so far, each with its last attempt.
+        last: the line that was finished.
+
+    Raises:
+        ValueError: the lines contradict each other or the volume.
+    """
+    if plan.tracker is None:
+        return Solved(*solve_reproducibly(measurement))
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        try:
+            result, tests = solve_station(last, measurement.lines, plan, measurement.chain)
+        except NotDeterminable as why:
+            return Solved({}, {SEVEN_LINE_METHOD: str(why)})
+    return Solved({result.method: result}, {}, tests)

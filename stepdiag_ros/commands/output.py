@@ -57,6 +57,8 @@ def warn_of_undetermined(plan: "Plan") -> None:
     """
     from stepdiag_ros.planning.undetermined import undetermined
 
+    if plan.tracker is not None:
+        return
     sentence = undetermined(plan).sentence
     if sentence:
         warn(f"plan '{plan.name}': {sentence}")

@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
     from stepdiag_ros.compensation.generic import correction_from_file
-    from stepdiag_ros.metrology.live_effects import LiveEffects
+    from stepdiag_ros.metrology.live_effects import check_measurable
     from stepdiag_ros.report.publish import make_folder
     from stepdiag_ros.run.feasibility import beyond_machine
     from stepdiag_ros.session.cell import simulated_cell
@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     beyond = beyond_machine(test_plan, model)
     if beyond:
         raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
-    LiveEffects(test_plan, truth)
+    check_measurable(test_plan, truth)
     warn_of_undetermined(test_plan)
     correction = ""
     if arguments.correction is not None:

@@ -213,10 +213,13 @@ def run_plan(arguments: Namespace) -> int:
 
     from stepdiag_ros.bags.tracker_table import table_text
     from stepdiag_ros.configuration import load_tracker
+    from stepdiag_ros.metrology.plan import Sampling
     from stepdiag_ros.metrology.tracker.campaign import grid_readings
     from stepdiag_ros.metrology.tracker.expectation import expect
+    from stepdiag_ros.metrology.tracker.measured_lines import plan_of
     from stepdiag_ros.metrology.tracker.readings import points_of, stations_of
     from stepdiag_ros.metrology.tracker.seven_lines import make_test
+    from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.planning.tracker_program import tracker_program
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
@@ -252,7 +255,17 @@ def run_plan(arguments: Namespace) -> int:
                 console.print(text)
             drawn, locating = {line.name: line.targets for line in test.lines}, test.locating
         readings = tuple(found)
-    contents = {"places.csv": table_text(readings)}
+    plan = plan_of(
+        readings,
+        {str(count): station for count, station in enumerate(stations, start=1)},
+        tracker,
+        box,
+        name=f"{'Grid' if arguments.grid is not None else 'Seven lines'} with {tracker.name}",
+        feed=arguments.feed,
+        overrun=0.0 if arguments.grid is not None else arguments.overrun,
+        sampling=Sampling(dwell=arguments.dwell),
+    )
+    contents = {"places.csv": table_text(readings), "plan.yaml": plan_text(plan)}
     if arguments.nc:
         for (name, group), station in zip(stations_of(readings).items(), stations, strict=True):
             contents[f"station_{name}.nc"] = tracker_program(

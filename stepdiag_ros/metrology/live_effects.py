@@ -17,6 +17,18 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import planned_run, read_again
 
 
+def check_measurable(plan: Plan, cell: SimulatedCell) -> None:
+    """Refuse a plan that cannot be measured on a simulated cell, before anything moves.
+
+    Raises:
+        ValueError: a stop is where the cell's errors are not given, or an effect cannot act.
+    """
+    for line in plan.lines:
+        cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
+    if cell.effects:
+        LiveEffects(plan, cell)
+
+
 class LiveEffects:
     """What the effects of a simulated cell add to the readings of one run, stop by stop.
 
@@ -29,6 +41,11 @@ class LiveEffects:
     """
 
     def __init__(self, plan: Plan, cell: SimulatedCell) -> None:
+        if plan.tracker is not None:
+            raise ValueError(
+                f"the effects of the cell '{cell.name}' act on a beam that stands still, and plan"
+                f" '{plan.name}' is measured with a tracker; take a cell without 'effects'"
+            )
         self._effects = cell.effects
         self._bare = replace(cell, effects=())
         self._run = read_again(planned_run(plan, cell), self._bare)

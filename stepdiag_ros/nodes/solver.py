@@ -10,20 +10,18 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.conversion import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
-from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
+from stepdiag_ros.positioning_conversion import from_positioning_test
 from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
-from stepdiag_ros.solving import solve_reproducibly
+from stepdiag_ros.solving import Solved, solve_run
 
 PUBLISH_PERIOD = 0.01
 """Real seconds between two looks at what has been solved."""
-
-Solved = tuple[dict[str, VolumetricErrors], dict[str, str]]
 
 
 class SolverNode(LineNode):
@@ -37,10 +35,11 @@ class SolverNode(LineNode):
 
     def __init__(self) -> None:
         super().__init__("solver")
-        self._volume: Volume
+        self._plan: Plan
         self._chain = ""
         self._plausible = ORDINARY
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
+        self._tests = self.announce(topics.POSITIONING_TEST)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
         self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
         self.facts[WORK_LEFT] = "0"
@@ -51,15 +50,15 @@ class SolverNode(LineNode):
 
     def take_up(self, description: Any) -> None:
         """Begin anew with the box and the chain of the run."""
-        self._volume = plan_from_text(description.plan, "plan of the run").volume
+        self._plan = plan_from_text(description.plan, "plan of the run")
         self._chain = chain_from_text(description.machine, "machine of the run")
         self._plausible = plausible_from_text(description.machine, "machine of the run")
 
     def on_line(self, line: MeasuredLine) -> None:
         """Solve all lines so far."""
         lines = latest_attempts(tuple(self.lines))
-        measurement = Measurement(self._volume, lines, self._chain, self._plausible)
-        solved = self._worker.submit(solve_reproducibly, measurement)
+        measurement = Measurement(self._plan.volume, lines, self._chain, self._plausible)
+        solved = self._worker.submit(solve_run, self._plan, measurement, line)
         if not self._solving:
             self._work.begin(self.real_time())
         self._solving.append((self.run_id, len(self.lines), line, solved))
@@ -70,9 +69,11 @@ class SolverNode(LineNode):
         while self._solving and self._solving[0][-1].done():
             run_id, count, line, solved = self._solving.popleft()
             self._work.end(self.real_time())
-            results, _ = solved.result()
-            for result in results.values():
+            found = solved.result()
+            for result in found.results.values():
                 self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
+            for test in found.tests:
+                self._tests.publish(from_positioning_test(test, run_id, line.end_time))
             self.get_logger().info(f"{count} lines solved; last: {line.line}")
             self._say_work_left()
 

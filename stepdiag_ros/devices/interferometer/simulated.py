@@ -113,11 +113,6 @@ class SimulatedInterferometer:
         for line in plan.lines:
             self._cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
         self._tracked = {line.name: line.tracked for line in plan.lines if line.tracked is not None}
-        if self._cell.effects and self._tracked:
-            raise ValueError(
-                f"the effects of the cell '{self._cell.name}' act on a beam that stands still, not"
-                " on a tracker's; take a cell without 'effects'"
-            )
         if self._cell.effects:
             begins = self._behaviour.weather_begins
             self._course = Course(plan, self._cell, start_ns, begins, self._grid)

@@ -28,6 +28,7 @@ import numpy as np
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, Vector
 from stepdiag_ros.metrology.tracker.adjustment import Model, PoorGeometry, adjust
+from stepdiag_ros.metrology.tracker.agreement import PassDeparture, departures
 from stepdiag_ros.metrology.tracker.lengths import proportional_share
 from stepdiag_ros.metrology.tracker.location import station_model
 from stepdiag_ros.metrology.tracker.machine_curves import (
@@ -37,7 +38,7 @@ from stepdiag_ros.metrology.tracker.machine_curves import (
     MeasuredBox,
     effects_of,
 )
-from stepdiag_ros.metrology.tracker.mixed_model import MixedFit, fit, fit_with_sizes
+from stepdiag_ros.metrology.tracker.mixed_model import Effects, MixedFit, fit, fit_with_sizes
 from stepdiag_ros.metrology.tracker.readings import (
     TrackerReading,
     changes_of,
@@ -69,6 +70,7 @@ class JointEstimate:
         machine: the curves' model, with the box that the values speak of.
         residuals: what neither errors, curves nor passes explain, m, shape (n,).
         warnings: what is wrong with the readings, in words.
+        passes: how far each pass departs from what all others say of it.
     """
 
     values: Vector
@@ -80,6 +82,7 @@ class JointEstimate:
     machine: MachineCurves
     residuals: Vector
     warnings: tuple[str, ...]
+    passes: tuple[PassDeparture, ...]
     _mean: Vector
     _covariance: Vector
 
@@ -186,9 +189,25 @@ def estimate(
         found = fit_with_sizes(left, spread, free, effects, sizes)
     residuals = left - np.hstack([free, effects.design]) @ found.mean
     warnings = _warnings(residuals / (spread * found.sizes[0]), residuals, readings)
-    return _result(
+    made = _result(
         found, at, machine, residuals, warnings, proportional_share(spread, changes + at[9])
     )
+    return replace(made, passes=_departures(readings, left, spread, free, effects, found.sizes))
+
+
+def _departures(
+    readings: Sequence[TrackerReading],
+    left: Vector,
+    spread: Vector,
+    free: Vector,
+    effects: Effects,
+    sizes: Vector,
+) -> tuple[PassDeparture, ...]:
+    """Return the departures of the passes where the sizes are the likeliest ones."""
+    likeliest = fit_with_sizes(left, spread, free, effects, [float(size) for size in sizes])
+    design = np.hstack([free, effects.design])
+    residuals = left - design @ likeliest.mean
+    return departures(readings, residuals, spread * sizes[0], design, likeliest.covariance)
 
 
 def _arrays(readings: Sequence[TrackerReading]) -> tuple[Vector, Vector, Vector]:
@@ -269,6 +288,7 @@ def _result(
         machine=machine,
         residuals=residuals,
         warnings=warnings,
+        passes=(),
         _mean=mean,
         _covariance=covariance,
     )

@@ -52,9 +52,10 @@ def plan_of(
     targets: dict[str, tuple[Point, ...]] = {}
     for (station, line, run, direction), group in groupby(readings, key=_pass_of):
         places = list(group)
+        straight = line in SEVEN_LINES
         numbers = [one.stop for one in places]
         expected = list(range(len(places)))
-        if numbers != (expected if direction == FORWARD else expected[::-1]):
+        if straight and numbers != (expected if direction == FORWARD else expected[::-1]):
             raise ValueError(
                 f"station {station}, line {line}, run {run} {direction}: its stops are"
                 f" {', '.join(map(str, numbers))}; a pass goes over all stops from 0, in order"
@@ -64,7 +65,6 @@ def plan_of(
         key = line_name(station, line)
         if targets.setdefault(key, forward) != forward:
             raise ValueError(f"station {station}, line {line}: its passes have different places")
-        straight = line in SEVEN_LINES
         place = stations[station]
         tracked = TrackedLine(
             (float(place[0]), float(place[1]), float(place[2])),
