@@ -17,10 +17,7 @@ from stepdiag_ros.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from stepdiag_ros.metrology.air.recompensation import AirChoice
-    from stepdiag_ros.metrology.direct import DirectMeasurement
     from stepdiag_ros.report.content import Report
-    from stepdiag_ros.report.recorded_run import Correct
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -95,58 +92,52 @@ def rotation_size(text: str) -> float:
 
 def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
+    from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.commands.tracker_evaluate import show_run
     from stepdiag_ros.report.publish import results_folder
+    from stepdiag_ros.report.recorded_run import report_of_run
 
-    report = report_of(
-        arguments.bag,
-        arguments.recorded_lines,
-        arguments.truth,
-        lambda measurement: corrected(measurement, arguments),
-        arguments.visibility,
-        arguments.run_id,
-        air_choice(arguments),
-        direct_measurement(arguments),
-        arguments.rotations,
-    )
-    return show_report(report, arguments, results_folder(arguments.bag))
+    folder = results_folder(arguments.bag)
+    with progress_bar(f"reading {arguments.bag.name}") as progress:
+        recorded = load_run(arguments.bag, arguments.run_id)
+        if recorded.plan.tracker is None:
+            report = report_of_run(
+                recorded,
+                progress,
+                arguments.recorded_lines,
+                arguments.truth,
+                lambda measurement: corrected(measurement, arguments),
+                arguments.visibility,
+                air_choice(arguments),
+                warn,
+                with_verdict=True,
+                direct=direct_measurement(arguments),
+                rotation=arguments.rotations,
+            )
+    if recorded.plan.tracker is not None:
+        return show_run(recorded, arguments, folder)
+    return show_report(report, arguments, folder)
 
 
-def report_of(
-    bag: Path,
-    recorded_lines: bool = False,
-    truth: Path | None = None,
-    correct: "Correct | None" = None,
-    with_visibility: bool = False,
-    run_id: str | None = None,
-    air: "AirChoice | None" = None,
-    direct: "DirectMeasurement | None" = None,
-    rotation: float | None = None,
-) -> "Report":
+def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = None) -> "Report":
     """Solve a bag by every method.
 
     Args:
         bag: the file.
-        recorded_lines: take the lines as recorded even where the bag has the readings.
-        truth: file of known error curves; that of a simulated cell is in the bag.
-        correct: returns a measurement corrected, and in words how; a result that was corrected is
-            not compared with the recorded one.
         with_visibility: say of each error whether these lines tell it.
         run_id: which run, where the bag holds several.
-        air: compensate the readings for the air anew; None: as it was done in the run.
-        direct: what was measured directly; None: nothing.
-        rotation: plausible size of rotations, rad; None: as the machine's file tells.
 
     Raises:
-        ValueError: the bag cannot be read or solved, or the truth does not fit; one sentence.
+        ValueError: the bag cannot be read or solved; one sentence.
     """
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {bag.name}") as progress:
-        recorded = load_run(bag, run_id)
         return report_of_run(
-            *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
+            load_run(bag, run_id),
+            progress,
+            with_visibility=with_visibility,
+            warn=warn,
             with_verdict=True,
-            direct=direct,
-            rotation=rotation,
         )

@@ -13,9 +13,9 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
-    show_report,
 )
 from stepdiag_ros.commands.standard_tests import add_output_options, show
+from stepdiag_ros.commands.tracker_evaluate import run_evaluate, run_locate, run_points
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.geometry import Vector
@@ -364,78 +364,6 @@ def run_simulate(arguments: Namespace) -> int:
     return 0
 
 
-def run_locate(arguments: Namespace) -> int:
-    """Locate the tracker; see the module."""
-    return _show_station(arguments, "locate")
-
-
-def run_evaluate(arguments: Namespace) -> int:
-    """Evaluate a seven-line test; see the module."""
-    return _show_station(arguments, "evaluate")
-
-
-def _show_station(arguments: Namespace, what: str) -> int:
-    from stepdiag_ros.configuration import load_cell, load_tracker
-    from stepdiag_ros.metrology.tracker.campaign import true_values
-    from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
-    from stepdiag_ros.report.tracker import TrackerReport, print_tracker, tracker_json
-    from stepdiag_ros.report.tracker_figures import draw_tracker
-
-    station, readings = _one_station(arguments)
-    tracker, _ = load_tracker(arguments.tracker)
-    if what == "evaluate":
-        result = evaluate_test(
-            readings,
-            _conditions(arguments.uncertainty),
-            tracker.minimum_range,
-            arguments.chain,
-        )
-        truth = None
-        if arguments.cell and result.joint is not None:
-            truth = true_values(load_cell(arguments.cell)[0], result.joint.machine.box)
-        report = TrackerReport(str(arguments.table), station, result.location, result, truth)
-    else:
-        location = locate_from(readings, tracker.minimum_range)
-        report = TrackerReport(str(arguments.table), station, location)
-    return show(
-        f"tracker_{what}",
-        tracker_json(report),
-        lambda console: print_tracker(report, console),
-        lambda: draw_tracker(report),
-        arguments,
-        arguments.table.parent / f"{arguments.table.stem}_{what}",
-    )
-
-
-def run_points(arguments: Namespace) -> int:
-    """Multilaterate; see the module."""
-    from stepdiag_ros.bags.tracker_table import read_table
-    from stepdiag_ros.configuration import load_cell
-    from stepdiag_ros.metrology.plan import Volume
-    from stepdiag_ros.metrology.tracker.campaign import points_from
-    from stepdiag_ros.metrology.tracker.curves import error_curves, grid_of
-    from stepdiag_ros.report.build import truth_of
-    from stepdiag_ros.report.content import Report
-
-    readings = read_table(arguments.table)
-    with progress_bar("multilaterating"):
-        points = points_from(readings)
-        result = error_curves(points, arguments.chain)
-    truth = None
-    if arguments.cell:
-        volume: Volume = grid_of(points.commanded)
-        truth = truth_of(load_cell(arguments.cell)[0], volume, ())
-    report = Report(
-        results=(result,),
-        chain=arguments.chain,
-        plan=arguments.table.stem,
-        truth=truth,
-        remarks=(f"{len(points.commanded)} points from {len(points.stations)} stations",),
-    )
-    folder = arguments.table.parent / f"{arguments.table.stem}_multilaterate"
-    return show_report(report, arguments, folder)
-
-
 def run_figures(arguments: Namespace) -> int:
     """Compute the document's figures; see the module."""
     from stepdiag_ros.metrology.tracker.document_figures import figure_five, figure_four
@@ -463,34 +391,6 @@ def _refuse_overwriting(paths: Iterable[Path], force: bool) -> None:
     for path in paths:
         if path.exists() and not force:
             raise ValueError(f"{path} is there already; --force replaces it")
-
-
-def _one_station(arguments: Namespace) -> "tuple[str, tuple[TrackerReading, ...]]":
-    from stepdiag_ros.bags.tracker_table import read_table
-    from stepdiag_ros.metrology.tracker.readings import stations_of
-
-    groups = stations_of(read_table(arguments.table))
-    if arguments.station:
-        if arguments.station not in groups:
-            raise ValueError(
-                f"{arguments.table}: there is no station '{arguments.station}'; there are"
-                f" {', '.join(groups)}"
-            )
-        return arguments.station, groups[arguments.station]
-    if len(groups) > 1:
-        raise ValueError(
-            f"{arguments.table} has the stations {', '.join(groups)}: choose one with --station"
-        )
-    return next(iter(groups.items()))
-
-
-def _conditions(path: Path | None) -> Any:
-    from stepdiag_ros.configuration import read_yaml
-    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
-
-    if path is None:
-        return UncertaintyDescription()
-    return UncertaintyDescription.from_mapping(read_yaml(path), str(path))
 
 
 def _box(arguments: Namespace) -> "Box":

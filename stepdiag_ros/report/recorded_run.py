@@ -68,6 +68,7 @@ def report_of_run(
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
     """
+    require_standing_beam(recorded)
     measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     measurement = replace(measurement, direct=direct)
@@ -98,6 +99,19 @@ def report_of_run(
         verdict=verdict_on(measurement) if with_verdict and measurement.lines else None,
         passes=completeness_of(recorded, measurement),
     )
+
+
+def require_standing_beam(recorded: RecordedRun) -> None:
+    """Refuse a run with a tracker where lines along a standing beam are needed.
+
+    Raises:
+        ValueError: names the bag and what evaluates it.
+    """
+    if recorded.plan.tracker is not None:
+        raise ValueError(
+            f"{recorded.path} was measured with a tracker: its results are those of 'stepdiag"
+            f" tracker evaluate {recorded.path.name}'"
+        )
 
 
 def _target_corrections(recorded: RecordedRun) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ def sentences_of(lead: RunLead) -> list[str]:
 
 def deciding_sentences(lead: RunLead) -> list[str]:
     """Say what decides whether the errors may be used: run, verdict, misfit, what is unknown."""
-    said = [] if lead.passes is None else _incomplete(lead.passes)
+    said = [] if lead.passes is None else incomplete_sentences(lead.passes)
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -171,7 +171,8 @@ def _verdict(lead: RunLead) -> str:
     return f"{verdict.name}: {verdict.sentence}{meaning}"
 
 
-def _incomplete(passes: Completeness) -> list[str]:
+def incomplete_sentences(passes: Completeness) -> list[str]:
+    """Say that a run is not complete, and how it ended; nothing where it is."""
     if passes.whole:
         return []
     said = (

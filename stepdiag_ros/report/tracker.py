@@ -8,6 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
+from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
@@ -15,6 +16,7 @@ from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineR
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
+from stepdiag_ros.metrology.tracker.verdict import verdict_on
 from stepdiag_ros.report.numbers import (
     ARC_SECONDS,
     COVERAGE_FACTOR,
@@ -40,6 +42,9 @@ class TrackerReport:
         location: of the tracker.
         result: of the seven lines; None if only the place was asked for.
         truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
+        remarks: on the run that the readings are of, in words.
+        equals_recorded: the joint estimate is the recorded one to the last bit; None if none was
+            recorded.
     """
 
     source: str
@@ -47,6 +52,15 @@ class TrackerReport:
     location: Location
     result: SevenLineResult | None = None
     truth: Vector | None = None
+    remarks: tuple[str, ...] = ()
+    equals_recorded: bool | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return whether one machine and one tracker explain all readings."""
+        if self.result is None:
+            return Verdict()
+        return Verdict(*verdict_on(self.result.joint))
 
 
 def location_table(location: Location) -> Table:
@@ -181,7 +195,7 @@ def separation_table(separations: "dict[str, Separation | str]") -> Table | None
 def sentences_of(report: TrackerReport) -> list[str]:
     """Return what the reader must know, in words, each once."""
     location = report.location
-    said = [f"Warning: {text}" for text in location.warnings]
+    said = [*report.remarks, *(f"Warning: {text}" for text in location.warnings)]
     said += location.remarks
     result = report.result
     if result is None or result.joint is None:
@@ -224,9 +238,27 @@ def _joint_sentences(joint: JointEstimate) -> list[str]:
     return said + [f"Warning, joint estimate: {text}" for text in joint.warnings]
 
 
+def lead_sentences(report: TrackerReport) -> list[str]:
+    """Return what is said first: whether the readings agree, and the errors that they tell."""
+    if report.result is None:
+        return []
+    said = [f"{report.verdict.name}: {report.verdict.sentence}"]
+    joint = report.result.joint
+    if joint is not None:
+        parts = []
+        for index, name in enumerate(NAMES):
+            unit = "µm/m" if name.startswith("scale") else "µrad"
+            spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
+            parts.append(f"{name} {_value(joint.values[index], spread, MICRO, 2)} {unit}")
+        said.append("; ".join(parts) + ".")
+    return said
+
+
 def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     """Print a report: tables, then sentences."""
     console.print(f"Source: {report.source}, station {report.station}")
+    for text in lead_sentences(report):
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
     console.print()
     tables = [location_table(report.location)]
     result = report.result
@@ -250,6 +282,8 @@ def tracker_json(report: TrackerReport) -> str:
     document: dict[str, Any] = {
         "source": report.source,
         "station": report.station,
+        "verdict": {"name": report.verdict.name, "sentence": report.verdict.sentence},
+        "equals_recorded": report.equals_recorded,
         "location": _location_document(report.location),
     }
     result = report.result
@@ -351,6 +385,18 @@ def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any
         "quantity": joint.machine.place,
         "frame": joint.machine.frame,
         "warnings": list(joint.warnings),
+        "passes": [
+            {
+                "line": one.line,
+                "run": one.run,
+                "direction": one.direction,
+                "chi_squared": _number(one.chi_squared),
+                "degrees_of_freedom": one.degrees_of_freedom,
+                "p_value": _number(one.p_value),
+                "rms": _number(one.rms),
+            }
+            for one in joint.passes
+        ],
     }
 
 

@@ -12,11 +12,12 @@ from stepdiag_ros.metrology.solvers.result import Figure, NotDeterminable, Volum
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
+from stepdiag_ros.metrology.tracker.campaign import points_from
+from stepdiag_ros.metrology.tracker.curves import error_curves
 from stepdiag_ros.metrology.tracker.evaluation import SevenLineResult, evaluate_test
-from stepdiag_ros.metrology.tracker.joint import JointEstimate
 from stepdiag_ros.metrology.tracker.measured_lines import readings_of
-from stepdiag_ros.metrology.tracker.readings import TrackerReading, stations_of
-from stepdiag_ros.metrology.tracker.tracked_line import station_of
+from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE, TrackerReading, stations_of
+from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
 
 SEVEN_LINE_METHOD = "seven_lines"
 """Name of the method in a ``VolumetricErrors``."""
@@ -72,13 +73,18 @@ def station_runs(plan: Plan, lines: Iterable[MeasuredLine]) -> tuple[StationRun,
     return tuple(made)
 
 
+def is_grid(plan: Plan) -> bool:
+    """Say whether a tracker's plan measures places to multilaterate, and no line."""
+    return all(test_line_of(line.name) in (LOCATE, GRID) for line in plan.lines)
+
+
 def _straight(plan: Plan, line: MeasuredLine) -> bool:
     tracked = plan.lines[line.line_index].tracked
     return tracked is not None and tracked.straight
 
 
 def _locates(readings: Sequence[TrackerReading]) -> int:
-    return sum(one.line == "locate" for one in readings)
+    return sum(one.line == LOCATE for one in readings)
 
 
 def evaluate_station(
@@ -118,6 +124,8 @@ def solve_station(
     Raises:
         NotDeterminable: the station is not complete, or its readings do not tell; says why.
     """
+    if is_grid(plan):
+        return _solve_grid(lines, plan, chain), ()
     station = station_of(last.line.name)
     if not completes_station(last, lines, plan):
         raise NotDeterminable(f"station {station} is not measured to its end")
@@ -128,29 +136,54 @@ def solve_station(
         result = evaluate_station(run, plan, chain)
     except (PoorGeometry, ValueError) as error:
         raise NotDeterminable(f"station {station}: {error}") from None
-    if result.joint is None:
+    errors = errors_of(run, result, lines)
+    if errors is None:
         raise NotDeterminable(f"station {station}: {' '.join(result.remarks)}")
-    count = sum(station_of(line.line.name) == station for line in lines)
-    remarks = (*run.remarks, *result.joint.warnings, *result.remarks)
-    return (
-        errors_of(result.joint, count, remarks),
-        (result.corrected or result.located).tests,
-    )
+    return errors, (result.corrected or result.located).tests
 
 
-def errors_of(joint: JointEstimate, lines: int, remarks: Sequence[str] = ()) -> VolumetricErrors:
-    """Return a joint estimate as the result of a solver: figures without curves.
+def _solve_grid(lines: Sequence[MeasuredLine], plan: Plan, chain: str) -> VolumetricErrors:
+    if {line.line_index for line in lines} != set(range(len(plan.lines))):
+        raise NotDeterminable("not all stations are measured")
+    if not chain:
+        raise NotDeterminable("the order of the machine's axes (chain) is not known")
+    try:
+        return grid_errors(lines, plan, chain)
+    except ValueError as error:
+        raise NotDeterminable(str(error)) from None
+
+
+def grid_errors(lines: Iterable[MeasuredLine], plan: Plan, chain: str) -> VolumetricErrors:
+    """Return the error curves from the grid of a run with several stations.
+
+    Raises:
+        PoorGeometry: too few stations or places, or a station that cannot be located.
+    """
+    runs = station_runs(plan, lines)
+    points = points_from([reading for run in runs for reading in run.readings])
+    return error_curves(points, chain)
+
+
+def errors_of(
+    run: StationRun, result: SevenLineResult, lines: Iterable[MeasuredLine]
+) -> VolumetricErrors | None:
+    """Return the joint estimate of a station as the result of a solver: figures without curves.
 
     ``positioning E_XX`` is the least-squares line of E_XX over the measured box, at its end.
 
     Args:
-        joint: of one station.
-        lines: number of lines used.
-        remarks: what the reader must know, in words.
+        run: what was measured from the station.
+        result: of its seven lines.
+        lines: of the whole run, each with its last attempt.
+
+    Returns:
+        None if the readings do not allow a joint estimate.
     """
-    box = joint.machine.box
+    joint = result.joint
+    if joint is None:
+        return None
+    box, spread = joint.machine.box, joint.standard_uncertainty
     side = np.asarray(box.side)
-    spread = joint.standard_uncertainty
     figures = [
         Figure(
             f"positioning E_{letter}{letter}",
@@ -171,9 +204,9 @@ def errors_of(joint: JointEstimate, lines: int, remarks: Sequence[str] = ()) -> 
         curves={},
         standard_uncertainty={},
         figures=tuple(figures),
-        lines=lines,
+        lines=sum(station_of(line.line.name) == run.station for line in lines),
         chi_squared=float("nan"),
         degrees_of_freedom=0,
-        remarks=tuple(remarks),
+        remarks=(*run.remarks, *joint.warnings, *result.remarks),
         frame=joint.machine.frame,
     )

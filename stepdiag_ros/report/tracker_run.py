@@ -1,0 +1,132 @@
+"""From a recorded run with a tracker to what is shown of each of its stations."""
+
+from collections.abc import Callable
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from stepdiag_ros.bags.passes import completeness_of
+from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.configuration import cell_from_text
+from stepdiag_ros.metrology.air.recompensation import AirChoice
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+from stepdiag_ros.metrology.tracker.campaign import true_values
+from stepdiag_ros.metrology.tracker.curves import grid_of
+from stepdiag_ros.metrology.tracker.evaluation import SevenLineResult
+from stepdiag_ros.metrology.tracker.run_result import (
+    SEVEN_LINE_METHOD,
+    errors_of,
+    evaluate_station,
+    grid_errors,
+    station_runs,
+)
+from stepdiag_ros.report.build import truth_of
+from stepdiag_ros.report.content import Report, same_to_the_last_bit
+from stepdiag_ros.report.recorded_run import measurement_of, out_of_step, silent
+from stepdiag_ros.report.summary import incomplete_sentences
+from stepdiag_ros.report.tracker import TrackerReport
+
+
+def reports_of_run(
+    recorded: RecordedRun,
+    progress: Callable[[float], None] = silent,
+    recorded_lines: bool = False,
+    air: AirChoice | None = None,
+    warn: Callable[[str], None] = silent,
+    description: UncertaintyDescription | None = None,
+) -> tuple[TrackerReport, ...]:
+    """Evaluate the seven lines of every station of a recorded run.
+
+    Args:
+        recorded: the run; its plan has a tracker.
+        progress: told how far the reading has come, 0..1.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        air: compensate the readings for the air anew; None: as it was done in the run.
+        warn: told in a sentence if the lines are not those that were recorded.
+        description: of the measuring conditions, for the uncertainty of ISO 230-2 and -6.
+
+    Raises:
+        ValueError: nothing was measured, or a station cannot be evaluated; names it.
+    """
+    measurement, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
+    passes = completeness_of(recorded, measurement)
+    runs = station_runs(recorded.plan, measurement.lines)
+    if not runs:
+        raise ValueError(f"{recorded.path}: no line was finished, so there is nothing to evaluate")
+    made = []
+    for run in runs:
+        try:
+            with ThreadpoolController().limit(limits=1, user_api="blas"):
+                result = evaluate_station(run, recorded.plan, recorded.chain, description)
+        except ValueError as error:
+            raise ValueError(f"{recorded.path}: station {run.station}: {error}") from None
+        errors = errors_of(run, result, measurement.lines)
+        live = [one for one in recorded.results if one.method == SEVEN_LINE_METHOD]
+        equal = None
+        if live and errors is not None and air is None:
+            equal = any(same_to_the_last_bit(errors, one) for one in live)
+        said = (*incomplete_sentences(passes), f"Lines: {remark}.", *run.remarks)
+        made.append(
+            TrackerReport(
+                str(recorded.path),
+                run.station,
+                result.location,
+                result,
+                _truth(recorded, result),
+                (*said, *out_of_step(recorded)),
+                equal,
+            )
+        )
+    return tuple(made)
+
+
+def grid_report(
+    recorded: RecordedRun,
+    progress: Callable[[float], None] = silent,
+    recorded_lines: bool = False,
+    warn: Callable[[str], None] = silent,
+) -> Report:
+    """Return the error curves from the grid of a recorded run, as those of any other solver.
+
+    Args:
+        recorded: the run; its plan has a tracker and a grid.
+        progress: told how far the reading has come, 0..1.
+        recorded_lines: take the lines as recorded even where the bag has the readings.
+        warn: told in a sentence if the lines are not those that were recorded.
+
+    Raises:
+        ValueError: the machine's chain is not known, or the readings do not tell; names the bag.
+    """
+    measurement, remark = measurement_of(recorded, recorded_lines, progress, None, warn)
+    if not recorded.chain:
+        raise ValueError(f"{recorded.path}: error curves need the order of the machine's axes")
+    try:
+        with ThreadpoolController().limit(limits=1, user_api="blas"):
+            result = grid_errors(measurement.lines, recorded.plan, recorded.chain)
+    except ValueError as error:
+        raise ValueError(f"{recorded.path}: {error}") from None
+    truth = None
+    if recorded.cell_text:
+        volume = grid_of(
+            np.unique(np.concatenate([one.target for one in measurement.lines]), axis=0)
+        )
+        cell = cell_from_text(recorded.cell_text, f"{recorded.path}: simulated cell")
+        truth = truth_of(cell, volume, ())
+    return Report(
+        results=(result,),
+        run_id=recorded.run_id,
+        chain=recorded.chain,
+        plan=recorded.plan.name,
+        bag=recorded.path,
+        truth=truth,
+        remarks=(remark,),
+        passes=completeness_of(recorded, measurement),
+    )
+
+
+def _truth(recorded: RecordedRun, result: SevenLineResult) -> Vector | None:
+    if not recorded.cell_text or result.joint is None:
+        return None
+    cell = cell_from_text(recorded.cell_text, f"{recorded.path}: simulated cell")
+    return true_values(cell, result.joint.machine.box)
