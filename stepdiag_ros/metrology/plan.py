@@ -54,10 +54,10 @@ COURSE_KEYS = (
     "one_alignment_per_diagonal",
     "overrun_m",
     "sampling",
-    "tracker",
     "lines",
 )
-"""Of a plan file: everything else, in the order in which it is written."""
+"""Of a plan file: everything else that lines along a standing beam need, in the order in which it is
+written."""
 HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"
