@@ -112,6 +112,8 @@ def test_what_a_bag_says_of_itself_stays_a_comment(capsys, tmp_path, forged, nam
     given = ("compensate", forged, "--for", name, "--pictures", "none", "--output")
     code, out, _ = stepdiag(capsys, *given, tmp_path / "tables")
     assert code == 0 and "\x1b" not in out
+    document = json.loads((tmp_path / "tables" / "compensation.json").read_text())
+    assert document["origin"]["software_version"].endswith("\u2028M17")
     for path in (tmp_path / "tables").iterdir():
         for line in path.read_text().splitlines():
             if "VELO" in line:
