@@ -34,7 +34,8 @@ CURVES_TABLE = "error_curves.csv"
 GRID_TABLE = "error_grid.csv"
 _CURVES_TITLE = "name,position_m,repeat,value,standard_uncertainty,definition"
 _GRID_TITLE = "x_m,y_m,z_m,error_x_m,error_y_m,error_z_m"
-COMMENT = Comment("# ")
+COMMENT = Comment("# ", signs=".+-/=[]:_")
+"""Without commas: in a spreadsheet a note is one cell, which begins with ``#``."""
 _NUMBER = r"-?[0-9.]+(?:e[+-][0-9]+)?"
 DEFINITION = (
     "error of the tool relative to the workpiece: actual less commanded position, zero at the first"
