@@ -1,5 +1,7 @@
 """How a refusal reads: one sentence, whatever kind of error it comes from."""
 
+from stepdiag_ros.control_text import one_line
+
 PREFIX = "stepdiag: error: "
 """In front of the sentence with which the command line or a node ends."""
 
@@ -9,4 +11,4 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename is not None else ""
         return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
-    return " ".join(str(error).split()) or type(error).__name__
+    return one_line(str(error)) or type(error).__name__

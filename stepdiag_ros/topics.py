@@ -184,6 +184,8 @@ WEATHER = {
     "material_temperature": (MATERIAL_TEMPERATURE, "temperature"),
 }
 """Field of ``measurement.Environment`` → topic and field of its message."""
+COMMANDING = (MACHINE_COMMAND, MOTION_PERMIT)
+"""What moves a machine: in a graph with a bridge the sequencer alone publishes these."""
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 
 

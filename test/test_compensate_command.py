@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import compensate
 from stepdiag_ros.compensation import CONTROLS, control, identified
 from stepdiag_ros.compensation.generic import correction_from_file, map_from_text
+from stepdiag_ros.control_text import Comment
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.report import compensation as report
 
@@ -94,6 +96,35 @@ def test_nothing_is_overwritten_and_nothing_is_left_half(capsys, tmp_path, bag, 
     code, _, err = stepdiag(capsys, *given[:4], "--output", other, "--pictures", "none")
     assert code == 1 and "no space left" in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tables"]
+
+
+@pytest.fixture(scope="module")
+def forged(tmp_path_factory):
+    """Return a bag whose version brings statements for controls along."""
+    with pytest.MonkeyPatch.context() as patch:
+        version = "1.0\nN5 $MA_MAX_AX_VELO[AX1]=99999\n3620 X = 9\n)M30\x1b[2J\u2028M17"
+        patch.setattr(standard_runs, "__version__", version)
+        return standard_runs.write_bag(tmp_path_factory.mktemp("forged") / "run.mcap", STEPS)
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_what_a_bag_says_of_itself_stays_a_comment(capsys, tmp_path, forged, name, monkeypatch):
+    given = ("compensate", forged, "--for", name, "--pictures", "none", "--output")
+    code, out, _ = stepdiag(capsys, *given, tmp_path / "tables")
+    assert code == 0 and "\x1b" not in out
+    document = json.loads((tmp_path / "tables" / "compensation.json").read_text())
+    assert document["origin"]["software_version"].endswith("\u2028M17")
+    for path in (tmp_path / "tables").iterdir():
+        for line in path.read_text().splitlines():
+            if "VELO" in line:
+                assert re.match(r"; |# |  run made by|    \"software_version\": \"", line), path
+    if name == "heidenhain":
+        return  # whose files have no comments
+    # Were a comment ever written as it came, the file would be read once more and refused.
+    monkeypatch.setattr(Comment, "lines", lambda self, text: [f"{self.opening}{text}"])
+    code, out, err = stepdiag(capsys, *given, tmp_path / "more")
+    assert code == 1 and out == "" and "nothing is written" in err and len(err.splitlines()) <= 2
+    assert [path.name for path in tmp_path.iterdir()] == ["tables"]
 
 
 def test_a_result_serves_as_well_as_its_bag_but_knows_no_reversal(capsys, tmp_path, bag):

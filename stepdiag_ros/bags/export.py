@@ -1,10 +1,10 @@
 """A bag as tables: the run table again, stops, blocks, lines, results, and readings if wanted."""
 
-import csv
 import importlib.util
 import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass
+from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from stepdiag_ros.bags.case import FILE_NAME as CASE_FILE
+from stepdiag_ros.bags.csv_cells import csv_text, guarded
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
@@ -66,7 +67,8 @@ def export_bag(
     ``results`` the error curves with standard uncertainties and ``figures`` the single figures,
     each solver's last; of a run with a tracker its table (``bags.tracker_table``) stands in place
     of the run table; ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the
-    effects that the last one found. Unknown numbers are empty cells.
+    effects that the last one found. Unknown numbers are empty cells; texts in CSV that a
+    spreadsheet would execute have an apostrophe before them (``csv_cells``).
 
     Args:
         bag: the bag.
@@ -386,11 +388,8 @@ def _encoder(table: Table, format_: Format) -> Callable[[], bytes]:
 
 
 def _csv(table: Table) -> bytes:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows([_cell(value) for value in row] for row in table.rows)
-    return text.getvalue().encode()
+    rows = ([_cell(value) for value in row] for row in table.rows)
+    return csv_text(chain([table.columns], rows)).encode()
 
 
 def _cell(value: Any) -> str:
@@ -399,7 +398,7 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         # The shortest text that gives the same number again.
         return "" if isnan(value) else repr(float(value))
-    return str(value)
+    return guarded(value) if isinstance(value, str) else str(value)
 
 
 def _parquet(table: Table) -> bytes:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
 
@@ -86,7 +87,9 @@ def read_rows(
                     f"it has {len(cells)} cells under {len(header)} columns{hint}",
                 )
             named = dict.fromkeys(optional, "")
-            named.update((name, cell.strip()) for name, cell in zip(header, cells, strict=True))
+            named.update(
+                (name, unguarded(cell.strip())) for name, cell in zip(header, cells, strict=True)
+            )
             rows.append(PlainRow(source, reader.line_num, named))
     except csv.Error as error:
         raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None

@@ -10,6 +10,7 @@ from math import isnan
 from pathlib import Path
 from typing import NamedTuple
 
+from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.metrology.geometry import move_orders
 from stepdiag_ros.metrology.measurement import Environment
@@ -240,7 +241,7 @@ class _RowCells:
         return column in self._places
 
     def text(self, column: str) -> str:
-        return self._cells[self._places[column]].strip()
+        return unguarded(self._cells[self._places[column]].strip())
 
     def number_or_unknown(self, column: str) -> float:
         """Return a number; NaN where the cell is empty."""

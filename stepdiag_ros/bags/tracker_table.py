@@ -13,6 +13,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
@@ -73,7 +74,7 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
                     reader.line_num,
                     f"it has {len(cells)} cells under {len(header)} columns{hint}",
                 )
-            row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
+            row = dict(zip(header, (unguarded(cell.strip()) for cell in cells), strict=True))
             reading = _reading(_Row(row, source, reader.line_num), planned)
             key = (reading.station, reading.line, reading.run, reading.direction, reading.stop)
             if key in seen:
@@ -93,23 +94,20 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
 
 def table_text(readings: Sequence[TrackerReading]) -> str:
     """Return readings as the text of a table, every number with all its digits."""
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for reading in readings:
-        writer.writerow(
-            [
-                reading.station,
-                reading.line,
-                reading.run,
-                reading.direction,
-                reading.stop,
-                *map(repr, reading.position),
-                _text(reading.change),
-                _text(reading.uncertainty),
-            ]
+    rows = (
+        (
+            guarded(reading.station),
+            reading.line,
+            reading.run,
+            reading.direction,
+            reading.stop,
+            *map(repr, reading.position),
+            _text(reading.change),
+            _text(reading.uncertainty),
         )
-    return stream.getvalue()
+        for reading in readings
+    )
+    return csv_text([COLUMNS, *rows])
 
 
 def _text(value: float) -> str:

@@ -204,12 +204,12 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
     """Write the page and what it is made of, each file whole or not at all."""
     from stepdiag_ros.report.changes import print_changes
     from stepdiag_ros.report.changes_document import changes_json
-    from stepdiag_ros.report.publish import make_folder, whole_file
+    from stepdiag_ros.report.publish import make_folder, whole_file, without_trailing_blanks
     from stepdiag_ros.report.tables import make_console
 
     text = io.StringIO()
     print_changes(report, make_console(text))
-    lines = "".join(f"{line.rstrip()}\n" for line in text.getvalue().splitlines())
+    lines = without_trailing_blanks(text.getvalue())
     contents = {
         f"{_NAME}.json": (changes_json(report) + "\n").encode(),
         f"{_NAME}.txt": lines.encode(),

@@ -257,12 +257,10 @@ def _header(identified: "Identified") -> tuple[str, ...]:
     from stepdiag_ros import __version__
 
     written = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    lines = (
+    return (
         f"written {written} by stepdiag_ros {__version__}, not installed by it",
         *identified.origin.lines(),
     )
-    # Controls read comments byte by byte.
-    return tuple(line.encode("ascii", "replace").decode() for line in lines)
 
 
 def _given(settings: list[str]) -> dict[str, Any]:

@@ -136,6 +136,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(arguments: Namespace) -> int:
     """Rewrite the program; see the module."""
     from stepdiag_ros.compensation.nc_proof import prove
+    from stepdiag_ros.compensation.nc_readback import refuse_foreign_words
     from stepdiag_ros.compensation.nc_rewrite import rewrite
     from stepdiag_ros.report.nc_correction import NcReport, nc_json, text_lines
 
@@ -157,6 +158,7 @@ def run(arguments: Namespace) -> int:
             text, str(program), identified.error_map, settings, _header(identified, program, digest)
         )
         progress(0.6, "proving")
+        refuse_foreign_words(text, made)
         proof = prove(text, made, identified.error_map, settings.program)
     report = NcReport(
         program=str(program),
@@ -212,17 +214,15 @@ def _settings(arguments: Namespace) -> "RewriteSettings":
 
 
 def _header(identified: "Identified", program: Path, digest: str) -> list[str]:
-    """Return comment lines that say what the program was made from, fit for any control."""
+    """Return what the program was made from, text by text."""
     from stepdiag_ros import __version__
 
-    lines = [
+    return [
         f"corrected by stepdiag_ros {__version__} from {program.name}",
         f"SHA-256 of that program: {digest}",
         *identified.origin.lines(),
         "only for the machine and the set-up that it was made for",
     ]
-    plain = (line.replace("(", "[").replace(")", "]").replace(";", ",") for line in lines)
-    return [line.encode("ascii", "replace").decode() for line in plain]
 
 
 def _write(target: Path, data: bytes) -> None:

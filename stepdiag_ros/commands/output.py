@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from stepdiag_ros.control_text import printable
+
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.plan import Plan
     from stepdiag_ros.report.content import Report
@@ -41,7 +43,7 @@ def number(text: str, low: float, high: float) -> float:
 
 def say(text: str) -> None:
     """Tell the user something that is not the result."""
-    print(text, file=sys.stderr)
+    print(printable(text), file=sys.stderr)
 
 
 def warn(text: str) -> None:

@@ -10,6 +10,7 @@ a step there would move the axis when the machine is referenced, and means nothi
 counted from an arbitrary zero.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -18,6 +19,7 @@ import numpy as np
 
 from stepdiag_ros.compensation.applied import Applied, TableSet
 from stepdiag_ros.compensation.identified import Identified, curve_at
+from stepdiag_ros.control_text import FARTHEST, Comment, refuse_foreign
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, Vector, translation
 
@@ -25,6 +27,8 @@ MILLI = 1e3
 """Metres to mm."""
 INCH = 0.0254
 """m."""
+AXIS = "[A-Za-z][A-Za-z0-9_]{0,31}"
+"""Pattern of the name of an axis, which is part of statements and of names of files."""
 Files = dict[str, str]
 """Name → text of the files of a control."""
 
@@ -60,7 +64,8 @@ class Layout:
         spacing: between the entries of a table, m; 0: as the nodes of the measurement.
         settings: of the control, checked by ``checked_settings``.
         on_top_of: tables that were at work in the measured run; the new ones contain them.
-        header: lines that say where the tables come from, for controls whose files have comments.
+        header: texts that say where the tables come from, for controls whose files have comments;
+            from anywhere, so they pass through ``Layout.comments``.
     """
 
     reference: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -68,6 +73,10 @@ class Layout:
     settings: Mapping[str, Any] = field(default_factory=dict)
     on_top_of: TableSet = field(default_factory=lambda: TableSet(()))
     header: tuple[str, ...] = ()
+
+    def comments(self, kind: Comment, *further: str) -> list[str]:
+        """Return the header, and further texts, as comment lines of a file, without line ends."""
+        return [line for text in (*self.header, *further) for line in kind.lines(text)]
 
 
 class Control(Protocol):
@@ -80,6 +89,7 @@ class Control(Protocol):
         corrects: the translations that it can correct, by their ISO 230-1 names.
         says: what its user must know, sentence by sentence.
         source: which public documents its format was taken from.
+        grammar: pattern of the names of its files → patterns of every line that these may have.
     """
 
     @property
@@ -94,6 +104,8 @@ class Control(Protocol):
     def says(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
     def source(self) -> str: ...  # noqa: D102
+    @property
+    def grammar(self) -> Mapping[str, tuple[str, ...]]: ...  # noqa: D102
 
     def holds_reversal(self, settings: Mapping[str, Any], /) -> bool:
         """Say whether the tables correct reversal errors, with these (checked) settings."""
@@ -114,6 +126,22 @@ class Control(Protocol):
             ValueError: they are not such files; names the file and the line.
         """
         ...
+
+
+def checked_files(control: Control, identified: Identified, layout: Layout) -> Files:
+    """Return the files of a control, read once more for anything that is not ours.
+
+    Raises:
+        ValueError: the control cannot take the errors, or a file has a line that is no line of a
+            table, of its setting or of a comment; one sentence.
+    """
+    files = control.write(identified, layout)
+    for name, text in files.items():
+        known = [lines for pattern, lines in control.grammar.items() if re.fullmatch(pattern, name)]
+        if not known:
+            raise ValueError(f"'{name}' is no name of a file for {control.title}")
+        refuse_foreign(name, text, *known[0])
+    return files
 
 
 def checked_settings(control: Control, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -141,6 +169,7 @@ def checked_settings(control: Control, given: Mapping[str, Any]) -> dict[str, An
 def reference_of(identified: Identified, axis: int, layout: Layout) -> float:
     """Return where the correction of an axis is zero: the reference, or the nearest end, m."""
     nodes = identified.error_map.nodes[axis]
+    refuse_far(np.array([layout.reference[axis]]), f"the reference point of {AXES[axis]}")
     return float(np.clip(layout.reference[axis], nodes[0], nodes[-1]))
 
 
@@ -149,8 +178,12 @@ def table_positions(identified: Identified, axis: int, layout: Layout) -> Vector
 
     Where a spacing is asked for that does not divide the travel, the next smaller one that does is
     taken, so that both ends of the travel have an entry.
+
+    Raises:
+        ValueError: a position is no number, or beyond what a control takes.
     """
     nodes = identified.error_map.nodes[axis]
+    refuse_far(nodes, f"the travel of {AXES[axis]}")
     travel = float(nodes[-1] - nodes[0])
     if layout.spacing <= 0.0:
         smallest = float(np.min(np.diff(nodes)))
@@ -194,6 +227,21 @@ def wanted(
     return added
 
 
+def refuse_far(positions: Vector, what: str) -> None:
+    """Refuse positions (m) that are no numbers, or that a control has no digits for.
+
+    Raises:
+        ValueError: names the first.
+    """
+    # Written so that what is no number is refused, too.
+    wrong = ~(np.abs(positions) <= FARTHEST)
+    if np.any(wrong):
+        raise ValueError(
+            f"{what} has a position of {positions[wrong][0]:g} m; a control takes positions"
+            f" within {FARTHEST * MILLI:.3f} mm of its zero"
+        )
+
+
 def refuse_large(values: Vector, limit: float, what: str) -> None:
     """Refuse corrections beyond a limit (m).
 
@@ -201,7 +249,7 @@ def refuse_large(values: Vector, limit: float, what: str) -> None:
         ValueError: names the largest.
     """
     largest = float(np.max(np.abs(values)))
-    if largest > limit:
+    if not largest <= limit:
         raise ValueError(
             f"{what}: a correction of {largest * MILLI:.4f} mm is beyond the limit of "
             f"{limit * MILLI:g} mm; such an error is set right mechanically, not in a table"
@@ -239,9 +287,10 @@ def axis_names(names: str) -> list[str]:
     """Return the names of X, Y, Z in a control.
 
     Raises:
-        ValueError: there are not three different ones.
+        ValueError: there are not three different ones of a letter and further letters and digits.
     """
     found = [name.strip() for name in names.split(",")]
-    if len(found) != len(AXES) or len(set(found)) < len(AXES) or not all(found):
+    fit = all(re.fullmatch(AXIS, name) for name in found)
+    if len(found) != len(AXES) or len(set(found)) < len(AXES) or not fit:
         raise ValueError(f"axes is '{names}'; expected three different names, such as X1,Y1,Z1")
     return found

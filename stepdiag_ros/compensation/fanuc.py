@@ -18,23 +18,26 @@ is output to the axis, so a positive value is taken to move it in the positive d
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
+    AXIS,
     MILLI,
     Files,
     Layout,
     Setting,
     axis_names,
+    refuse_far,
     refuse_large,
     refuse_long,
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
+from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import Vector
 
 PITCH = "PITCH.TXT"
@@ -45,6 +48,9 @@ USUAL_POINTS = 100
 LARGEST = 1e-3
 """m."""
 _LARGEST_MAGNIFICATION = 100
+COMMENT = Comment("# ")
+"""In the file that a person reads, so that no text of a bag looks like a parameter."""
+_BY_HAND = "set these by hand, then load the points:"
 _LINE = re.compile(r"N(\d+)(?:Q0)?P(-?\d+)\s*;?")
 _TOLD = re.compile(r"(\d{4}) (\S+) = (-?[\d.]+)")
 
@@ -77,6 +83,17 @@ class _Fanuc:
         " is not machine zero",
     )
     source = "FANUC, Series 0i-PB Parameter Manual B-63980EN/01, parameters 3620 to 3624"
+    grammar: ClassVar[dict[str, tuple[str, ...]]] = {
+        re.escape(PITCH): ("%", r"N1[0-9]{4}(Q0)?P-?[0-9]{1,3}"),
+        re.escape(PARAMETERS): (
+            COMMENT.pattern,
+            "",
+            re.escape(_BY_HAND),
+            rf"362[0-4] {AXIS} = {NUMBER}",
+            rf"reference position of {AXIS}, mm: {NUMBER}",
+            rf"detection unit of {AXIS}, µm: {NUMBER}",
+        ),
+    }
 
     def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
         """Say whether the tables correct reversal errors (see ``Control``)."""
@@ -88,9 +105,10 @@ class _Fanuc:
         unit = chosen["detection_unit_um"] * 1e-6
         first = chosen["first_number"]
         points: list[str] = []
-        told = [*layout.header, "", "set these by hand, then load the points:"]
+        told = [*layout.comments(COMMENT), "", _BY_HAND]
         for axis, name in enumerate(axis_names(chosen["axes"])):
             nodes = identified.error_map.nodes[axis]
+            refuse_far(np.array([*nodes, layout.reference[axis]]), f"the table of {name}")
             low, high = float(nodes[0]), float(nodes[-1])
             reference = layout.reference[axis]
             # Steps leave the less the finer they are; they reach from the reference position on.

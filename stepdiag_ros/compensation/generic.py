@@ -8,17 +8,19 @@ frame, reversal, in SI units. ``error_curves.csv`` holds the same curves in the 
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from stepdiag_ros import schemas
 from stepdiag_ros.compensation.control import Files, Layout, Setting
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
+from stepdiag_ros.control_text import Comment
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.target_correction import target_for
@@ -30,6 +32,11 @@ if TYPE_CHECKING:
 MAP = "volumetric_map.json"
 CURVES_TABLE = "error_curves.csv"
 GRID_TABLE = "error_grid.csv"
+_CURVES_TITLE = "name,position_m,repeat,value,standard_uncertainty,definition"
+_GRID_TITLE = "x_m,y_m,z_m,error_x_m,error_y_m,error_z_m"
+COMMENT = Comment("# ", signs=".+-/=[]:_")
+"""Without commas: in a spreadsheet a note is one cell, which begins with ``#``."""
+_NUMBER = r"-?[0-9.]+(?:e[+-][0-9]+)?"
 DEFINITION = (
     "error of the tool relative to the workpiece: actual less commanded position, zero at the first"
     " corner of the box; to come to a place, subtract the error there from the target"
@@ -68,6 +75,20 @@ class _Generic:
         " mean of both directions is corrected",
     )
     source = "ISO 230-1 (names and signs), this package (schema volumetric_map)"
+    grammar: ClassVar[dict[str, tuple[str, ...]]] = {
+        # JSON marks what could be more than text in a string by itself.
+        re.escape(MAP): ("[^\0-\x1f]*",),
+        re.escape(CURVES_TABLE): (
+            COMMENT.pattern,
+            re.escape(_CURVES_TITLE),
+            rf"E_[A-CX-Z][XYZ],{_NUMBER},0,{_NUMBER},({_NUMBER})?,",
+        ),
+        re.escape(GRID_TABLE): (
+            COMMENT.pattern,
+            re.escape(_GRID_TITLE),
+            rf"{_NUMBER}(,{_NUMBER}){{2}}(,({_NUMBER})?){{3}}",
+        ),
+    }
 
     def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
         """Say whether the tables correct reversal errors (see ``Control``)."""
@@ -91,7 +112,7 @@ class _Generic:
                 f"no error vector in the box is determined; not determined are"
                 f" {', '.join(error_map.unknown_curves)}"
             )
-        notes = "".join(f"# {line}\n" for line in layout.header)
+        notes = "".join(f"{line}\n" for line in layout.comments(COMMENT))
         files = {
             MAP: schemas.json_text(schemas.document("volumetric_map", content(identified))) + "\n",
             CURVES_TABLE: notes + _curves(error_map),
@@ -226,7 +247,7 @@ def numbers_or_null(values: Sequence[float] | Vector) -> list[float | None]:
 
 
 def _curves(error_map: VolumetricMap) -> str:
-    rows = ["name,position_m,repeat,value,standard_uncertainty,definition"]
+    rows = [_CURVES_TITLE]
     for name, curve in error_map.curves.items():
         nodes = error_map.nodes[AXES.index(name[3])]
         spreads = error_map.standard_uncertainty.get(name, np.full(len(nodes), np.nan))
@@ -241,7 +262,7 @@ def _curves(error_map: VolumetricMap) -> str:
 
 
 def _grid(error_map: VolumetricMap, grid: Vector) -> str:
-    rows = ["x_m,y_m,z_m,error_x_m,error_y_m,error_z_m"]
+    rows = [_GRID_TITLE]
     for place, vector in zip(grid.tolist(), error_map.errors(grid).tolist(), strict=True):
         told = [f"{value:.6e}" if isfinite(value) else "" for value in vector]
         rows.append(",".join([*(f"{value:.9g}" for value in place), *told]))

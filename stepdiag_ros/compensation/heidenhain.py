@@ -14,13 +14,15 @@ difference. So the rows here are those of the manual, in the frame that Heidenha
 have, and BACKLASH stays empty: make an empty table on the control and compare before copying.
 """
 
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
+    AXIS,
     MILLI,
     Files,
     Layout,
@@ -32,6 +34,7 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
+from stepdiag_ros.control_text import NUMBER
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 
 MOST_ENTRIES = 256
@@ -63,6 +66,20 @@ class _Heidenhain:
         "HEIDENHAIN, Technical Manual MANUALplus 620, section 6.10.3; Technical Manual TNC"
         " 407/415/425, sections 1.6.3 and 1.6.4"
     )
+    grammar: ClassVar[dict[str, tuple[str, ...]]] = {
+        re.escape(ASSIGNMENT): (
+            rf"BEGIN {re.escape(ASSIGNMENT)} MM",
+            rf"NR +ACTIVE( +{AXIS}){{3}}",
+            rf"0 +\*( +{AXIS}\.COM){{3}}",
+            r"\[END\]",
+        ),
+        rf"{AXIS}\.COM": (
+            rf"BEGIN {AXIS}\.COM MM",
+            rf"NR +AXISPOS( +{AXIS}){{3}}",
+            rf"[0-9]{{1,3}}( +{NUMBER}){{4}}",
+            r"\[END\]",
+        ),
+    }
 
     def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
         """Say whether the tables correct reversal errors (see ``Control``)."""

@@ -1,8 +1,9 @@
 """What compensation is made from: an identified error map, reversal errors, and their origin."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.control_text import one_line
 from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
@@ -41,6 +43,9 @@ class Origin:
         software_version: of the run.
         verdict: of the diagnosis of the run, with the effects that act.
         despite_verdict: the verdict that the user has overruled; empty: none.
+
+    Raises:
+        ValueError: ``sha256`` is no such number.
     """
 
     file: str = ""
@@ -54,8 +59,12 @@ class Origin:
     verdict: str = ""
     despite_verdict: str = ""
 
+    def __post_init__(self) -> None:
+        if not re.fullmatch("(?:[0-9a-f]{64})?", self.sha256):
+            raise ValueError(f"sha256 is '{one_line(self.sha256)[:70]}', not 64 hexadecimal digits")
+
     def lines(self) -> list[str]:
-        """Return the origin line by line, in words."""
+        """Return the origin in words, each part on one line that can be shown as it is."""
         titles = {
             "file": "made from",
             "sha256": "SHA-256",
@@ -67,8 +76,9 @@ class Origin:
             "software_version": "run made by stepdiag_ros",
             "verdict": "verdict",
         }
-        said = [f"{title}: {getattr(self, key) or 'unknown'}" for key, title in titles.items()]
-        overruled = self.despite_verdict
+        told = {key: one_line(text) for key, text in asdict(self).items()}
+        said = [f"{title}: {told[key] or 'unknown'}" for key, title in titles.items()]
+        overruled = told["despite_verdict"]
         return [*said, f"made despite the verdict: {overruled}"] if overruled else said
 
 

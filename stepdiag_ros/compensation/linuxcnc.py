@@ -9,8 +9,9 @@ motor's command. A comment or header would silently end the table, so there is n
 stands in the text beside it.
 """
 
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,12 +27,14 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
+from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
 MOST_LINES = 256
 LARGEST = 1e-3
 """m: no ball screw is that wrong; a larger correction is a mistake in units."""
 INI = "joints.ini"
+COMMENT = Comment("# ")
 _UNITS = {"mm": 1e-3, "inch": INCH}
 _DIGITS = {"mm": 7, "inch": 9}
 """Decimals: 0.1 nm or less, so that rounding is no source of error."""
@@ -60,6 +63,16 @@ class _LinuxCnc:
         "the tables are for trivial kinematics, where joint and axis are the same",
     )
     source = 'LinuxCNC, Integrator Manual, "INI Configuration", section "[JOINT_<num>]"'
+    grammar: ClassVar[dict[str, tuple[str, ...]]] = {
+        r"[xyz]\.comp": (rf"{NUMBER}( {NUMBER}){{2}}",),
+        re.escape(INI): (
+            COMMENT.pattern,
+            "",
+            r"\[JOINT_[0-9]{1,2}\]",
+            r"COMP_FILE = [xyz]\.comp",
+            "COMP_FILE_TYPE = [01]",
+        ),
+    }
 
     def holds_reversal(self, _settings: Mapping[str, Any]) -> bool:
         """Say whether the tables correct reversal errors (see ``Control``)."""
@@ -93,7 +106,7 @@ class _LinuxCnc:
             ini.append(
                 f"[JOINT_{joints[axis]}]\nCOMP_FILE = {name}\nCOMP_FILE_TYPE = {chosen['type']}\n"
             )
-        notes = [f"# {line}" for line in (*layout.header, f"machine units: {chosen['units']}")]
+        notes = layout.comments(COMMENT, f"machine units: {chosen['units']}")
         files[INI] = "\n".join([*notes, "", *ini])
         return files
 
@@ -119,7 +132,7 @@ class _LinuxCnc:
 
 def _joints(given: Any) -> list[int]:
     numbers = [part.strip() for part in str(given).split(",")]
-    if len(numbers) != len(AXES) or not all(part.isdigit() for part in numbers):
+    if len(numbers) != len(AXES) or not all(re.fullmatch("[0-9]{1,2}", part) for part in numbers):
         raise ValueError(f"joints is '{given}'; expected three numbers, such as 0,1,2")
     return [int(part) for part in numbers]
 

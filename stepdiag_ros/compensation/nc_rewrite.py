@@ -22,10 +22,12 @@ from stepdiag_ros.compensation.nc_division import Division, Pieces
 from stepdiag_ros.compensation.nc_motion import ARC, RAPID, Motion
 from stepdiag_ros.compensation.nc_program import MOTIONS, NcSettings, Step, steps_of
 from stepdiag_ros.compensation.nc_words import Block, NcError, Word, refusal
+from stepdiag_ros.control_text import Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
+COMMENT = Comment("(", ")")
 REFUSE, HOLD = "refuse", "hold"
 _FIRST_PIECE = ("M3", "M4", "M7", "M8", "M13", "M14")
 _LAST_PIECE = ("M0", "M1", "M2", "M5", "M9", "M30", "M60")
@@ -87,8 +89,7 @@ def rewrite(
         source: what the user calls it.
         error_map: of the machine, in machine coordinates.
         settings: see there.
-        header: comment lines that go before the first block if anything was changed; without
-            parentheses.
+        header: texts that stand before the first block, as comments, if anything was changed.
 
     Raises:
         NcError: something cannot be corrected safely, a way leaves the box or the error there is
@@ -161,7 +162,8 @@ class _Writer:
 
     def finish(self, endings: Sequence[str], header: Sequence[str]) -> Rewritten:
         """Put the program together; every line keeps the sign that ended it."""
-        comments = [f"({line})" for line in header] if self._changed else []
+        texts = header if self._changed else ()
+        comments = [line for text in texts for line in COMMENT.lines(text)]
         usual = endings[0] if endings else "\n"
         made: list[str] = []
         places = []

@@ -16,12 +16,13 @@ to try it.
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
+    AXIS,
     MILLI,
     Files,
     Layout,
@@ -33,12 +34,14 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
+from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
 
 ENC_FILE = "AX_EEC.INI"
 CEC_FILE = "NC_CEC.INI"
 LARGEST = 1e-3
 """m: of what MD32720 $MA_CEC_MAX_SUM lets through at most by default."""
+COMMENT = Comment("; ")
 _DIRECTIONS = {+1: "positive", -1: "negative", 0: "both"}
 _ENTRY = re.compile(r"\$A(A_ENC_COMP|N_CEC)(_[A-Z_]+)?\s*\[([^\]]*)\]\s*=\s*\(?\s*([^\s;)]+)\s*\)?")
 
@@ -80,6 +83,16 @@ class _Siemens:
         "positions are machine coordinates in mm (MD10240 metric)",
     )
     source = "Siemens, Function Manual Extended Functions, K3 (6FC5397-1BP40-3BA1), section 4.4"
+    grammar: ClassVar[dict[str, tuple[str, ...]]] = {
+        "|".join(map(re.escape, (ENC_FILE, CEC_FILE))): (
+            r"%_N_(AX_EEC|NC_CEC)_INI",
+            r"CHANDATA\(1\)",
+            COMMENT.pattern,
+            rf"\$AA_ENC_COMP(_[A-Z]+)*\[[01],([0-9]{{1,4}},)?{AXIS}\]={NUMBER}",
+            rf"\$AN_CEC(_[A-Z]+)*\[[0-9]{{1,2}}(,[0-9]{{1,4}})?\]=({NUMBER}|\({AXIS}\))",
+            "M17",
+        )
+    }
 
     def holds_reversal(self, settings: Mapping[str, Any]) -> bool:
         """Say whether the tables correct reversal errors (see ``Control``)."""
@@ -87,7 +100,7 @@ class _Siemens:
 
     def write(self, identified: Identified, layout: Layout) -> Files:
         """Return AX_EEC.INI and NC_CEC.INI."""
-        comments = "".join(f"; {line}\n" for line in layout.header)
+        comments = "".join(f"{line}\n" for line in layout.comments(COMMENT))
         files = {ENC_FILE: self._encoder(identified, layout, comments)}
         cross = self._cross(identified, layout, comments)
         return files | ({CEC_FILE: cross} if cross else {})
@@ -129,7 +142,8 @@ class _Siemens:
                 added = added - wanted(identified, error, axis, positions, layout, 0)
             what = f"CEC table {index} ({names[error]} by {names[axis]})"
             _check(positions, added, chosen["points"], what)
-            lines.append(f"; {names[error]} by {names[axis]}, {_DIRECTIONS[sense]} direction(s)\n")
+            title = f"{names[error]} by {names[axis]}, direction: {_DIRECTIONS[sense]}"
+            lines += [f"{line}\n" for line in COMMENT.lines(title)]
             lines += _points("$AN_CEC", f"{index}{{}}", positions, added, chosen["digits"])
             lines += [
                 f"$AN_CEC_INPUT_AXIS[{index}]=({names[axis]})\n",

@@ -27,6 +27,7 @@ of the measured box. The comparison does not use them.
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -47,6 +48,8 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 
+_FORMULA = re.compile(r"[,;]+(?=\W*[=+\-@＝＋－＠])")
+"""Between two cells, the second of which a spreadsheet would execute."""
 NEEDED_COLUMNS = ("name", "position_m", "value")
 STANDING_COLUMNS = ("x_m", "y_m", "z_m")
 REFLECTOR_COLUMNS = ("reflector_x_m", "reflector_y_m", "reflector_z_m")
@@ -271,7 +274,8 @@ def joined(parts: Sequence[DirectMeasurement]) -> DirectMeasurement:
 
 def direct_text(direct: DirectMeasurement) -> str:
     """Return the table of a direct measurement, which ``read_direct`` reads back."""
-    rows = [f"# {note}" for note in direct.notes]
+    # A note stays one line and, in a spreadsheet, no cell of it becomes a formula.
+    rows = [f"# {_FORMULA.sub(' ', ' '.join(note.split()))}" for note in direct.notes]
     rows.append(",".join(COLUMNS))
 
     def add(name: str, position: str, repeat: int, value: float, u: float, place: Place) -> None:

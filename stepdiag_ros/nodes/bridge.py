@@ -40,12 +40,15 @@ from stepdiag_ros.run.health import Finding, Level
 from stepdiag_ros.run.motion_watch import Ending, MotionWatch
 from stepdiag_ros.run.permission import Move, Permission, shortcomings, too_brisk
 from stepdiag_ros.run.sequence import ANSWER_LIMIT, Answer, Purpose
+from stepdiag_ros.run.sole_sender import SoleSender
 from stepdiag_ros.run.work_health import Commands
 
 if TYPE_CHECKING:
     from stepdiag_ros.run.target_correction import TargetCorrection
 
 STATE_PERIOD = 0.5
+WATCH_PERIOD = 0.2
+"""Real seconds between two looks at who commands the machine; each command is looked at, too."""
 NOWHERE = (nan, nan, nan)
 """m: of a machine whose controller is not heard."""
 
@@ -54,10 +57,11 @@ class BridgeNode(DeviceNode[CncDevice]):
     """Executes step commands, each once, and says what became of it.
 
     Services: ``~/stop``, ``~/reset`` (std_srvs/Trigger). A command moves the machine only if plan,
-    machine and controller allow it (``run.permission``) and the sequencer wants it and goes on
-    wanting it (``run.entitlement``); it has ended in position when the actual positions say so
-    (``run.motion_watch``). The machine is stopped when the sequencer or the controller falls
-    silent, and before the node leaves the state active. No transition moves it.
+    machine and controller allow it (``run.permission``), and if the sequencer, which alone may
+    publish commands (``run.sole_sender``), wants it and goes on wanting it (``run.entitlement``);
+    it has ended in position when the actual positions say so (``run.motion_watch``). The machine is
+    stopped when sequencer or controller fall silent, and before the node leaves the state active.
+    No transition moves it.
     """
 
     role = "cnc_bridge"
@@ -75,7 +79,9 @@ class BridgeNode(DeviceNode[CncDevice]):
         self.on_change("position_timeout", partial(setattr, self._axes, "stale_after"))
         self._commands = Commands()
         self.add_device_task("axes", self._judge_axes)
-        self.add_device_task("commands", self._judge_commands)
+        self.add_device_task(
+            "commands", lambda: self._commands.judge(moving=self._command is not None)
+        )
         self._correction: TargetCorrection | None = self._load_correction(
             self.parameter("correction")
         )
@@ -89,6 +95,9 @@ class BridgeNode(DeviceNode[CncDevice]):
         age_limit = inf if self._is_simulated() else ANSWER_LIMIT
         self._entitlement = Entitlement(self.parameter("silence_limit"), age_limit)
         self.on_change("silence_limit", partial(setattr, self._entitlement, "silence_limit"))
+        self._sequencer = SoleSender([topic.name for topic in topics.COMMANDING])
+        self._sender = Finding(Level.OK, "nobody was looked for yet")
+        self.add_device_task("sequencer", lambda: self._sender)
         # The command at work; it has begun once the sequencer has confirmed it.
         self._command: Any = None
         self._begun = False
@@ -107,6 +116,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         self.offer("~/stop", self.stop)
         self.offer("~/reset", self.reset)
         self.every(STATE_PERIOD, self._repeat_state, real=True)
+        self.every(WATCH_PERIOD, self._watch_sequencer, real=True)
 
     def opener(self, **changed: Any) -> Callable[[int], CncDevice]:
         """Return what opens the controller (see ``DeviceNode.opener``)."""
@@ -193,10 +203,11 @@ class BridgeNode(DeviceNode[CncDevice]):
         """Accept commands of the present run, at its begin and after a stop or a fault.
 
         Raises:
-            ValueError: the machine still moves, or the node is not active.
+            ValueError: the machine moves, the node is not active, or not one node alone commands.
         """
         if self.device is None or not self.active:
             raise ValueError("the bridge is not active: activate it first")
+        self._sequencer.bind(self.senders(*topics.COMMANDING), self.real_time())
         try:
             self.device.reset(self.now())
         except MoveRefused:
@@ -215,6 +226,7 @@ class BridgeNode(DeviceNode[CncDevice]):
             self._stop(f"another run begins: {description.run_id}")
             self._conclude(Answer.STOPPED, self.now(), "another run begins")
         self._entitlement.begin_run(description.run_id)
+        self._sequencer.begin_run()
         self._set_permission()
         self._set_correction(self._correction)
 
@@ -228,7 +240,15 @@ class BridgeNode(DeviceNode[CncDevice]):
         """Stop the machine when nobody is left who would."""
         super().on_peer_lost(text)
         if not self.watch.present("sequencer"):
+            self._sequencer.lost(self.real_time())
             self._stop_because(text)
+
+    def _watch_sequencer(self) -> None:
+        """Stop the machine when another node than the sequencer publishes commands."""
+        before = self._sender
+        self._sender = self._sequencer.judge(self.senders(*topics.COMMANDING), self.real_time())
+        if self._sender.level and not self._sender.says(before) and not self.run_over:
+            self._stop_because(self._sender.message)
 
     def _on_permit(self, permit: Any) -> None:
         self._entitlement.permit(permit.run_id, permit.command_id, self.real_time())
@@ -237,7 +257,8 @@ class BridgeNode(DeviceNode[CncDevice]):
     def _on_command(self, command: Any) -> None:
         if self._entitlement.is_repetition(command.run_id, command.command_id):
             return
-        refusal = self._refusal(command)
+        self._watch_sequencer()
+        refusal = self._sender.message if self._sender.level else self._refusal(command)
         if refusal:
             self._reject(command, refusal)
             return
@@ -391,7 +412,7 @@ class BridgeNode(DeviceNode[CncDevice]):
     def _stop_because(self, reason: str) -> None:
         """Stop the machine by the bridge's own decision; only an operator's resume goes on."""
         self.get_logger().error(f"the machine is stopped: {reason}")
-        self._entitlement.withdraw()
+        self._entitlement.withdraw(reason)
         self._stop(reason)
 
     def _end(self, ending: Ending | None) -> None:
@@ -429,9 +450,6 @@ class BridgeNode(DeviceNode[CncDevice]):
     def _judge_axes(self) -> Finding:
         state = CncState.FAULT if self.device is None else self.device.state
         return self._axes.judge(state, self._reason, self.now(), self.real_time())
-
-    def _judge_commands(self) -> Finding:
-        return self._commands.judge(moving=self._command is not None)
 
     def _answer(self, command: Any, answer: Answer, time: int, reason: str = "") -> None:
         self._commands.take(command.command_id, answer, reason)

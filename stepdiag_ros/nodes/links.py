@@ -16,10 +16,12 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
+from stepdiag_ros.control_text import one_line
 from stepdiag_ros.conversion import message_type
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
 from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
+from stepdiag_ros.run.sole_sender import Sender
 from stepdiag_ros.topics import RUN_DESCRIPTION, Qos, Topic
 
 try:
@@ -39,6 +41,8 @@ LOOK_PERIOD = 2.0
 middleware says that an end does not fit, its topic is looked at at once."""
 PATIENCE = 30.0
 """Real seconds for which an outlet that keeps all waits for its slowest subscriber."""
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN"
+"""As rmw names the node of an endpoint that no node has told of."""
 NAP = 0.005
 """Real seconds between two tries to publish."""
 
@@ -215,6 +219,17 @@ class LinkedNode(TimedNode):
             raw=heard_raw,
         )
         self._link_check.hears(name, topic)
+
+    def senders(self, *wanted: Topic) -> list[Sender]:
+        """Return all publishers on some topics that the graph shows, in this process and others."""
+        found = []
+        for topic in wanted:
+            for end in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name)):
+                name = f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+                known = not end.node_name.startswith(_UNKNOWN_NODE)
+                gid = bytes(end.endpoint_gid).hex()
+                found.append(Sender(topic.name, one_line(name) if known else "", gid))
+        return found
 
     def forget_results(self) -> None:
         """Repeat nothing any more of what follows from a run: a new one begins."""

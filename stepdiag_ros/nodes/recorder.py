@@ -26,6 +26,7 @@ from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.nodes.parameters import ParameterCollector
 from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
 from stepdiag_ros.run.health import Finding, Gaps
+from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import STORE_LIMIT
 from stepdiag_ros.run.supervision import BY_HAND_ROLE, HEARD_UNTIL, fact_of_run
 from stepdiag_ros.run.work_health import Arrival, Storage, judge_recording
@@ -247,10 +248,11 @@ class RecorderNode(StepdiagNode):
 
     def _free_path(self, run_id: str) -> Path:
         folder = Path(self.parameter("folder")).expanduser()
-        path, part = folder / f"{run_id}.mcap", 1
+        name = file_name_of(run_id)
+        path, part = folder / f"{name}.mcap", 1
         while path.exists():
             part += 1
-            path = folder / f"{run_id}_part{part}.mcap"
+            path = folder / f"{name}_part{part}.mcap"
         return path
 
     def _ask_parameters(self) -> None:

@@ -7,13 +7,11 @@ There is no rapid move, and one axis moves at a time unless a move says otherwis
 """
 
 import math
-import string
-import textwrap
-import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from stepdiag_ros.control_text import FARTHEST, NUMBER, Comment, refuse_foreign
 from stepdiag_ros.metrology.geometry import AXES
 
 DwellForm = Literal["P_ms", "P_s", "X_s", "F_s"]
@@ -28,16 +26,32 @@ DWELL_FORMS: dict[DwellForm, str] = {
 _MILLI = 1e3
 _PER_MINUTE = 60.0
 _MICRO = 1e6
-_COMMENT_WIDTH = 70
+_TITLE_WIDTH = 60
 _LONGEST_DWELL = 9999.0
+_SLOWEST, _FASTEST = 1e-6, 10.0
+"""m/s."""
 _NUMBERS_APART = 10
 _LARGEST_NUMBER = 9999
-_WORDS_INSTEAD = str.maketrans(
-    {"µ": "u", "μ": "u", "–": "-", "—": "-", "−": "-", "×": "x", "°": " deg ", "%": " percent "}
-    | {"(": "[", ")": "]", ";": ",", ":": " -", "_": "-"}
+_COMMENT = Comment("(", ")", signs=".,+-/=[]", capitals=True, width=70)
+"""What every controller reads: capitals, and no sign that one may take for something else, such as
+% ; : # @ or $."""
+_LINES = (
+    "%",
+    rf"O[0-9]{{4}} {_COMMENT.pattern}",
+    *(
+        rf"(N[0-9]{{2,4}} )?{block}"
+        for block in (
+            _COMMENT.pattern,
+            "G21 G90 G94",
+            r"G1 F[0-9]{1,7}\.[0-9]{1,3}",
+            rf"G1( [XYZ]{NUMBER}){{1,3}}",
+            r"G4 [PXF][0-9]{1,7}(\.[0-9]{1,3})?",
+            "M0",
+            "M30",
+        )
+    ),
 )
-_HARMLESS = frozenset(string.ascii_uppercase + string.digits + " .,+-/=[]")
-"""Characters of a comment that no controller takes for something else, as it may % ; : # @ or $."""
+"""Patterns of all lines that a program has."""
 
 CHECK = "CHECK TRAVEL, TOOL, MIRROR AND CABLE BEFORE RUNNING"
 """Stands at the head of every program."""
@@ -115,8 +129,8 @@ class _Writer:
         self.lines.append(f"N{number} {text}" if self.dialect.line_numbers else text)
 
     def comment(self, text: str) -> None:
-        for line in textwrap.wrap(plain_ascii(text), _COMMENT_WIDTH):
-            self.block(f"({line})")
+        for line in _COMMENT.lines(text):
+            self.block(line)
 
 
 def nc_program(
@@ -157,8 +171,8 @@ def nc_program(
     )
     writer = _Writer(dialect)
     if dialect.program_number is not None:
-        title = textwrap.shorten(plain_ascii(name), _COMMENT_WIDTH - 10, placeholder="...")
-        writer.lines.append(f"O{dialect.program_number:04d} ({title})")
+        title = _COMMENT.lines(_COMMENT.text(name)[:_TITLE_WIDTH] or "-")[0]
+        writer.lines.append(f"O{dialect.program_number:04d} {title}")
     for sentence in _head(name, listed, places, feed_m_per_s, dialect, rounding, remarks):
         writer.comment(sentence)
     writer.block("G21 G90 G94")
@@ -184,7 +198,9 @@ def nc_program(
         before = place
     writer.block("M30")
     lines = ["%", *writer.lines, "%"] if dialect.percent else writer.lines
-    return "\n".join(lines) + "\n"
+    program = "\n".join(lines) + "\n"
+    refuse_foreign("the NC program", program, *_LINES)
+    return program
 
 
 def dwell_words(dwell_s: float, form: DwellForm) -> str:
@@ -194,13 +210,6 @@ def dwell_words(dwell_s: float, form: DwellForm) -> str:
     if form == "P_ms":
         return f"G4 P{milliseconds}"
     return f"G4 {form[0]}{_shortest(milliseconds / _MILLI, 3)}"
-
-
-def plain_ascii(text: str) -> str:
-    """Return a comment as every controller reads it: ASCII capitals, digits and ``.,+-/=[]``."""
-    readable = unicodedata.normalize("NFKD", text.translate(_WORDS_INSTEAD))
-    letters = readable.encode("ascii", "ignore").decode("ascii").upper()
-    return " ".join("".join(c if c in _HARMLESS else " " for c in letters).split())
 
 
 def _shortest(value: float, decimals: int) -> str:
@@ -218,10 +227,12 @@ def _coordinates(move: Move, decimals: int) -> tuple[str, str, str]:
 def _check(moves: list[Move], feed: float) -> None:
     if not moves:
         raise ValueError("an NC program needs at least one move")
-    if not (math.isfinite(feed) and feed > 0.0):
-        raise ValueError(f"the feed of an NC program is {feed:g} m/s; it must be a positive number")
+    if not _SLOWEST <= feed <= _FASTEST:
+        raise ValueError(
+            f"the feed of an NC program is {feed:g} m/s; expected {_SLOWEST:g} to {_FASTEST:g} m/s"
+        )
     for number, move in enumerate(moves, start=1):
-        if not all(math.isfinite(value) for value in move.target_m):
+        if not all(abs(value) <= FARTHEST for value in move.target_m):
             raise ValueError(f"move {number}: the target {move.target_m} is no position")
         if not 0.0 <= move.dwell_s <= _LONGEST_DWELL:
             raise ValueError(

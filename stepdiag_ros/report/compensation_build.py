@@ -3,7 +3,7 @@
 from datetime import datetime, timezone
 
 from stepdiag_ros.compensation.applied import Applied, Beyond
-from stepdiag_ros.compensation.control import Control, Layout
+from stepdiag_ros.compensation.control import Control, Layout, checked_files
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.compensation.remaining import remainder
 from stepdiag_ros.report.compensation import CompensationReport
@@ -74,7 +74,7 @@ def compensation_of(
     Raises:
         ValueError: a setting or a limit of the control forbids it; one sentence.
     """
-    files = control.write(identified, layout)
+    files = checked_files(control, identified, layout)
     applied: Applied = control.read(files)
     if layout.on_top_of.tables:
         applied = Beyond(applied, layout.on_top_of)

@@ -147,7 +147,7 @@ def write_results(
         tell(len(written) / (len(contents) + len(pictures)), name)
         with whole_file(folder / name) as partial:
             if name in contents:
-                text = _without_trailing_blanks(contents[name])
+                text = without_trailing_blanks(contents[name])
                 partial.write_text(text, encoding="utf-8")
             else:
                 save(pictures[name], partial)
@@ -159,5 +159,7 @@ def _tell_nobody(done: float, name: str) -> None:
     del done, name
 
 
-def _without_trailing_blanks(text: str) -> str:
-    return "".join(f"{line.rstrip()}\n" for line in text.splitlines())
+def without_trailing_blanks(text: str) -> str:
+    """Return a text without blanks at the ends of its lines, which line feeds alone end."""
+    # Not splitlines(): it would make a line break of a sign within a name or a JSON string.
+    return "".join(f"{line.rstrip()}\n" for line in io.StringIO(text))

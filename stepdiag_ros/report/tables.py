@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from stepdiag_ros.control_text import printable
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
@@ -55,6 +57,10 @@ class PlainConsole(Console):
     """
 
     text_width: int | None = None
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Take out of a text what would steer a terminal."""
+        return super().render_str(printable(text), **options)
 
     def on_broken_pipe(self) -> None:
         """Let the caller know, as every other stream does."""

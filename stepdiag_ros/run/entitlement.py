@@ -52,7 +52,7 @@ class Entitlement:
         self.silence_limit = silence_limit
         self._age_limit = age_limit
         self._run = ""
-        self._released = False
+        self._released, self._withdrawn = False, ""
         self._last = 0
         self._wanted, self._wanted_at = 0, -inf
         self._confirmed = False
@@ -60,16 +60,16 @@ class Entitlement:
 
     def begin_run(self, run_id: str) -> None:
         """Take up another run, with its first command; nothing moves before ``release``."""
-        self._run, self._last, self._released = run_id, 0, False
+        self._run, self._last, self._released, self._withdrawn = run_id, 0, False, ""
         self._wanted, self._wanted_at, self._confirmed = 0, -inf, False
 
     def release(self) -> None:
         """Let commands of the present run move the machine from now on."""
-        self._released = True
+        self._released, self._withdrawn = True, ""
 
-    def withdraw(self) -> None:
-        """Let nothing move the machine until it is released again."""
-        self._released = False
+    def withdraw(self, why: str = "") -> None:
+        """Let nothing move the machine until it is released again; say why, if that is known."""
+        self._released, self._withdrawn = False, why or self._withdrawn
 
     def permit(self, run_id: str, command_id: int, real: float) -> None:
         """Take the sequencer's word that a command is wanted (s of a clock that never steps).
@@ -100,7 +100,11 @@ class Entitlement:
         if command_id <= self._last:
             return f"command {self._last} was executed already"
         if not self._released:
-            return "the bridge was not released for it: an operator has to start or resume the run"
+            why = f" ({self._withdrawn})" if self._withdrawn else ""
+            return (
+                "the bridge was not released for it: an operator has to start or resume the run"
+                f"{why}"
+            )
         # Written so that an age that is no number is none; a clock that is behind is no better.
         if not abs(age) <= self._age_limit:
             when = f"{age:.1f} s ago" if age > 0.0 else f"{-age:.1f} s from now"

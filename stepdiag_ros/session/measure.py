@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.session.following import FollowedRun, RunFailed, Told
@@ -90,7 +91,7 @@ class Session:
         finally:
             if run.run_id:
                 told = run.measured.bag if run.measured else None
-                self.bag = told or self._folder / f"{run.run_id}.mcap"
+                self.bag = told or self._folder / f"{file_name_of(run.run_id)}.mcap"
         if not measured.bag_closed or measured.bag is None:
             raise RunFailed(f"the bag is not whole: {measured.bag_text}")
         return measured.bag

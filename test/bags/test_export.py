@@ -2,15 +2,21 @@
 
 import csv
 import importlib.util
+import io
+import re
+import unicodedata
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from bags_for_tests import RUN_ID, START, put
+from hypothesis import given
+from hypothesis import strategies as st
 from make_schema_bag import diagnosis
 from test_run import description, header, line, write_run
 
 from stepdiag_ros import conversion, topics
+from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.types import own_types
@@ -81,6 +87,40 @@ def test_diagnoses_are_all_there_and_the_findings_of_the_last(bag, tmp_path):
     assert found["ambiguous_with"] == "backlash of Y"
     export_bag(bag, tmp_path / "without")
     assert not (tmp_path / "without" / "diagnoses.csv").exists()
+
+
+FORMULAS = (
+    *('=cmd|"/c calc"!A1', "+1", "-1+1", "@SUM(1)", "\t=1", "\r=1", "\n=1", " =1", "'=1", "''-x"),
+    *("＝1", "\u200b=1", "\ufeff@x", "﹢1"),
+)
+
+
+@pytest.mark.parametrize("text", FORMULAS, ids=ascii)
+def test_no_text_of_a_bag_is_a_formula_in_a_spreadsheet(tmp_path, text):
+    gap = replace(diagnosis().before, rms=-1e-6)
+    model = replace(diagnosis().model, name=text)
+    told = replace(diagnosis(), sentence=text, verdict=text, model=model, before=gap)
+    with BagWriter(tmp_path / "b.mcap", header()) as writer:
+        put(writer, topics.RUN_DESCRIPTION, description(), START)
+        put(writer, topics.DIAGNOSIS, from_diagnosis(told, RUN_ID, NEW), START)
+    export_bag(tmp_path / "b.mcap", tmp_path / "out")
+    (row,) = table(tmp_path / "out" / "diagnoses.csv")
+    for name in ("sentence", "verdict", "model"):
+        assert row[name] == f"'{text}" and unguarded(row[name]) == text
+    assert row["rms_m_before"] == "-1e-06", "a number stays a number"
+
+
+@given(
+    st.text(st.one_of(st.sampled_from("=+-@'\t\r\n ＝a"), st.characters(exclude_characters="\0")))
+)
+def test_every_text_comes_back_from_its_cell(text):
+    cell = guarded(text)
+    assert unguarded(cell) == text and cell in (text, f"'{text}")
+    assert unicodedata.normalize("NFKC", cell.strip())[:1] not in tuple("=+-@")
+    if re.match(r"\w", text):
+        assert cell == text
+    read = list(csv.reader(io.StringIO(csv_text([[cell, "next"]]), newline="")))
+    assert read == [[cell, "next"]], "one row, whatever line breaks it has"
 
 
 def test_the_last_attempt_at_each_line_makes_the_run_table(bag, tmp_path):

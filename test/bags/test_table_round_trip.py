@@ -99,7 +99,9 @@ def runs(draw):
         lines[line] = replace(lines[line], displacement=displacement)
     if draw(st.booleans()):  # a line that was measured again, in another alignment
         line = draw(st.integers(0, len(lines) - 1))
-        lines[line] = replace(lines[line], attempt=3, setup=f"{lines[line].setup} #2")
+        usual = f"{lines[line].setup} #2"
+        setup = draw(st.sampled_from([usual, "=1+1", "'=1", "@x", "-1", "''+1", "' '"]))
+        lines[line] = replace(lines[line], attempt=3, setup=setup)
     sigma = draw(st.sampled_from(["each", "one", "unknown", "some"]))
     overrun = draw(st.sampled_from(["plan", "unknown", "other"]))
     without = draw(st.booleans())

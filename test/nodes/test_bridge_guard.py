@@ -14,6 +14,7 @@ from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.devices.cnc import CncState, PositionSample, StateChange, Traits
 from stepdiag_ros.nodes.bridge import BridgeNode
+from stepdiag_ros.nodes.links import message_class, quality
 from stepdiag_ros.run.sequence import Answer
 
 BAG = Path(__file__).parents[1] / "data" / "bags" / "schema_1.mcap"
@@ -285,3 +286,114 @@ def test_another_run_that_is_announced_in_a_move_stops_it(bench):
     cell.descriptions.publish(description)
     wait(cell, 1, Answer.STOPPED)
     assert "another run begins" in Mill.stopped
+
+
+@pytest.fixture
+def rogue():
+    """Return a function that makes a node with publishers as the sequencer has them."""
+    made = []
+
+    def make(cell, name="rogue"):
+        node = rclpy.create_node(name)
+        cell.executor.add_node(node)
+        made.append(node)
+        return node, {
+            topic: node.create_publisher(message_class(topic), topic.name, quality(topic))
+            for topic in (topics.RUN_DESCRIPTION, *topics.COMMANDING)
+        }
+
+    yield make
+    for node in made:
+        node.destroy_node()
+
+
+def findings(cell, task):
+    """Return the last level and text of one subject on /diagnostics."""
+    for array in reversed(cell.heard[topics.DIAGNOSTICS]):
+        for status in array.status:
+            if status.name.endswith(f": {task}"):
+                return ord(status.level), status.message
+    return None, ""
+
+
+@pytest.mark.parametrize("name", ["rogue", "manager"])
+def test_whoever_publishes_commands_beside_the_sequencer_stops_the_machine(bench, rogue, name):
+    cell = ready(bench())
+    Mill.done = False
+    cell.permit(1)
+    cell.send(1, 0.01)
+    wait(cell, 1, Answer.MOVING)
+    alone = (0, "commands are taken from node /manager alone")
+    while findings(cell, "sequencer") != alone:
+        rest(cell, 0.05)
+        cell.permit(1)
+    # It does not even say anything, and may take the sequencer's own name.
+    node, _ = rogue(cell, name)
+    wait(cell, 1, Answer.STOPPED)
+    told = "node /" + name + " publishes machine/"
+    assert Mill.stopped.startswith(told) or "publisher without a node" in Mill.stopped
+    assert Mill.stopped.endswith("beside node /manager, from which this run takes its commands:"
+                                 " end it, then resume")  # fmt: skip
+    cell.until(lambda: findings(cell, "sequencer")[0] == 2)
+    cell.until(lambda: told in findings(cell, "sequencer")[1])
+    refused = cell.trigger("reset")
+    assert not refused.success and told in refused.message
+    cell.permit(2)
+    cell.send(2, 0.01)
+    wait(cell, 2, Answer.REJECTED)
+    assert told in reason(cell, 2) and Mill.moves == 1
+    # Once it has gone an operator resumes, and nothing goes on before.
+    for publisher in list(node.publishers):
+        node.destroy_publisher(publisher)
+    cell.until(lambda: findings(cell, "sequencer")[0] == 0)
+    cell.permit(3)
+    cell.send(3, 0.01)
+    wait(cell, 3, Answer.REJECTED)
+    assert told in reason(cell, 3), "why it was not released"
+    assert cell.trigger("reset").success
+    Mill.done = True
+    cell.permit(4)
+    cell.send(4, 0.01)
+    wait(cell, 4, Answer.IN_POSITION)
+    assert Mill.moves == 2
+
+
+def test_a_stranger_cannot_command_a_run_of_his_own_beside_the_sequencer(bench, rogue):
+    cell = bench()
+    cell.await_state("active")
+    _, speakers = rogue(cell)
+    description = cell.descriptions.msg_type(run_id="evil", schema_version=1)
+    description.plan = load_plan("quick")[1]
+    set_now(description, cell.node)
+    cell.until(lambda: speakers[topics.RUN_DESCRIPTION].get_subscription_count() == 1)
+    speakers[topics.RUN_DESCRIPTION].publish(description)
+    cell.until(lambda: cell.node.run_id == "evil")
+    refused = cell.trigger("reset")
+    assert not refused.success
+    assert "/manager" in refused.message and "/rogue" in refused.message
+    cell.commands, cell.permits = (speakers[topic] for topic in topics.COMMANDING)
+    for number in range(1, 6):
+        cell.permits.publish(cell.permits.msg_type(run_id="evil", command_id=number))
+        cell.send(number, 0.01, run_id="evil")
+        wait(cell, number, Answer.REJECTED)
+    rest(cell, LIMIT + 0.2)
+    assert Mill.moves == 0
+
+
+def test_a_command_that_comes_at_once_with_its_stranger_is_not_executed(bench, rogue):
+    """Its publisher is in the graph before its first message is heard."""
+    cell = ready(bench())
+    for number in range(1, 11):
+        node, speakers = rogue(cell)
+        own = cell.commands, cell.permits
+        cell.commands, cell.permits = (speakers[topic] for topic in topics.COMMANDING)
+        cell.until(lambda: cell.permits.get_subscription_count() == 1)
+        for _ in range(3):
+            cell.permit(number)
+            cell.send(number, 0.01)
+        wait(cell, number, Answer.REJECTED)
+        for publisher in list(node.publishers):
+            node.destroy_publisher(publisher)
+        cell.commands, cell.permits = own
+        cell.until(lambda: cell.trigger("reset").success)
+    assert Mill.moves == 0

@@ -1,4 +1,4 @@
-"""A small ISO 230-6 test on the node graph: axes that move at once, and when they may not."""
+"""A small ISO 230-6 test on the node graph: axes that move at once, and who may move them."""
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import DIAGONAL
 from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.nodes.links import message_class, quality
 from stepdiag_ros.run.sequence import Answer, State
 
 PLAN = """
@@ -31,26 +32,28 @@ sampling: {dwell_s: 0.1, settle_s: 0.1, window_s: 0.1}
 """
 
 
-def refused(cell, line_index, axes, target):
-    """Send a move of one's own and return the bridge's refusal; the machine must not move."""
+def meddle(cell):
+    """Command a move beside the sequencer: nothing moves, and the run is held until that ends."""
+    commands = cell.operator.create_publisher(
+        message_class(topics.MACHINE_COMMAND),
+        topics.MACHINE_COMMAND.name,
+        quality(topics.MACHINE_COMMAND),
+    )
+    cell.wait(lambda: commands.get_subscription_count() >= 1, 20.0, "the bridge listens")
     # No number of a command that the sequencer has sent or will send.
-    number = 1000 + len(cell.statuses)
-    stop = StopCommand(number, line_index, 1, "", 0, axes, target, 0)
-    run, now = cell.operator.started_run, cell.operator.now()
-    command = from_stop_command(stop, run, now, 0.1, PURPOSE_POSITION)
-    before = tuple(cell.machine.position)
-    cell.commands.publish(command)
-    answers = []
-
-    def answered():
-        answers[:] = [status for status in cell.statuses if status.command_id == number]
-        return bool(answers)
-
-    cell.wait(answered, 20.0, "the bridge answers")
-    cell.operator.spin_until(lambda: False, 0.3)
+    x, y, z = before = tuple(cell.machine.position)
+    stop = StopCommand(1000, 0, 1, "", 0, "X", (x + 0.001, y, z), 0)
+    now = cell.operator.now()
+    commands.publish(from_stop_command(stop, cell.operator.started_run, now, 0.1, PURPOSE_POSITION))
+    cell.wait_for_state(State.FAULT, 20.0)
+    name = cell.operator.get_name()
+    assert name in cell.operator.state.text and "beside node /sequencer" in cell.operator.state.text
+    cell.operator.spin_until(lambda: False, 0.5)
     assert tuple(cell.machine.position) == pytest.approx(before, abs=1e-6)
-    assert [Answer(status.status) for status in answers] == [Answer.REJECTED]
-    return answers[0].reason
+    assert not any(
+        status.command_id == 1000 and status.status != Answer.REJECTED for status in cell.statuses
+    )
+    cell.operator.destroy_publisher(commands)
 
 
 @pytest.fixture(scope="module")
@@ -62,16 +65,12 @@ def plan_file(tmp_path_factory):
 
 def test_diagonals_on_the_node_graph(make_cell, plan_file):
     with make_cell(plan=str(plan_file), factor=10.0) as cell:
-        cell.commands = cell.operator.announce(topics.MACHINE_COMMAND)
         cell.start()
         cell.wait(lambda: len(cell.stops) >= 1, 20.0, "a stop")
         cell.operator.call("sequencer/pause")
         cell.wait_for_state(State.PAUSED, 30.0)
-        x, y, z = cell.machine.position
-        reason = refused(cell, 0, "XY", (x + 0.01, y + 0.01, z))
-        assert "X and Y at once; on line 'x forward, repeat 0' only one axis" in reason
-        assert "begins at" in refused(cell, 1, "XYZ", (0.022, 0.017, 0.012))
-        cell.operator.call("sequencer/resume")
+        meddle(cell)
+        cell.resume()
         cell.wait_for_state(State.FINISHED, 120.0)
         cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
         (bag,) = cell.folder.glob("*.mcap")

@@ -13,6 +13,7 @@ from stepdiag_ros.monitor.state import State
 from stepdiag_ros.nodes import base
 from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.nodes.onlooker import Onlooker
+from stepdiag_ros.nodes.recorder import RecorderNode
 from stepdiag_ros.run.supervision import SILENCE_LIMIT, peer_of
 
 RUN_ID = "20260102T030405-abcd"
@@ -176,3 +177,21 @@ def odd(topic):
         elif kind in ("double", "float64"):
             setattr(message, name, float("inf"))
     return message
+
+
+def test_a_bag_stays_in_its_folder_whatever_the_run_is_called(tmp_path):
+    folder = tmp_path / "bags"
+    rclpy.init(args=["x", "--ros-args", "-p", f"folder:={folder}"])
+    recorder = RecorderNode()
+    try:
+        for run_id in ("../../evil", "/tmp/evil", "-x", "a\0b", "e" * 5000, RUN_ID):
+            run = filled(topics.RUN_DESCRIPTION, run_id=run_id, plan=load_plan("quick")[1])
+            recorder.on_run(run)
+    finally:
+        recorder.close()
+        recorder.destroy_node()
+        rclpy.try_shutdown()
+    names = [path.name for path in folder.iterdir()]
+    assert len(names) == 6 and f"{RUN_ID}.mcap" in names
+    assert not any(name.startswith(("-", ".")) for name in names)
+    assert [path.name for path in tmp_path.iterdir()] == ["bags"]

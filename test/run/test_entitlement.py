@@ -20,8 +20,14 @@ def test_nothing_moves_before_the_bridge_is_released_and_after_it_was_withdrawn(
     assert "was not released" in made.refusal("run", 1, 0.0)
     made.release()
     assert made.refusal("run", 1, 0.0) == ""
+    made.withdraw("somebody meddles")
+    # What follows from it is no other reason.
     made.withdraw()
     assert "an operator has to start or resume" in made.refusal("run", 1, 0.0)
+    assert "somebody meddles" in made.refusal("run", 1, 0.0)
+    made.release()
+    made.withdraw()
+    assert "somebody meddles" not in made.refusal("run", 1, 0.0)
     made.release()
     made.begin_run("another run")
     assert "was not released" in made.refusal("another run", 1, 0.0)

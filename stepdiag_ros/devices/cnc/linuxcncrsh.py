@@ -179,13 +179,11 @@ class LinuxCncRsh:
             feed_limit=self._machine.feed_limit_m_per_s,
             near=[self._window] * 3,
         )
-        x, y, z = (1000.0 * value for value in target)
-        line = f"G21 G90 G94 G53 G1 X{x:.7f} Y{y:.7f} Z{z:.7f} F{60000.0 * feed:.5f}"
         self._move = _Move(target)
         self._errors.clear()
         self._stands_since = time.monotonic()
         self._change(time_ns, CncState.MOVING, "")
-        self._send(f"set mdi {line}", "SET MDI")
+        self._send(f"set mdi {line_of_move(target, feed)}", "SET MDI")
 
     def stop(self, time_ns: int, reason: str) -> None:
         """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
@@ -450,6 +448,12 @@ class LinuxCncRsh:
         if (state, reason) != self._last:
             self._state, self._last = state, (state, reason)
             self._events.append(StateChange(time_ns, state, self._position, reason))
+
+
+def line_of_move(target: Point, feed: float) -> str:
+    """Return the block of a move: target in m, feed in m/s."""
+    x, y, z = (1000.0 * value for value in target)
+    return f"G21 G90 G94 G53 G1 X{x:.7f} Y{y:.7f} Z{z:.7f} F{60000.0 * feed:.5f}"
 
 
 def from_settings(

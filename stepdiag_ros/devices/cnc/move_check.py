@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import isfinite
 
+from stepdiag_ros.control_text import one_line
 from stepdiag_ros.devices.cnc import MoveRefused, Point
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -35,7 +36,7 @@ def check_target(
         position: where the machine is, m.
         target: after the move, m.
         feed: m/s.
-        axes: that may move.
+        axes: that may move, such as ``XY``; each is part of what is sent.
         limits: lower and upper soft limits, m.
         feed_limit: m/s.
         near: of each axis, m: as far as this from the target is no move.
@@ -43,6 +44,8 @@ def check_target(
     Raises:
         MoveRefused: the text says why.
     """
+    if not set(axes) <= set(AXES) or len(set(axes)) < len(axes):
+        raise MoveRefused(f"'{one_line(axes)[:20]}' is not some of the axes X, Y and Z, each once")
     if not all(map(isfinite, (*target, *position))):
         raise MoveRefused(f"the target {target} is no position, or no position is known")
     if not 0.0 < feed <= feed_limit:
