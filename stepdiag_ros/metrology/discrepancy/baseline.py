@@ -296,6 +296,22 @@ class Whitened:
         left: Vector = columns - self.span @ (self.span.T @ columns)
         return left
 
+    def pulled(self, vectors: Vector) -> Vector:
+        """Return whitened vectors times the derivatives of ``of``, its transpose, shape (n, k).
+
+        Args:
+            vectors: shape (rows, k).
+        """
+        pulled = vectors[: len(self.baseline.gap)].copy()
+        rho = self.correlation
+        if rho:
+            root = np.sqrt(1.0 - rho * rho)
+            follows = self.baseline.passes[1:] == self.baseline.passes[:-1]
+            pulled[1:][follows] /= root
+            pulled[:-1][follows] -= rho / root * vectors[1 : len(pulled)][follows]
+        made: Vector = pulled / (self.noise * self.baseline.weight[:, None])
+        return made
+
     def readings(self, values: Vector) -> Vector:
         """Return whitened values as values of the readings again, m, shape (n,)."""
         plain = values[: len(self.baseline.gap)].copy()
