@@ -53,7 +53,7 @@ class VolumetricMap:
         not_determined: what the lines could not tell, in words.
         covariance: of all curves stacked in their order, see ``VolumetricErrors``; empty if not
             known.
-        turned_covariance: of all eighteen, see ``VolumetricErrors``; empty if not known.
+        turned_factor: of all eighteen, see ``VolumetricErrors``; empty if not known.
         plausible: how large rotations are of which nothing else is known.
 
     Raises:
@@ -68,7 +68,7 @@ class VolumetricMap:
     frame: str = FRAME
     not_determined: tuple[str, ...] = ()
     covariance: Vector = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
-    turned_covariance: Vector = field(
+    turned_factor: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
     plausible: Plausible = ORDINARY
@@ -121,7 +121,7 @@ class VolumetricMap:
             frame=result.frame,
             not_determined=result.not_determined,
             covariance=result.covariance,
-            turned_covariance=result.turned_covariance,
+            turned_factor=result.turned_factor,
             plausible=plausible,
         )
 
@@ -215,14 +215,13 @@ class VolumetricMap:
     def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
         size, count = weights.shape[-1], sum(len(self.nodes[moving_axis(c)]) for c in CURVES)
-        told = self.turned_covariance.shape == (count, count) and len(self.left_out) == 9
+        told = len(self.turned_factor) == count and len(self.left_out) == 9
         if told and self.chain:
             turning = self._rotation_weights(positions, self.chain)
             # What it tells of the curves themselves is in their covariance.
-            own = self.turned_covariance[size:, size:]
-            mixed = self.turned_covariance[:size, size:]
-            beside = np.einsum("nij,jk,nlk->nil", weights, mixed, turning, optimize=True)
-            made: Vector = np.einsum("nij,jk,nlk->nil", turning, own, turning, optimize=True)
+            turned = turning @ self.turned_factor[size:]
+            beside = weights @ self.turned_factor[:size] @ turned.transpose(0, 2, 1)
+            made: Vector = turned @ turned.transpose(0, 2, 1)
             made += beside + beside.transpose(0, 2, 1)
             return made
         ways = self.nearest(positions) - self.low

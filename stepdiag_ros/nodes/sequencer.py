@@ -36,14 +36,13 @@ from stepdiag_ros.run.sequence import (
     State,
 )
 from stepdiag_ros.run.supervision import Peer, said_of_run
+from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 
 UPDATE_PERIOD = 0.01
 STATE_PERIOD = 0.5
 PERMIT_PERIOD = 0.1
 """Real seconds between two words to the bridge that a move is wanted still."""
-FOLLOWER_LIMIT = 5.0
-"""Real seconds within which the other nodes must have taken up a new run."""
 RESET_LIMIT = 1.0
 """Real seconds within which the bridge should answer a reset before it is asked again."""
 RESET_TRIES = 5
@@ -80,7 +79,7 @@ class SequencerNode(StepdiagNode):
         self._sessions: set[str] = set()
         self._made = self.real_time()
         self._were_ready: set[str] = set()
-        self._waiting_since: float | None = None
+        self._taking_up: TakingUp | None = None
         self._after_reset: Callable[[], None] | None = None
         self._reset_tries = 0
         self._reset_asked = 0.0
@@ -126,7 +125,7 @@ class SequencerNode(StepdiagNode):
             ValueError: a run is going on, a node is missing, or the plan is wrong or leaves the
                 limits; NotReadyYet if that may pass since nodes may be starting.
         """
-        if self._waiting_since is not None or (self._sequence and self._sequence.active):
+        if self._taking_up is not None or (self._sequence and self._sequence.active):
             raise ValueError("a run is going on: abort it before starting another")
         chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
         present = tuple(role for role in WELCOME if self.watch.present(role))
@@ -148,7 +147,7 @@ class SequencerNode(StepdiagNode):
         self._sequence = Sequence(chosen, tuple(state.position), self._send, self._stop_machine)
         self._published = None
         self._describe(text)
-        self._waiting_since = self.real_time()
+        self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed)
         return self.run_id
 
     def pause(self) -> str:
@@ -182,7 +181,7 @@ class SequencerNode(StepdiagNode):
         return "aborted"
 
     def _abort(self, reason: str) -> None:
-        self._waiting_since = None
+        self._taking_up = None
         self._after_reset = None
         self._running().abort(reason)
         self._ended()
@@ -271,8 +270,8 @@ class SequencerNode(StepdiagNode):
             return
         self._insist_on_stop()
         self._insist_on_reset()
-        if self._waiting_since is not None:
-            self._begin_when_taken_up()
+        if self._taking_up is not None:
+            self._begin_when_taken_up(self._taking_up)
         else:
             if self._sequence.active:
                 missing = self.watch.missing(self._needed)
@@ -281,16 +280,18 @@ class SequencerNode(StepdiagNode):
             self._sequence.update(self.now(), self.real_time())
         self._publish_changes()
 
-    def _begin_when_taken_up(self) -> None:
-        assert self._sequence is not None and self._waiting_since is not None
-        behind = [role for role in FOLLOWERS if not self.watch.present(role, self.run_id)]
-        if not behind:
-            self._waiting_since = None
+    def _begin_when_taken_up(self, taking_up: TakingUp) -> None:
+        sequence, found = self._running(), taking_up.look(self.watch, self.real_time())
+        if found.begins:
+            self._taking_up = None
             self._reset_machine(self._begin)
-        elif self.real_time() - self._waiting_since > FOLLOWER_LIMIT:
-            self._waiting_since = None
-            self._sequence.abort(f"{', '.join(behind)} did not take up the run")
+        elif found.gives_up:
+            self._taking_up = None
+            sequence.abort(found.text)
             self._ended()
+        elif sequence.text != found.text:
+            sequence.text = found.text
+            self._publish_state()
 
     def _begin(self) -> None:
         if self._sequence is not None and self._sequence.state is State.IDLE:
@@ -307,8 +308,8 @@ class SequencerNode(StepdiagNode):
     def _judge_run(self) -> Finding:
         if self._sequence is None:
             return judge_run(None, "")
-        beginning = self._waiting_since is not None
-        waits_for = "all nodes to take up the run" if beginning else self._sequence.waits_for
+        beginning = self._taking_up is not None
+        waits_for = self._sequence.text if beginning else self._sequence.waits_for
         return judge_run(self._progress(), waits_for)
 
     def _progress(self) -> Progress:

@@ -20,6 +20,13 @@ from stepdiag_ros.metrology.measurement import (
     Reading,
     latest_attempts,
 )
+from stepdiag_ros.metrology.solvers import SOLVERS
+from stepdiag_ros.metrology.solvers.limits import (
+    DIAGNOSIS,
+    VISIBILITY,
+    left_out,
+    left_out_sentence,
+)
 from stepdiag_ros.report.build import build_report, truth_from_curves, truth_of
 from stepdiag_ros.report.content import Report, Truth
 
@@ -59,7 +66,8 @@ def report_of_run(
             not compared with the recorded one.
         with_visibility: say of each error whether these lines tell it.
         air: compensate the readings for the air anew; None: as it was done in the run.
-        warn: told in a sentence if the lines are not those that were recorded.
+        warn: told in a sentence if the lines are not those that were recorded, and before solving
+            what is left out of a run of very many blocks.
         with_verdict: diagnose the lines that are solved.
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
@@ -76,6 +84,11 @@ def report_of_run(
         plausible = replace(measurement.plausible, rotation=rotation)
         measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
+    blocks = measurement.volume.blocks
+    asked = (*SOLVERS, DIAGNOSIS) if with_verdict else tuple(SOLVERS)
+    sentence = left_out_sentence(blocks, (*asked, VISIBILITY) if with_visibility else asked)
+    if sentence:
+        warn(sentence)
     return build_report(
         measurement,
         run_id=recorded.run_id,
@@ -86,7 +99,7 @@ def report_of_run(
         simulated=True if recorded.simulated_cell else None,
         truth=_truth(recorded, measurement, truth),
         bag=recorded.path,
-        with_visibility=with_visibility,
+        with_visibility=with_visibility and VISIBILITY not in left_out(blocks),
         recorded=() if corrections or air or direct or rotation is not None else recorded.results,
         remarks=(
             remark,
@@ -95,6 +108,7 @@ def report_of_run(
             *_target_corrections(recorded),
             *out_of_step(recorded),
             *diagnosed(recorded),
+            *((sentence,) if sentence else ()),
         ),
         verdict=verdict_on(measurement) if with_verdict and measurement.lines else None,
         passes=completeness_of(recorded, measurement),

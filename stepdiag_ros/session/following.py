@@ -110,7 +110,10 @@ class FollowedRun:
         self.run_id = self._start(plan)
         try:
             self._follow()
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, RunFailed):
+                # Said before the run is stopped, which may take a while.
+                self._tell(Told(str(error)))
             self._stop()
             raise
         measured = self.measured

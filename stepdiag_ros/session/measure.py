@@ -5,9 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS
+from stepdiag_ros.run.taking_up import Patience, starting_words
 from stepdiag_ros.session.following import FollowedRun, RunFailed, Told
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
@@ -20,6 +22,8 @@ LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be heard."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
+LOOK_PERIOD = 0.5
+"""Real seconds between two looks at nodes that start."""
 
 
 class Session:
@@ -70,22 +74,8 @@ class Session:
             )
 
     def _measure(self, operator: "OperatorNode", processes: Processes) -> Path:
-        self._tell(Told("starting the nodes"))
-        # Each process is a node with a role of its own; all of them beat before anything is asked.
-        count = len(self._nodes)
-
-        def all_up() -> bool:
-            peers = _of_a_measurement(operator)
-            return len(peers) >= count and not any(peer.faulty for peer in peers.values())
-
-        operator.spin_until(lambda: all_up() or bool(processes.ended()), START_LIMIT)
-        _check(processes)
-        if not all_up():
-            peers = _of_a_measurement(operator)
-            faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
-            what = "all are up, but not ready" if len(peers) >= count else "not all came up"
-            raise RunFailed(f"{len(peers)} of {count} nodes: {what}. {'; '.join(faults)}")
-        run = FollowedRun(operator, self._tell, lambda: _check(processes), _go_on)
+        self._wait_for_nodes(operator, processes)
+        run = FollowedRun(operator, self._tell, lambda: self._check(run, processes), _go_on)
         try:
             measured = run.measure()
         finally:
@@ -96,16 +86,48 @@ class Session:
             raise RunFailed(f"the bag is not whole: {measured.bag_text}")
         return measured.bag
 
+    def _wait_for_nodes(self, operator: "OperatorNode", processes: Processes) -> None:
+        """Wait until all nodes are up and well, and say which is not where that takes long.
+
+        Each process is a node with a role of its own; all of them beat before anything is asked.
+
+        Raises:
+            RunFailed: a node has ended, or not all came up in time.
+        """
+        names = [declared_node(node.name).name for node in self._nodes]
+        begun, patience = operator.real_time(), Patience(START_LIMIT)
+
+        def all_up() -> bool:
+            peers = _of_a_measurement(operator)
+            return len(peers) >= len(names) and not any(peer.faulty for peer in peers.values())
+
+        while not operator.spin_until(all_up, LOOK_PERIOD):
+            self._check(None, processes)
+            stopped, now = processes.stopped(), operator.real_time()
+            peers = _of_a_measurement(operator)
+            heard = {name.rpartition("/")[2] for name in peers}
+            unheard = [name for name in names if name not in heard]
+            words = starting_words(unheard, stopped, now - begun)
+            self._tell(Told(words))
+            if patience.is_over(bool(stopped), now):
+                faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
+                what = "not all came up" if unheard else "all are up, but not ready"
+                count = f"{len(names) - len(unheard)} of {len(names)} nodes"
+                raise RunFailed(f"{count}: {what}. {'; '.join(faults) or words}")
+        self._check(None, processes)
+
+    def _check(self, run: FollowedRun | None, processes: Processes) -> None:
+        """Raise RunFailed if a node has ended, and say what there is of the run then."""
+        ended = processes.ended()
+        if not ended:
+            return
+        begun = run is not None and (self._folder / f"{run.run_id}.mcap").exists()
+        raise RunFailed(ended if begun else f"{ended}; no bag was begun: start the run again")
+
 
 def _of_a_measurement(operator: "OperatorNode") -> "dict[str, Peer]":
     """Return the nodes that were heard, without those that only look on and may always be there."""
     return {name: peer for name, peer in operator.watch.peers.items() if peer.role not in ONLOOKERS}
-
-
-def _check(processes: Processes) -> None:
-    ended = processes.ended()
-    if ended:
-        raise RunFailed(ended)
 
 
 def _go_on(state: State, text: str) -> bool:

@@ -87,6 +87,35 @@ def exit_words(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
+def ending(name: str, code: int, last: str) -> str:
+    """Say how a node has ended, why, and what may be done where it could not say so itself.
+
+    Args:
+        name: of the node.
+        code: exit code of its process, below zero for a signal.
+        last: what it said last; empty if nothing.
+    """
+    if last:
+        return f"the {name} node has ended ({exit_words(code)}): {last}"
+    if code == -signal.SIGKILL:
+        why = "somebody killed it, or the computer ran out of memory (dmesg tells)"
+    elif code < 0:
+        why = "the signal came from outside or from a crash in a library"
+    else:
+        why = "start it by hand to see why"
+    return f"the {name} node has ended ({exit_words(code)}) before it said anything: {why}"
+
+
+def is_stopped(stat: str) -> bool:
+    """Say whether a process is stopped, by SIGSTOP or a debugger.
+
+    Args:
+        stat: what Linux tells of it in /proc/PID/stat.
+    """
+    # The state stands after the program's name, which may hold blanks and brackets.
+    return stat.rpartition(")")[2].split()[:1] in (["T"], ["t"])
+
+
 class Processes:
     """Node processes, ended together however the block ends.
 
@@ -133,9 +162,20 @@ class Processes:
         for name, process in self.running.items():
             code = process.poll()
             if code is not None:
-                last = self._last_words(name)
-                return f"the {name} node has ended ({exit_words(code)}): {last}"
+                return ending(name, code, self._last_words(name))
         return ""
+
+    def stopped(self) -> dict[str, int]:
+        """Return name → process of the nodes that are stopped and may wake; told on Linux only."""
+        found = {}
+        for name, process in self.running.items():
+            try:
+                stat = Path(f"/proc/{process.pid}/stat").read_text()
+            except OSError:
+                continue
+            if is_stopped(stat):
+                found[name] = process.pid
+        return found
 
     def end(self) -> None:
         """Ask every node to end, and end those that do not."""
@@ -154,5 +194,4 @@ class Processes:
     def _last_words(self, name: str) -> str:
         log = self._logs / f"{name}.log"
         lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        said = lines[-1].strip().removeprefix(PREFIX) if lines else "it said nothing"
-        return f"{said} (see {log})"
+        return f"{lines[-1].strip().removeprefix(PREFIX)} (see {log})" if lines else ""

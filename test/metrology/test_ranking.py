@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hidden_runs import NOISE, hidden_run
+from scipy import sparse
 
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
@@ -48,7 +49,7 @@ def test_gains_are_those_of_least_squares(ranker, given):
     beside = [index_of(ranker, label) for label in given]
     ranking = ranker.ranking(beside)
     named = [
-        *(found.columns[:, found.of(index)] for index in beside),
+        *(found.columns.dense(found.of(index)) for index in beside),
         *ranker.unknown(beside),
         np.zeros((len(ranker.gap), 1)),
     ]
@@ -61,7 +62,7 @@ def test_gains_are_those_of_least_squares(ranker, given):
         gains = [
             before
             - squares_left(
-                np.column_stack([*named, found.columns[:, first : first + m]]), ranker.gap
+                np.column_stack([*named, found.columns.dense(slice(first, first + m))]), ranker.gap
             )
             for m in range(1, int(found.count[index]) + 1)
         ]
@@ -93,7 +94,8 @@ def test_a_size_beyond_what_is_plausible_costs(ranker):
 
     found = ranker.found
     # The same columns in a hundredth of the unit need a hundred times the size.
-    small = replace(found, columns=found.columns / 1e4)
+    smaller = sparse.csc_array(sparse.diags_array(np.full(found.columns.count, 1e-4)))
+    small = replace(found, columns=found.columns.turned(smaller), lengths=found.lengths / 1e4)
     ranking = Ranker(small, ranker.gap, ranker.luck).ranking([])
     index = index_of(ranker, "backlash of X")
     plain = ranker.ranking([])
@@ -112,7 +114,9 @@ def test_sizes_are_fitted_together_with_their_joint_covariance(ranker):
     found = ranker.found
     one, two = index_of(ranker, "backlash of X"), index_of(ranker, "angular error E_CZ")
     sizes = Sizes(ranker, [one, two])
-    matrix = np.column_stack([found.columns[:, found.of(one)], found.columns[:, found.of(two)]])
+    matrix = np.column_stack(
+        [found.columns.dense(found.of(one)), found.columns.dense(found.of(two))]
+    )
     unknown = np.column_stack([*ranker.unknown([one, two]), np.zeros((len(ranker.gap), 0))])
     scale = np.linalg.norm(matrix, axis=0)
     both = np.column_stack([matrix / scale, unknown])
@@ -137,6 +141,6 @@ def test_a_time_constant_that_is_not_sure_makes_the_size_less_sure():
     found = signatures((WARM_UP,), stops, problem)
     ranker = Ranker(found, problem.gap, LookElsewhere(50.0, FREEDOM))
     best = int(np.argmax(ranker.ranking([]).evidence))
-    columns = found.columns[:, found.of(best)]
+    columns = found.columns.dense(found.of(best))
     alone = 1.0 / float(columns[:, 0] @ columns[:, 0])
     assert Sizes(ranker, [best]).of(best)[0, 0] > 1.05 * alone

@@ -120,14 +120,14 @@ def test_left_out_rotations_act_with_what_they_did_to_the_curves(chain):
     roots = 1e-6 * np.random.default_rng(6).standard_normal((count, 30))
     joint = roots @ roots.T
     own = sum(len(curve) for curve in some.curves.values())
-    left = replace(some, chain=chain, covariance=joint[:own, :own].copy(), turned_covariance=joint)
+    left = replace(some, chain=chain, covariance=joint[:own, :own].copy(), turned_factor=roots)
     zeros = {name: np.zeros(len(NODES[moving_axis(name)])) for name in ROTATIONS}
     whole = replace(left, curves={**some.curves, **zeros}, covariance=joint)
     where = places()
     assert not whole.left_out and len(left.left_out) == 9
     np.testing.assert_allclose(left.covariance_at(where), whole.covariance_at(where), rtol=1e-9)
     # Where the result does not tell, they are as large as is plausible, and add to the curves.
-    untold = replace(left, turned_covariance=np.empty((0, 0)))
+    untold = replace(left, turned_factor=np.empty((0, 0)))
     rigid = replace(untold, plausible=NOTHING)
     added = np.square(untold.standard_uncertainty_at(where)) - np.square(
         rigid.standard_uncertainty_at(where)

@@ -19,6 +19,7 @@ let in the same way (``loose``).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,7 +288,7 @@ class Whitened:
         """Return readings minus determined free values."""
         return len(self.gap) - int(self.span.shape[1])
 
-    def of(self, columns: Vector) -> Vector:
+    def of(self, columns: NDArray[Any]) -> Vector:
         """Return columns of the readings (m) with white noise of unit size, shape (rows, k)."""
         return whiten(columns, self.baseline, self.noise, self.correlation)
 
@@ -295,6 +296,22 @@ class Whitened:
         """Return what the baseline cannot follow of whitened columns, shape (rows, k)."""
         left: Vector = columns - self.span @ (self.span.T @ columns)
         return left
+
+    def pulled(self, vectors: Vector) -> Vector:
+        """Return whitened vectors times the derivatives of ``of``, its transpose, shape (n, k).
+
+        Args:
+            vectors: shape (rows, k).
+        """
+        pulled = vectors[: len(self.baseline.gap)].copy()
+        rho = self.correlation
+        if rho:
+            root = np.sqrt(1.0 - rho * rho)
+            follows = self.baseline.passes[1:] == self.baseline.passes[:-1]
+            pulled[1:][follows] /= root
+            pulled[:-1][follows] -= rho / root * vectors[1 : len(pulled)][follows]
+        made: Vector = pulled / (self.noise * self.baseline.weight[:, None])
+        return made
 
     def readings(self, values: Vector) -> Vector:
         """Return whitened values as values of the readings again, m, shape (n,)."""
@@ -309,19 +326,17 @@ class Whitened:
         return back
 
 
-def whiten(columns: Vector, baseline: Baseline, noise: float, correlation: float) -> Vector:
+def whiten(columns: NDArray[Any], baseline: Baseline, noise: float, correlation: float) -> Vector:
     """Return columns in units of the noise, independent along each pass, with rows of the loose."""
     count = len(baseline.gap)
-    scaled = columns / (noise * baseline.weight[:, None])
+    padded: Vector = np.zeros((count + len(baseline.deviation), columns.shape[1]))
+    scaled = padded[:count]
+    np.divide(columns, noise * baseline.weight[:, None], out=scaled)
     if correlation:
         follows = baseline.passes[1:] == baseline.passes[:-1]
-        white = scaled.copy()
-        white[1:][follows] = (scaled[1:][follows] - correlation * scaled[:-1][follows]) / np.sqrt(
+        scaled[1:][follows] = (scaled[1:][follows] - correlation * scaled[:-1][follows]) / np.sqrt(
             1.0 - correlation * correlation
         )
-        scaled = white
-    padded: Vector = np.zeros((count + len(baseline.deviation), columns.shape[1]))
-    padded[:count] = scaled
     return padded
 
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE, Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -36,6 +38,7 @@ class Signatures:
     Attributes:
         candidates: that the run can show.
         columns: of all sizes of all candidates, beyond the baseline, shape (rows, c).
+        lengths: of these columns, shape (c,).
         first: column of each candidate's first size, shape (candidates,).
         count: number of each candidate's sizes, shape (candidates,).
         units: orthonormal columns, those of a candidate's first m sizes spanning what these show;
@@ -48,10 +51,11 @@ class Signatures:
     """
 
     candidates: tuple[Candidate, ...]
-    columns: Vector
+    columns: Columns
+    lengths: Vector
     first: NDArray[np.int64]
     count: NDArray[np.int64]
-    units: Vector
+    units: Columns
     share: Vector
     not_testable: Mapping[str, str]
     names: tuple[str, ...]
@@ -68,10 +72,11 @@ class Signatures:
         count = self.count[list(chosen)]
         return Signatures(
             tuple(self.candidates[index] for index in chosen),
-            self.columns[:, where],
+            self.columns.chosen(where),
+            self.lengths[where],
             np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(count)])[:-1],
             count,
-            self.units[:, where],
+            self.units.chosen(where),
             self.share[list(chosen)],
             self.not_testable,
             tuple(self.names[index] for index in chosen),
@@ -95,7 +100,7 @@ def signatures(
     """
     hidden: dict[str, str] = {}
     candidates: list[Candidate] = []
-    blocks: list[Vector] = []
+    changes: list[sparse.csc_array] = []
     free: dict[str, Vector] = {}
     # The same run with other noise: what depends on readings must not depend on their noise.
     noise = problem.noise * np.random.default_rng(0).standard_normal(len(stops.time))
@@ -128,14 +133,14 @@ def signatures(
                 )
             else:
                 candidates.append(candidate)
-                blocks.append(columns)
+                changes.append(changes_of(columns))
                 unknown = effect.unknown(setting, stops)[good]
                 if unknown.shape[1]:
                     free[candidate.label] = problem.projected(problem.of(unknown))
         if not tried:
             needs = f" ({', '.join(effect.needs)})" if effect.needs else ""
             hidden[effect.name] = f"this run lacks what would show it{needs}"
-    return _left_by_baseline(candidates, blocks, free, problem, hidden)
+    return _left_by_baseline(candidates, changes, free, problem, hidden)
 
 
 def _blurred(columns: Vector, again: Vector) -> bool:
@@ -147,129 +152,179 @@ def _blurred(columns: Vector, again: Vector) -> bool:
 
 def _left_by_baseline(
     candidates: list[Candidate],
-    blocks: list[Vector],
+    changes: list[sparse.csc_array],
     free: Mapping[str, Vector],
     problem: Whitened,
     hidden: dict[str, str],
 ) -> Signatures:
-    rows = len(problem.gap)
-    raw = problem.of(np.column_stack(blocks)) if blocks else np.zeros((rows, 0))
-    left = problem.projected(raw)
-    before, after = np.linalg.norm(raw, axis=0), np.linalg.norm(left, axis=0)
+    whole = Columns.of(changes, problem)
+    before, after = whole.lengths()
     kept: list[int] = []
-    buried: list[tuple[str, Vector]] = []
+    buried: list[tuple[str, int]] = []
     columns: list[NDArray[np.int64]] = []
     place = 0
     for index, candidate in enumerate(candidates):
-        here = np.arange(place, place + blocks[index].shape[1])
+        here = np.arange(place, place + changes[index].shape[1])
         place += len(here)
         if np.all(after[here] <= _HIDDEN * before[here]):
-            buried.append((candidate.label, raw[:, here[0]]))
+            buried.append((candidate.label, int(here[0])))
             continue
-        # A size that nothing is left of must not pass its rounding off as a signature.
-        left[:, here[after[here] <= _HIDDEN * before[here]]] = 0.0
         kept.append(index)
         columns.append(here)
-    hidden.update(_hidden_in(buried, problem))
+    hidden.update(_hidden_in(buried, whole))
     count = np.array([len(here) for here in columns], dtype=np.int64)
     first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(count)])[:-1]
-    chosen = left[:, np.concatenate(columns)] if columns else left[:, :0]
+    places = np.concatenate([np.zeros(0, dtype=np.int64), *columns])
+    # A size that nothing is left of must not pass its rounding off as a signature.
+    shown = after[places] > _HIDDEN * before[places]
+    left = whole.chosen(places).turned(sparse.csc_array(sparse.diags_array(shown * 1.0)))
+    lengths = np.where(shown, after[places], 0.0)
     effects = [candidates[index].effect.name for index in kept]
     share = np.array([1.0 / effects.count(name) for name in effects])
-    units = _orthonormal(chosen, first, count, np.linalg.norm(chosen, axis=0))
+    units = left.turned(_orthonormal(left, first, count, lengths))
     some = tuple(candidates[index] for index in kept)
-    leading = raw[:, [int(here[0]) for here in columns]]
+    leading = whole.chosen(places[first])
     unknown = {n: free[one.label] for n, one in enumerate(some) if one.label in free}
-    names = _names(some, leading, count)
-    return Signatures(some, chosen, first, count, units, share, hidden, names, unknown)
+    names = _names(some, leading, before[places[first]], count)
+    return Signatures(some, left, lengths, first, count, units, share, hidden, names, unknown)
 
 
 def _names(
-    candidates: tuple[Candidate, ...], leading: Vector, count: NDArray[np.int64]
+    candidates: tuple[Candidate, ...],
+    leading: Columns,
+    lengths: Vector,
+    count: NDArray[np.int64],
 ) -> tuple[str, ...]:
     """Return what each candidate counts as.
 
     That is its family; but an effect that begins as a simpler one in the same place does, and only
     adds sizes to it, is that effect in more detail, not another name.
+
+    Args:
+        candidates: that the run can show.
+        leading: the first column of each.
+        lengths: of these before the baseline is taken away.
+        count: number of each candidate's sizes.
     """
     names = [candidate.family for candidate in candidates]
-    unit = leading / np.maximum(np.linalg.norm(leading, axis=0), 1e-300)
     places: dict[str, list[int]] = {}
     for index, candidate in enumerate(candidates):
         words = [str(value) for value in candidate.setting.values() if isinstance(value, str)]
         places.setdefault(" ".join(words), []).append(index)
     for members in places.values():
-        simple = sorted(members, key=lambda index: int(count[index]))
+        simple = np.array(sorted(members, key=lambda index: int(count[index])))
+        others = leading.chosen(simple)
         for index in (one for one in members if count[one] > 1):
-            for other in simple:
-                if count[other] >= count[index]:
-                    break
-                if abs(float(unit[:, index] @ unit[:, other])) > _SAME_BEGINNING:
-                    names[index] = names[other]
-                    break
+            fewer = np.flatnonzero(count[simple] < count[index])
+            products = others.raw_products(leading.raw(np.array([index])))[fewer, 0]
+            cosines = np.abs(products) / (lengths[simple[fewer]] * lengths[index])
+            same = np.flatnonzero(cosines > _SAME_BEGINNING)
+            if len(same):
+                names[index] = names[simple[fewer[same[0]]]]
     return tuple(names)
 
 
-def _hidden_in(buried: list[tuple[str, Vector]], problem: Whitened) -> dict[str, str]:
-    """Say of labelled columns which part of the baseline does the same."""
+def _hidden_in(buried: list[tuple[str, int]], columns: Columns) -> dict[str, str]:
+    """Say of labelled columns which part of the baseline does the same.
+
+    Args:
+        buried: label and place of each.
+        columns: of all candidates.
+    """
     if not buried:
         return {}
-    baseline = problem.baseline
-    matrix = problem.of(baseline.matrix)
+    problem = columns.problem
+    matrix = problem.of(problem.baseline.matrix)
     lengths = np.linalg.norm(matrix, axis=0)
     scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)
-    together = np.column_stack([column for _, column in buried])
-    values = np.linalg.lstsq(scaled, together, rcond=1e-9)[0]
-    sizes = {
-        name: np.linalg.norm(scaled[:, columns] @ values[columns], axis=0)
-        for name, columns in baseline.parts.items()
-    }
     words = {}
-    for number, (label, _) in enumerate(buried):
-        largest = max(float(size[number]) for size in sizes.values())
-        parts = [name for name, size in sizes.items() if size[number] > 0.05 * largest]
-        some = f"{' and '.join(parts[:4])}{' and others' if len(parts) > 4 else ''}"
-        words[label] = f"{some}, free in the model, would do the same"
+    for start in range(0, len(buried), AT_ONCE):
+        some = buried[start : start + AT_ONCE]
+        together = columns.raw(np.array([place for _, place in some]))
+        values = np.linalg.lstsq(scaled, together, rcond=1e-9)[0]
+        sizes = {
+            name: np.linalg.norm(scaled[:, part] @ values[part], axis=0)
+            for name, part in problem.baseline.parts.items()
+        }
+        for number, (label, _) in enumerate(some):
+            largest = max(float(size[number]) for size in sizes.values())
+            parts = [name for name, size in sizes.items() if size[number] > 0.05 * largest]
+            first = f"{' and '.join(parts[:4])}{' and others' if len(parts) > 4 else ''}"
+            words[label] = f"{first}, free in the model, would do the same"
     return words
 
 
 def _orthonormal(
-    columns: Vector, first: NDArray[np.int64], count: NDArray[np.int64], reference: Vector
-) -> Vector:
-    """Return orthonormal columns of each candidate, in the order of its sizes."""
+    columns: Columns, first: NDArray[np.int64], count: NDArray[np.int64], lengths: Vector
+) -> sparse.csc_array:
+    """Return what turns columns into orthonormal ones of each candidate, in the order of its sizes.
+
+    Args:
+        columns: of all sizes.
+        first: column of each candidate's first size.
+        count: number of its sizes.
+        lengths: of the columns.
+
+    Returns:
+        shape (c, c); a column of zeros where a size tells nothing new.
+    """
+    scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    rows, places, values = [], [], []
+    single = first[count == 1]
+    rows.append(single)
+    places.append(single)
+    values.append(scale[single])
+    several = np.flatnonzero(count > 1)
+    for members, here in in_blocks(first[several], count[several]):
+        units = columns.dense(here) * scale[here]
+        ends = np.cumsum(count[several[members]])
+        for end, size in zip(ends, count[several[members]], strict=True):
+            own = slice(int(end - size), int(end))
+            made = _gram_schmidt(units[:, own]) * scale[here[own], None]
+            row, column = np.nonzero(made)
+            rows.append(here[own][row])
+            places.append(here[own][column])
+            values.append(made[row, column])
+    shape = (columns.count, columns.count)
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(places)))
+    return sparse.csc_array(sparse.coo_array(entries, shape=shape))
+
+
+def _gram_schmidt(columns: Vector) -> Vector:
+    """Return what turns columns of unit length into orthonormal ones, shape (k, k)."""
+    turn: Vector = np.eye(columns.shape[1]) * np.any(columns != 0.0, axis=0)
     units = columns.copy()
-    lengths = np.linalg.norm(columns, axis=0)
-    seen = (lengths > _NEW * reference) & (lengths > 0.0)
-    units[:, seen] /= lengths[seen]
-    units[:, ~seen] = 0.0
-    for index in np.flatnonzero(count > 1):
-        for place in range(int(first[index]), int(first[index] + count[index])):
-            before = units[:, int(first[index]) : place]
-            if not before.shape[1] or not seen[place]:
-                continue
-            rest = units[:, place] - before @ (before.T @ units[:, place])
-            rest -= before @ (before.T @ rest)
-            length = float(np.linalg.norm(rest))
-            units[:, place] = rest / length if length > _NEW else 0.0
-    made: Vector = units
-    return made
+    for place in range(1, columns.shape[1]):
+        before = units[:, :place]
+        rest = units[:, place]
+        for _ in range(2):
+            parts = before.T @ rest
+            rest = rest - before @ parts
+            turn[:, place] -= turn[:, :place] @ parts
+        length = float(np.linalg.norm(rest))
+        scale = 1.0 / length if length > _NEW else 0.0
+        units[:, place] = rest * scale
+        turn[:, place] *= scale
+    return turn
 
 
 def alike(found: Signatures, index: int, others: Sequence[int]) -> list[int]:
     """Return which of the others show in this run just as a candidate does, whatever its sizes."""
-    own = _real(found.units[:, found.of(index)])
+    units = found.units
+    real = units.real
+    own = units.dense(_told(found, index, real))
+    products = units.products(own)
     same = []
     for other in others:
-        units = _real(found.units[:, found.of(other)])
-        cosines = np.linalg.svd(own.T @ units, compute_uv=False)
-        if own.shape[1] == units.shape[1] and cosines[-1] ** 2 >= _ALIKE:
+        cosines = np.linalg.svd(products[_told(found, other, real)], compute_uv=False)
+        if own.shape[1] == np.count_nonzero(real[found.of(other)]) and cosines[-1] ** 2 >= _ALIKE:
             same.append(other)
     return same
 
 
-def _real(units: Vector) -> Vector:
-    real: Vector = units[:, np.any(units != 0.0, axis=0)]
-    return real
+def _told(found: Signatures, index: int, real: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the columns of a candidate that tell something."""
+    return int(found.first[index]) + np.flatnonzero(real[found.of(index)])
 
 
 def limits(found: Signatures, threshold: float) -> tuple[dict[str, float], dict[str, str]]:
@@ -285,11 +340,10 @@ def limits(found: Signatures, threshold: float) -> tuple[dict[str, float], dict[
     seen: dict[str, float] = {}
     hidden: dict[str, str] = {}
     needed = np.sqrt(threshold) + _SEEN
-    lengths = np.linalg.norm(found.columns, axis=0)
     for index, candidate in enumerate(found.candidates):
         place = found.of(index)
-        which = int(np.flatnonzero(lengths[place] > 0.0)[0])
-        limit = float(needed / lengths[place][which])
+        which = int(np.flatnonzero(found.lengths[place] > 0.0)[0])
+        limit = float(needed / found.lengths[place][which])
         size = candidate.effect.sizes[which]
         if limit > max(abs(size.low), abs(size.high)):
             unit = "" if size.unit == "1" else f" {size.unit}"

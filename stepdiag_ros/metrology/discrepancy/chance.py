@@ -57,17 +57,17 @@ def look_elsewhere(found: Signatures, freedom: float, seed: int) -> LookElsewher
         freedom: degrees of freedom of the noise estimate.
         seed: of the draws.
     """
-    units = found.units[:, np.any(found.units != 0.0, axis=0)]
-    if not units.shape[1]:
+    units = found.units.chosen(np.flatnonzero(found.units.real))
+    if not units.count:
         return LookElsewhere(1.0, freedom)
     rng = np.random.default_rng(seed)
-    single = units.astype(np.float32)
+    rows = len(units.problem.gap)
     order = _numbers(found)
     lucky = np.ones(_DRAWS)
     for start in range(0, _DRAWS, _BATCH):
-        draws = rng.standard_normal((_BATCH, units.shape[0]), dtype=np.float32)
+        draws = rng.standard_normal((_BATCH, rows), dtype=np.float32).astype(np.float64)
         variance = rng.chisquare(freedom, _BATCH) / freedom
-        squares = (draws @ single) ** 2
+        squares = units.products(draws.T).T ** 2
         # Sums over the first m columns of each candidate.
         for size in range(1, int(order.max()) + 1):
             here = np.flatnonzero(order == size)
@@ -83,7 +83,7 @@ def look_elsewhere(found: Signatures, freedom: float, seed: int) -> LookElsewher
 
 def _numbers(found: Signatures) -> Vector:
     """Return of each real column the how manieth of its candidate it is, from 1."""
-    real = np.any(found.units != 0.0, axis=0)
+    real = found.units.real
     numbers: list[int] = []
     for index in range(len(found.candidates)):
         here = int(np.count_nonzero(real[found.of(index)]))

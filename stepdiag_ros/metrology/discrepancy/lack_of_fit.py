@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
+from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE
 from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -112,10 +114,16 @@ class LackOfFitTest:
         # In units of the noise, these have as much as they have degrees of freedom.
         return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)
 
-    def _shape(self, columns: Vector) -> _Shape:
-        left = self._problem.projected(self._problem.of(columns[self._problem.baseline.good]))
+    def _shape(self, columns: NDArray[np.generic]) -> _Shape:
+        problem = self._problem
+        good = columns[problem.baseline.good]
+        left: Vector = np.empty((len(problem.gap), good.shape[1]))
+        for start in range(0, good.shape[1], AT_ONCE):
+            here = slice(start, start + AT_ONCE)
+            left[:, here] = problem.projected(problem.of(good[:, here]))
         lengths = np.linalg.norm(left, axis=0)
-        left = left[:, lengths > 0.0] / lengths[lengths > 0.0]
+        left = left[:, lengths > 0.0]
+        left /= lengths[lengths > 0.0]
         values, vectors = np.linalg.eigh(left.T @ left)
         real = values > _RANK_LIMIT * max(float(values.max(initial=0.0)), 1e-300)
         span: Vector = left @ (vectors[:, real] / np.sqrt(values[real]))
@@ -155,7 +163,7 @@ def _squares(shape: Vector, gap: Vector, span: Vector) -> tuple[float, int]:
     return squares, count - int(np.count_nonzero(lost))
 
 
-def _shapes(stops: Stops) -> Iterator[tuple[str, Vector]]:
+def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
     passes = stops.pass_index[:, None] == np.arange(len(stops.lines))
     length = np.array([np.count_nonzero(stops.pass_index == i) for i in range(len(stops.lines))])
     along = 2.0 * stops.number / np.maximum(length[stops.pass_index] - 1, 1) - 1.0
@@ -172,10 +180,13 @@ def _shapes(stops: Stops) -> Iterator[tuple[str, Vector]]:
     key = stops.setup * (int(way.max()) + 1) + way
     _, place = np.unique(key, return_inverse=True)
     place = place.reshape(-1)
-    yield "the same places in all passes", (place[:, None] == np.arange(place.max() + 1)) * 1.0
-    turned = (place[:, None] == np.arange(place.max() + 1)) * np.where(forward, 1.0, -1.0)[:, None]
+    at = place[:, None] == np.arange(place.max() + 1)
+    # Where no place was measured twice this shape is all readings once more.
+    if at.shape[1] < len(place):
+        yield "the same places in all passes", at
     if 0 < np.count_nonzero(forward) < len(forward):
-        yield "forward against backward, place by place", turned
+        sense = np.where(forward, 1, -1).astype(np.int8)
+        yield "forward against backward, place by place", at * sense[:, None]
     setups = stops.setup[:, None] == np.arange(len(stops.setups))
     moved = np.column_stack([setups * stops.moved[:, axis][:, None] for axis in range(3)])
     yield "the axis that has just moved", moved

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, tail
+from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE
 from stepdiag_ros.metrology.geometry import Vector
 
 _NEW = 1e-2
@@ -76,9 +77,8 @@ class Ranker:
         self.found = found
         self.gap = gap
         self.luck = luck
-        lengths = np.linalg.norm(found.columns, axis=0)
-        self._lengths = np.where(lengths > 0.0, lengths, 1.0)
-        self._parts: Vector = (found.columns.T @ gap) / self._lengths
+        self._lengths: Vector = np.where(found.lengths > 0.0, found.lengths, 1.0)
+        self._parts: Vector = found.columns.products(gap[:, None])[:, 0] / self._lengths
         self._groups = [self._group(int(m)) for m in np.unique(found.count)]
         self._rankings: dict[tuple[int, ...], Ranking] = {}
         # Schwarz's penalty comes later; equal shares for a candidate's first 1, 2 … sizes.
@@ -88,18 +88,33 @@ class Ranker:
         found = self.found
         members = np.flatnonzero(found.count == count)
         places = found.first[members][:, None] + np.arange(count)
-        scaled = found.columns[:, places] / self._lengths[places]
-        products = np.einsum("nki,nkj->kij", scaled, scaled, optimize=count > 1)
+        products = self._products(places)
         sizes = [found.candidates[index].effect.sizes for index in members]
         low = np.array([[size.low for size in some] for some in sizes]).reshape(-1, count)
         high = np.array([[size.high for size in some] for some in sizes]).reshape(-1, count)
         return _Group(members, places, products, low, high)
 
+    def _products(self, places: NDArray[np.int64]) -> Vector:
+        """Return the products of each candidate's scaled columns, shape (k, m, m)."""
+        count = places.shape[1]
+        if count == 1:
+            return (self.found.lengths[places] > 0.0)[:, :, None].astype(np.float64)
+        products = np.zeros((len(places), count, count))
+        each = max(AT_ONCE // count, 1)
+        for start in range(0, len(places), each):
+            some = places[start : start + each]
+            scaled = self.found.columns.dense(some.reshape(-1)) / self._lengths[some.reshape(-1)]
+            scaled = scaled.reshape(-1, *some.shape)
+            products[start : start + each] = np.einsum(
+                "nki,nkj->kij", scaled, scaled, optimize=True
+            )
+        return products
+
     def span(self, chosen: Sequence[int]) -> Vector:
         """Return orthonormal columns of candidates and their unknowns, shape (rows, k)."""
         if not chosen:
             return np.zeros((len(self.gap), 0))
-        parts = [self.found.units[:, self.found.of(index)] for index in chosen]
+        parts = [self.found.units.dense(self.found.of(index)) for index in chosen]
         return orthonormal([*parts, *self.unknown(chosen)])
 
     def unknown(self, chosen: Sequence[int]) -> list[Vector]:
@@ -126,7 +141,7 @@ class Ranker:
         gain, number = np.full((count, most), np.nan), np.full((count, most), np.nan)
         beyond = np.zeros((count, most))
         span = self.span(given)
-        shared = (found.columns.T @ span) / self._lengths[:, None]
+        shared = found.columns.products(span) / self._lengths[:, None]
         parts = self._parts - shared @ (span.T @ self.gap)
         for group in self._groups:
             here = shared[group.places]

@@ -24,6 +24,8 @@ MOST_NAMES = 4
 EVIDENCE_RATIO = 20.0
 """Odds by which a name must be better than any other to be the only one."""
 _BETTER = 0.5
+_TIED = 1e-6
+"""Difference of evidence that counts as none: rounding must not choose between look-alikes."""
 _AS_WELL = 0.05
 """Difference of χ² that is not worth a word."""
 _ROUNDS = 3
@@ -106,7 +108,7 @@ class Selection:
         """
         first = self._ranker.ranking([])
         members = [
-            int(here[np.argmax(first.gain[here])])
+            int(here[_first_best(first.gain[here])])
             for here in (np.flatnonzero(self._families == name) for name in set(self._families))
         ]
         members.sort()
@@ -116,9 +118,9 @@ class Selection:
             if not np.isfinite(first.evidence[members[one]]):
                 continue
             second = few.ranking([one])
-            other = int(np.argmax(second.evidence))
+            other = _first_best(second.evidence)
             total = float(first.evidence[members[one]] + second.evidence[other])
-            if total > best:
+            if total > best + _TIED:
                 best, pair = total, (members[one], members[other])
         greedy = self.chosen
         self.chosen = list(pair)
@@ -161,9 +163,9 @@ class Selection:
         if self._luck.corrected(float(np.min(chance[allowed]))) > FALSE_NAME_LEVEL:
             return None
         names, odds = self._odds(ranking)
-        family = names[int(np.argmax(odds))]
+        family = names[_first_best(np.log(np.maximum(odds, 1e-300)))]
         members = np.flatnonzero(self._families == family)
-        return int(members[np.argmax(ranking.evidence[members])])
+        return int(members[_first_best(ranking.evidence[members])])
 
     def _exchange(self) -> None:
         """Replace a chosen one that another does better beside the rest, drop what is not needed.
@@ -313,3 +315,9 @@ class Selection:
             return f"{words}: odds 1 to {best / rival:.2g}, too close to rule out"
         odds = f"1 to {best / rival:.2g}" if rival > best * 1e-9 else "none to speak of"
         return f"{words}: odds {odds}"
+
+
+def _first_best(values: Vector) -> int:
+    """Return the place of the largest value, of equal ones the first; NaN counts as least."""
+    values = np.where(np.isnan(values), -np.inf, values)
+    return int(np.flatnonzero(values >= np.max(values) - _TIED)[0])

@@ -33,14 +33,14 @@ class Sizes:
         for index in chosen:
             own = found.of(index)
             count = own.stop - own.start
-            real = np.any(found.units[:, own] != 0.0, axis=0)
+            real = found.units.real[own]
             told += [end + int(number) for number in np.flatnonzero(real)]
             self._place[index] = slice(end, end + count)
             end += count
         every = np.zeros(end)
         self.covariance: Vector = np.full((end, end), np.nan)
         if told:
-            columns = np.column_stack([found.columns[:, found.of(i)] for i in chosen])[:, told]
+            columns = np.column_stack([found.columns.dense(found.of(i)) for i in chosen])[:, told]
             unknown = ranker.unknown(chosen)
             if unknown:
                 span = orthonormal(unknown)
@@ -83,7 +83,7 @@ def _of_setting(ranker: Ranker, index: int, rest: list[int]) -> Vector:
     gap = ranker.gap - span @ (span.T @ ranker.gap)
 
     def alone(other: int) -> Vector:
-        columns = found.columns[:, found.of(other)]
+        columns = found.columns.dense(found.of(other))
         return solved(columns - span @ (span.T @ columns), gap)[0]
 
     weights = np.exp(ranking.evidence[near] - np.max(ranking.evidence[near]))

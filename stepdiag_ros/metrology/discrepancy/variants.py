@@ -49,7 +49,7 @@ def better_variant(
     labels, owners, variants = _variants(found, sizes, problem, stops)
     if not labels:
         return ""
-    blocks = {index: _real(found.units[:, found.of(index)]) for index in chosen}
+    blocks = {index: _real(found.units.dense(found.of(index))) for index in chosen}
     fit = _Fits([*(blocks[index] for index in chosen), variants], gap)
     start = np.cumsum([0, *(blocks[index].shape[1] for index in chosen)])
     columns = {index: list(range(start[n], start[n + 1])) for n, index in enumerate(chosen)}
@@ -115,7 +115,7 @@ def _variants(
     lengths, before = np.linalg.norm(left, axis=0), np.linalg.norm(raw, axis=0)
     seen = np.flatnonzero(lengths > _RANK_LIMIT**0.5 * before)
     left = left[:, seen] / lengths[seen]
-    squares = (found.units.T @ left) ** 2
+    squares = found.units.products(left) ** 2
     told = np.add.reduceat(squares, found.first, axis=0) if len(found.first) else squares
     new = np.flatnonzero(np.max(told, axis=0, initial=0.0) < _KNOWN)
     kept = seen[new]

@@ -7,6 +7,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.alternative import solve_alternative
 from stepdiag_ros.metrology.solvers.conventional import solve_conventional
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
+from stepdiag_ros.metrology.solvers.limits import left_out
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.rigid_body import solve_rigid_body
 from stepdiag_ros.metrology.solvers.setup_robust import solve_setup_robust
@@ -48,7 +49,7 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
 def solve_all(
     measurement: Measurement,
 ) -> tuple[dict[str, VolumetricErrors], dict[str, str]]:
-    """Solve by all methods.
+    """Solve by all methods, but for those that the run is too large for (``limits``).
 
     Returns:
         method → result, for those that can be determined, and method → why not, for the rest.
@@ -58,7 +59,11 @@ def solve_all(
     """
     results: dict[str, VolumetricErrors] = {}
     reasons: dict[str, str] = {}
+    too_large = left_out(measurement.volume.blocks)
     for method in SOLVERS:
+        if method in too_large:
+            reasons[method] = too_large[method]
+            continue
         try:
             results[method] = solve(measurement, method)
         except NotDeterminable as missing:

@@ -11,7 +11,12 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
-from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
+from stepdiag_ros.metrology.solvers.observations import (
+    ALL_READINGS,
+    Observations,
+    block_means,
+    observe,
+)
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 UNKNOWNS = ((1, 0), (2, 0), (0, 1), (2, 1), (0, 2), (1, 2))
@@ -61,21 +66,21 @@ def solve_alternative(measurement: Measurement) -> VolumetricErrors:
         "alternative",
         measurement,
         observations,
-        alternative_map(observations),
+        alternative_map,
         (*DIAGONALS, "x", "y", "z"),
         remarks_on_unused("alternative", observations),
     )
 
 
-def alternative_map(observations: Observations) -> LinearMap:
+def alternative_map(observations: Observations, readings: slice = ALL_READINGS) -> LinearMap:
     """Return the formulation as a matrix on the readings' excess over a perfect machine and setup.
 
     Raises:
         NotDeterminable: as ``solve_alternative``.
     """
     step = np.asarray(observations.volume.step)
-    displacement = block_means(observations, DIAGONALS).weights
-    linear = block_means(observations, ("x", "y", "z")).weights
+    displacement = block_means(observations, DIAGONALS, readings).weights
+    linear = block_means(observations, ("x", "y", "z"), readings).weights
     straight = np.stack([linear[axis, axis] for axis in range(3)])
     cosine = step / np.linalg.norm(step)
 

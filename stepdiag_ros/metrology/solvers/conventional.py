@@ -11,7 +11,12 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
-from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
+from stepdiag_ros.metrology.solvers.observations import (
+    ALL_READINGS,
+    Observations,
+    block_means,
+    observe,
+)
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 NOMINAL_BEAMS = (
@@ -44,7 +49,7 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
         "conventional",
         measurement,
         observations,
-        conventional_map(observations),
+        conventional_map,
         DIAGONALS,
         remarks,
         frame=NOMINAL_BEAMS,
@@ -52,14 +57,14 @@ def solve_conventional(measurement: Measurement) -> VolumetricErrors:
     )
 
 
-def conventional_map(observations: Observations) -> LinearMap:
+def conventional_map(observations: Observations, readings: slice = ALL_READINGS) -> LinearMap:
     """Return the formulation as a matrix on the readings.
 
     Raises:
         NotDeterminable: as ``solve_conventional``.
     """
     step = np.asarray(observations.volume.step)
-    displacement = block_means(observations, DIAGONALS).weights
+    displacement = block_means(observations, DIAGONALS, readings).weights
     increments = np.empty_like(displacement)
     for axis in range(3):
         matrix = np.array(

@@ -1,17 +1,23 @@
 """What the two formulations of Ibaraki & Hata have in common: both are linear in the readings."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import FRAME, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.lengths import length_readings
 from stepdiag_ros.metrology.solvers.observations import Observations
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.metrology.solvers.rotations import rotation_remarks, turned, with_rotations
+from stepdiag_ros.metrology.solvers.rotations import (
+    root_of,
+    rotation_remarks,
+    turned,
+    with_rotations,
+)
 from stepdiag_ros.metrology.solvers.summary import make_result
 
 DIAGONALS = ("ppp", "npp", "pnp")
@@ -30,6 +36,12 @@ class LinearMap(NamedTuple):
     curves: Vector
     parameters: Vector
     names: tuple[str, ...]
+
+
+Formulation = Callable[[Observations, slice], LinearMap]
+"""Makes the columns of some readings of a formulation's matrix."""
+_AT_ONCE = 1024
+"""Readings whose columns are made at a time: the whole matrix grows with curves times readings."""
 
 
 def noise_of(observations: Observations) -> tuple[Vector, list[str]]:
@@ -55,7 +67,7 @@ def apply(
     method: str,
     measurement: Measurement,
     observations: Observations,
-    linear: LinearMap,
+    formulation: Formulation,
     used_lines: Sequence[str],
     remarks: Sequence[str],
     frame: str = FRAME,
@@ -72,7 +84,7 @@ def apply(
         method: name of the solver.
         measurement: that is solved.
         observations: its readings.
-        linear: the formulation.
+        formulation: the method's matrix.
         used_lines: names of the lines that it uses.
         remarks: in words.
         frame: of the curves, in words.
@@ -81,35 +93,34 @@ def apply(
             none.
     """
     noise, noise_remarks = noise_of(observations)
-    excess = observations.excess
-    told = np.all(np.isfinite(linear.curves), axis=1)
-    curves = np.where(told[:, None], linear.curves, 0.0)
     both = turned(measurement, replace(observations, direct=None))
     plausible = measurement.plausible
     systematic = length_readings(observations, plausible)
     if aligned and plausible.misaligned:
-        tilts = both.design.tilt_readings() @ _root(both.tilts, both.tilt_covariance)
+        moment = both.tilt_covariance + np.outer(both.tilts, both.tilts)
+        tilts = both.design.tilt_readings() @ root_of(moment)
         systematic = np.column_stack([systematic, tilts])
-    by_readings, by_parameters = (
-        np.column_stack([matrix * noise, matrix @ systematic])
-        for matrix in (curves, linear.parameters)
-    )
-    moment = both.rotations.second_moment
-    by_mode = linear.parameters @ both.by_reading
-    values = linear.parameters @ excess
+    applied = _applied(formulation, observations, noise, systematic, both.by_reading)
+    told, size = applied.told, len(applied.told)
+    covariance = applied.covariance + applied.systematic @ applied.systematic.T
+    by_mode = applied.by_mode[size:]
     uncertainties = np.sqrt(
-        np.sum(by_parameters**2, axis=1) + np.sum((by_mode @ moment) * by_mode, axis=1)
+        np.diag(covariance)[size:]
+        + np.sum((by_mode @ both.rotations.second_moment) * by_mode, axis=1)
     )
     figures = [
         Figure(name, float(value), float(uncertainty), "m")
-        for name, value, uncertainty in zip(linear.names, values, uncertainties, strict=True)
+        for name, value, uncertainty in zip(
+            applied.names, applied.values[size:], uncertainties, strict=True
+        )
     ]
+    covariance = covariance[:size, :size]
     estimate = with_rotations(
-        curves @ excess,
-        by_readings @ by_readings.T,
-        np.eye(len(curves))[:, ~told],
+        applied.values[:size],
+        covariance,
+        np.eye(size)[:, ~told],
         both,
-        -curves @ both.by_reading,
+        -applied.by_mode[:size],
         predicted=False,
     )
     by_curve = told.reshape(len(TRANSLATIONS), -1)
@@ -129,18 +140,60 @@ def apply(
         frame=frame,
         chain=measurement.chain,
         shown=TRANSLATIONS,
-        by_readings=by_readings @ by_readings.T,
+        by_readings=covariance,
     )
 
 
-def _root(mean: Vector, covariance: Vector) -> Vector:
-    """Return columns whose products sum to the second moment of what has this mean."""
-    moment = covariance + np.outer(mean, mean)
-    if not np.all(np.isfinite(moment)):
-        return np.full(moment.shape, np.nan)
-    values, vectors = np.linalg.eigh(moment)
-    root: Vector = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+@dataclass(frozen=True)
+class _Applied:
+    """What a formulation makes of readings: p curve values (zero where not told), then parameters.
+
+    Attributes:
+        told: which curve values the formulation tells, shape (9(N+1),).
+        names: of the parameters.
+        values: m, shape (p,).
+        covariance: by the noise of the readings, m², shape (p, p).
+        systematic: effects of what shifts many readings at once, m, shape (p, q).
+        by_mode: effects of the rotations' modes, m/rad, shape (p, k).
+    """
+
+    told: NDArray[np.bool_]
+    names: tuple[str, ...]
+    values: Vector
+    covariance: Vector
+    systematic: Vector
+    by_mode: Vector
+
+
+def _applied(
+    formulation: Formulation,
+    observations: Observations,
+    noise: Vector,
+    systematic: Vector,
+    by_reading: Vector,
+) -> _Applied:
+    """Apply a formulation to readings, some of them at a time.
+
+    Args:
+        formulation: the method's matrix.
+        observations: the readings.
+        noise: their standard uncertainties, m, shape (n,).
+        systematic: what shifts many of them at once, m, shape (n, q).
+        by_reading: what the rotations' modes add to them, m/rad, shape (n, k).
+    """
+    given = np.column_stack([observations.excess, systematic, by_reading])
+    ends = np.cumsum([1, systematic.shape[1]])
+    covariance, products = np.zeros((1, 1)), np.zeros((1, 1))
+    for start in range(0, len(given), _AT_ONCE):
+        here = slice(start, min(start + _AT_ONCE, len(given)))
+        linear = formulation(observations, here)
+        told = np.all(np.isfinite(linear.curves), axis=1)
+        matrix = np.concatenate([np.where(told[:, None], linear.curves, 0.0), linear.parameters])
+        products = products + matrix @ given[here]
+        matrix *= noise[here]
+        covariance = covariance + matrix @ matrix.T
+    values, shifts, modes = np.split(products, ends, axis=1)
+    return _Applied(told, linear.names, values[:, 0], covariance, shifts, modes)
 
 
 def accumulate(increments: Vector) -> Vector:

@@ -290,6 +290,9 @@ def _line_uncertainty(own: Vector) -> Vector:
     return np.where(conspicuous, own, common)
 
 
+ALL_READINGS = slice(None)
+
+
 @dataclass(frozen=True)
 class BlockMeans:
     """Mean displacement of each single-axis move over repeats, directions and move orders.
@@ -298,6 +301,7 @@ class BlockMeans:
         lines: names of the lines.
         weights: displacement of axis i over its interval k along line L's forward sense is
             ``weights[L, i, k] @ readings``, shape (lines, 3, blocks, n); zero for axes that stand.
+            Of some readings alone where only these were asked for.
     """
 
     lines: tuple[str, ...]
@@ -309,23 +313,31 @@ class BlockMeans:
         return found
 
 
-def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMeans:
+def block_means(
+    observations: Observations, lines: tuple[str, ...], readings: slice = ALL_READINGS
+) -> BlockMeans:
     """Average the displacements of every single-axis move, R_x,ppp(k) and its like (IH eq. 1).
 
     The interval k counts along the axis, so that the block N-k+1 of an axis that runs backwards is
     its interval k, as Ibaraki & Hata 2010, eq. 2, has it. Moves between rejected stops are left
     out.
 
+    Args:
+        observations: the readings.
+        lines: names of the lines.
+        readings: those of which the weights are wanted; the others have theirs all the same.
+
     Raises:
         NotDeterminable: a line is missing, or one of its moves was never measured; the text says
             which.
     """
-    blocks, count = observations.volume.blocks, len(observations.displacement)
+    blocks = observations.volume.blocks
+    start, end, _ = readings.indices(len(observations.displacement))
     names = np.array([setup.line for setup in observations.setups])[observations.setup]
     missing = [line for line in lines if line not in names]
     if missing:
         raise NotDeterminable(f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}")
-    weights = np.zeros((len(lines), 3, blocks, count))
+    weights = np.zeros((len(lines), 3, blocks, end - start))
     for row, line in enumerate(lines):
         signs = line_signs(line)
         before = np.flatnonzero(
@@ -350,6 +362,8 @@ def block_means(observations: Observations, lines: tuple[str, ...]) -> BlockMean
                     f"measured on {line}; measure it as a step diagonal again, or use least_squares"
                 )
         share = sense / number[axis, interval]
-        np.add.at(weights[row], (axis, interval, before + 1), share)
-        np.add.at(weights[row], (axis, interval, before), -share)
+        for place, weight in ((before + 1, share), (before, -share)):
+            here = (place >= start) & (place < end)
+            where = (axis[here], interval[here], place[here] - start)
+            np.add.at(weights[row], where, weight[here])
     return BlockMeans(lines, weights)

@@ -52,10 +52,11 @@ class VolumetricErrors:
         frame: of the results, in words.
         readings_covariance: the part of ``covariance`` by the readings' noise alone, which scatters
             from one measurement of the same machine to the next; the rest stays the same.
-        turned_covariance: of all eighteen curves stacked in the order of ``geometry.CURVES``, where
-            the rotations are not among ``curves`` but are known to be so large and to have done so
-            much to them: their second moments, and how they go with the errors of the curves; empty
-            if not known.
+        turned_factor: what rotations, where they are not among ``curves`` but are known to be so
+            large, do to the errors of all eighteen curves stacked in the order of
+            ``geometry.CURVES``: the effects of independent causes of standard deviation 1, m and
+            rad, shape (18(N+1), q). Its product with its transpose holds the rotations' second
+            moments, and how they go with the errors of the curves. Empty if not known.
     """
 
     method: str
@@ -73,7 +74,7 @@ class VolumetricErrors:
     readings_covariance: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
-    turned_covariance: Vector = field(
+    turned_factor: Vector = field(
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
 

@@ -262,25 +262,34 @@ def with_rotations(
         the curves, then the other rotations; these not where the chain is not known.
     """
     rotations = turned.rotations
-    moment = rotations.covariance if predicted else rotations.second_moment
+    root = root_of(rotations.covariance if predicted else rotations.second_moment)
     if predicted:
         values = values + change @ rotations.mean
     given = TRANSLATIONS if len(values) == turned.size else turned.design.names
     if not turned.names:
-        whole = covariance + change @ moment @ change.T
-        return CurveEstimate(values, whole, unseen, given, turned.design.arm)
-    both = np.concatenate([change, turned.curves])
-    size = len(values)
-    whole = both @ moment @ both.T
-    whole[:size, :size] += covariance
+        return CurveEstimate(values, covariance, unseen, given, turned.design.arm, change @ root)
     angles = turned.curves @ rotations.mean if predicted else np.zeros(len(turned.curves))
     return CurveEstimate(
         np.concatenate([values, angles]),
-        whole,
+        covariance,
         np.concatenate([unseen, np.zeros((len(angles), unseen.shape[1]))]),
         (*given, *turned.names),
         turned.design.arm,
+        np.concatenate([change, turned.curves]) @ root,
     )
+
+
+def root_of(moment: Vector) -> Vector:
+    """Return columns whose products sum to a second moment; NaN where that is not known.
+
+    Args:
+        moment: positive semidefinite, shape (k, k).
+    """
+    if not np.all(np.isfinite(moment)):
+        return np.full(moment.shape, np.nan)
+    values, vectors = np.linalg.eigh(moment)
+    root: Vector = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str]:

@@ -20,7 +20,12 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
-from stepdiag_ros.metrology.solvers.observations import Observations, block_means, observe
+from stepdiag_ros.metrology.solvers.observations import (
+    ALL_READINGS,
+    Observations,
+    block_means,
+    observe,
+)
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 _X, _Y, _Z = range(3)
@@ -50,13 +55,13 @@ def solve_setup_robust(measurement: Measurement) -> VolumetricErrors:
         "setup_robust",
         measurement,
         observations,
-        setup_robust_map(observations),
+        setup_robust_map,
         lines,
         remarks_on_unused("setup-robust", observations, lines),
     )
 
 
-def setup_robust_map(observations: Observations) -> LinearMap:
+def setup_robust_map(observations: Observations, readings: slice = ALL_READINGS) -> LinearMap:
     """Return the formulation as a matrix on the readings.
 
     Where there are step diagonals of faces and none of the body: the two-dimensional formulation
@@ -66,10 +71,10 @@ def setup_robust_map(observations: Observations) -> LinearMap:
         NotDeterminable: as ``solve_setup_robust``.
     """
     faces = _faces(observations)
-    return _of_faces(observations, faces) if faces else body_map(observations)
+    return _of_faces(observations, faces, readings) if faces else body_map(observations, readings)
 
 
-def body_map(observations: Observations) -> LinearMap:
+def body_map(observations: Observations, readings: slice = ALL_READINGS) -> LinearMap:
     """Return the formulation for three body diagonals, IH eqs. (6)-(19).
 
     Every quantity below is a matrix with one column a reading, and stands for its excess over a
@@ -81,8 +86,8 @@ def body_map(observations: Observations) -> LinearMap:
     step = np.asarray(observations.volume.step)
     # IH write ‖a‖/(2a_x) for the factor from a displacement along the beam to one along the axis.
     gain = np.linalg.norm(step) / (2.0 * step)
-    ppp, npp, pnp = block_means(observations, DIAGONALS).weights
-    linear = block_means(observations, ("x", "y", "z")).weights
+    ppp, npp, pnp = block_means(observations, DIAGONALS, readings).weights
+    linear = block_means(observations, ("x", "y", "z"), readings).weights
     straight = [linear[axis, axis] for axis in range(3)]
 
     # The bracket { } of (6)-(14) without λ: error direction, then moving axis.
@@ -157,7 +162,9 @@ def _lines(observations: Observations) -> tuple[str, ...]:
     return (*(name for pair in faces for name in pair), *linear)
 
 
-def _of_faces(observations: Observations, faces: list[tuple[str, str]]) -> LinearMap:
+def _of_faces(
+    observations: Observations, faces: list[tuple[str, str]], readings: slice
+) -> LinearMap:
     """Return the two-dimensional formulation in each face.
 
     On the diagonals p and n of the face of the axes i and j, as i moves over an interval, the
@@ -170,13 +177,13 @@ def _of_faces(observations: Observations, faces: list[tuple[str, str]]) -> Linea
     Positioning errors are those of the linear lines: setup errors spoil nothing else.
     """
     step = np.asarray(observations.volume.step)
-    blocks, count = observations.volume.blocks, len(observations.displacement)
-    increments = np.full((3, 3, blocks, count), np.nan)
+    blocks, every = observations.volume.blocks, len(observations.displacement)
+    increments = np.full((3, 3, blocks, len(range(*readings.indices(every)))), np.nan)
     parameters, names = [], []
     for pair in faces:
         first, second = (int(axis) for axis in np.flatnonzero(line_signs(pair[0])))
         lines = (*pair, LINEAR_LINES[first], LINEAR_LINES[second])
-        means = block_means(observations, lines).weights
+        means = block_means(observations, lines, readings).weights
         gain = np.linalg.norm(step[[first, second]]) / (2.0 * step)
         bracket = {moving: means[0, moving] - means[1, moving] for moving in (first, second)}
         # IH eq. (17): of the two curves across, E_YX, E_ZX or E_YZ ends at zero.

@@ -7,7 +7,7 @@ the last node; an angular error motion is the largest minus the smallest value (
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,14 @@ class CurveEstimate:
 
     Attributes:
         values: one solution, m and rad, shape (c(N+1),); any multiple of ``unseen`` may be added.
-        covariance: of the values, shape (c(N+1), c(N+1)); NaN where the noise is not known.
+        covariance: of the first values, shape (k, k), k ≤ c(N+1), without ``factor``; NaN where the
+            noise is not known.
         unseen: directions that the readings do not tell, shape (c(N+1), r), rotations times
             ``arm``; r = 0 if all is determined.
         names: of the curves, the nine translations first.
         arm: distance by which a rotation is as large as a translation, m.
+        factor: what few further causes, each of standard deviation 1, do to all values, shape
+            (c(N+1), q): it adds factor · factorᵀ to their covariance.
     """
 
     values: Vector
@@ -50,6 +53,7 @@ class CurveEstimate:
     unseen: Vector
     names: tuple[str, ...] = TRANSLATIONS
     arm: float = 1.0
+    factor: Vector = field(default_factory=lambda: np.empty((0, 0)))
 
     def place(self, name: str) -> slice:
         """Return where a curve is in the stack."""
@@ -66,7 +70,18 @@ class CurveEstimate:
             self.unseen[:end],
             tuple(names),
             self.arm,
+            self.factor[:end],
         )
+
+    def whole_covariance(self) -> Vector:
+        """Return the covariance of all values with the factor's part, shape (c(N+1), c(N+1))."""
+        count = len(self.values)
+        if not self.factor.size and len(self.covariance) == count:
+            return self.covariance
+        whole: Vector = self.factor @ self.factor.T if self.factor.size else np.zeros((count,) * 2)
+        own = len(self.covariance)
+        whole[:own, :own] += self.covariance
+        return whole
 
     @property
     def scale(self) -> Vector:
@@ -87,7 +102,10 @@ class CurveEstimate:
     def evaluate(self, functionals: Vector) -> tuple[Vector, Vector]:
         """Return values and standard uncertainties of functionals (rows); NaN: not determined."""
         values = functionals @ self.values
-        variance = np.sum((functionals @ self.covariance) * functionals, axis=1)
+        first = functionals[:, : len(self.covariance)]
+        variance = np.sum((first @ self.covariance) * first, axis=1)
+        if self.factor.size:
+            variance += np.sum((functionals @ self.factor) ** 2, axis=1)
         known = self.determined(functionals)
         return (
             np.where(known, values, np.nan),
@@ -260,11 +278,11 @@ def make_result(
     figures = common_figures(volume, estimate, lines, chain, shown)
     left_out = np.empty((0, 0))
     if shown is not None:
-        left_out = _with_what_is_not_shown(estimate, shown)
+        left_out = _what_is_not_shown(estimate, shown)
         estimate = estimate.first(shown)
     known = estimate.curves_determined()
     values = np.where(known, estimate.values, np.nan)
-    covariance = estimate.covariance
+    covariance = estimate.whole_covariance()
     if not np.all(known):
         covariance = np.where(known[:, None] & known[None, :], covariance, np.nan)
     uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -283,15 +301,14 @@ def make_result(
         covariance=covariance,
         frame=frame,
         readings_covariance=covariance if by_readings is None else by_readings,
-        turned_covariance=left_out,
+        turned_factor=left_out,
     )
 
 
-def _with_what_is_not_shown(estimate: CurveEstimate, shown: Sequence[str]) -> Vector:
-    """Return second moments of all curves' errors, those that are not shown being given as zero."""
+def _what_is_not_shown(estimate: CurveEstimate, shown: Sequence[str]) -> Vector:
+    """Return what rotations that are not shown, being given as zero, do to all curves' errors."""
     if estimate.names != CURVES or len(shown) == len(CURVES):
         return np.empty((0, 0))
-    moments: Vector = estimate.covariance.copy()
     start = estimate.place(shown[-1]).stop
-    moments[start:, start:] += np.outer(estimate.values[start:], estimate.values[start:])
-    return moments
+    given = np.where(np.arange(len(estimate.values)) < start, 0.0, estimate.values)
+    return np.column_stack([estimate.factor, given])

@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
-MOST_POINTS = 1_000_000
+MOST_POINTS = 50_000
 """Nodes that are looked at in one go; more are done plane by plane, to bound the memory."""
 
 
@@ -74,10 +74,9 @@ def volumetric_accuracy(
     squares: list[float] = []
     planes = max(1, MOST_POINTS // (len(x) * len(y)))
     for begin in range(0, len(z), planes):
-        grid = np.meshgrid(x, y, z[begin : begin + planes], indexing="ij")
-        points = np.stack([part.ravel() for part in grid], axis=1)
-        actual, _ = tool_point(points, errors, chain)
-        vectors = actual - points - zero
+        some = z[begin : begin + planes]
+        points, vectors = _error_vectors((x, y, some), errors, chain)
+        vectors -= zero
         lengths = np.einsum("ij,ij->i", vectors, vectors)
         # Summed plane by plane, so that the sum is the same however many are done in one go.
         squares.extend(float(np.sum(row)) for row in lengths.reshape(len(x) * len(y), -1).T.copy())
@@ -92,6 +91,21 @@ def volumetric_accuracy(
         frame=frame,
         rms=sqrt(fsum(squares) / (len(x) * len(y) * len(z))),
     )
+
+
+def _error_vectors(
+    nodes: tuple[Vector, Vector, Vector], errors: ErrorCurves, chain: str
+) -> tuple[Vector, Vector]:
+    """Return all points of a grid and what the machine misses each of them by, m, shape (n, 3)."""
+    grid = np.meshgrid(*nodes, indexing="ij")
+    points = np.stack([part.ravel() for part in grid], axis=1)
+    if errors.turns:
+        actual, _ = tool_point(points, errors, chain)
+        return points, actual - points
+    # Where no axis turns, the errors of the three axes add up.
+    x, y, z = (errors.at(axis, own)[:, :3] for axis, own in enumerate(nodes))
+    vectors: Vector = x[:, None, None] + y[:, None] + z
+    return points, vectors.reshape(-1, 3)
 
 
 def of_result(

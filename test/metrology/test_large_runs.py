@@ -1,0 +1,121 @@
+"""Long runs: memory in proportion to the stops; what is left out of very large boxes is said."""
+
+import numpy as np
+import pytest
+from cells_for_tests import make_cell, make_plan
+from hidden_runs import NOISE, hidden_run
+
+from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
+from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
+from stepdiag_ros.metrology.discrepancy.candidates import signatures
+from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers import linear, solve, solve_all
+from stepdiag_ros.metrology.solvers.limits import (
+    DIAGNOSIS,
+    MOST_VALUES,
+    VISIBILITY,
+    left_out,
+    left_out_sentence,
+)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    run = hidden_run()
+    stops = stops_of(run)
+    return stops, whitened(fit_baseline(run, stops), NOISE, 0.2)
+
+
+def test_whitening_and_its_transpose_belong_together(problem):
+    _, one = problem
+    rng = np.random.default_rng(1)
+    columns = rng.standard_normal((len(one.baseline.gap), 3))
+    vectors = rng.standard_normal((len(one.gap), 4))
+    np.testing.assert_allclose(
+        vectors.T @ one.of(columns), one.pulled(vectors).T @ columns, rtol=1e-9
+    )
+
+
+def test_candidates_are_the_columns_of_their_effects_beyond_the_baseline(problem):
+    stops, one = problem
+    found = signatures(catalogue().values(), stops, one)
+    vectors = np.random.default_rng(2).standard_normal((len(one.gap), 2))
+    products = found.columns.products(vectors)
+    for index in range(0, len(found.candidates), 17):
+        candidate = found.candidates[index]
+        plain = candidate.effect.columns(candidate.setting, stops)[one.baseline.good]
+        shown = found.lengths[found.of(index)] > 0.0
+        expected = one.projected(one.of(plain)) * shown
+        scale = np.linalg.norm(one.of(plain), axis=0)
+        np.testing.assert_allclose(
+            found.columns.dense(found.of(index)) / scale, expected / scale, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            products[found.of(index)].T / scale, vectors.T @ expected / scale, atol=1e-8
+        )
+        np.testing.assert_allclose(
+            found.lengths[found.of(index)], np.linalg.norm(expected, axis=0), rtol=1e-6
+        )
+        units = found.units.dense(found.of(index))
+        told = found.units.real[found.of(index)]
+        np.testing.assert_allclose(units.T @ units, np.diag(told * 1.0), atol=1e-9)
+
+
+def kept(repeats):
+    """Return the stops of a run, and how many numbers its candidates are kept as."""
+    run = simulate(make_plan(blocks=3, repeats=repeats), make_cell(noise=0.1e-6), seed=1)
+    stops = stops_of(run)
+    one = whitened(fit_baseline(run, stops), 0.1e-6, 0.0)
+    found = signatures(catalogue().values(), stops, one)
+    assert found.columns.count > len(stops.time)
+    return len(stops.time), found.columns.changes.nnz + found.units.changes.nnz
+
+
+def test_what_is_kept_of_candidates_grows_with_the_stops_and_not_with_their_square():
+    (few, small), (many, large) = kept(4), kept(16)
+    assert large / small < 1.3 * many / few
+
+
+@pytest.mark.parametrize("method", ["conventional", "setup_robust", "alternative"])
+def test_readings_that_are_taken_a_few_at_a_time_give_the_same(monkeypatch, method):
+    run = simulate(make_plan(blocks=3, repeats=2), make_cell(noise=0.2e-6), seed=3)
+    whole = solve(run, method)
+    monkeypatch.setattr(linear, "_AT_ONCE", 7)
+    parts = solve(run, method)
+    for name, values in whole.curves.items():
+        np.testing.assert_allclose(parts.curves[name], values, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(parts.covariance, whole.covariance, rtol=1e-9, atol=1e-28)
+    for one, other in zip(parts.figures, whole.figures, strict=True):
+        assert one.value == pytest.approx(other.value, rel=1e-9, abs=1e-18, nan_ok=True)
+        assert one.standard_uncertainty == pytest.approx(
+            other.standard_uncertainty, rel=1e-9, nan_ok=True
+        )
+
+
+def test_nothing_is_left_out_up_to_the_limit():
+    rigid, nine = MOST_VALUES // 18 - 1, MOST_VALUES // 9 - 1
+    assert left_out(rigid) == {} and left_out_sentence(rigid, ("rigid_body",)) == ""
+    assert set(left_out(rigid + 1)) == {"rigid_body", VISIBILITY}
+    assert set(left_out(nine)) == {"rigid_body", VISIBILITY}
+    assert {"conventional", DIAGNOSIS} < set(left_out(nine + 1))
+    assert "least_squares" not in left_out(100_000)
+
+
+def test_what_is_left_out_of_a_large_box_is_said_with_the_number_that_is_not():
+    blocks = MOST_VALUES // 9
+    run = simulate(make_plan(blocks=blocks, step=(0.0005,) * 3), make_cell(noise=0.1e-6), seed=1)
+    results, reasons = solve_all(run)
+    assert list(results) == ["least_squares"]
+    why = left_out(blocks)
+    assert {name: reasons[name] for name in why if name in reasons} == {
+        name: words for name, words in why.items() if name not in (DIAGNOSIS, VISIBILITY)
+    }
+    assert str(blocks - 1) in why["conventional"]
+    assert str(MOST_VALUES // 18 - 1) in why["rigid_body"]
+    verdict = verdict_on(run)
+    assert verdict.name == NOT_DIAGNOSED and str(blocks - 1) in verdict.sentence
+    said = left_out_sentence(blocks, ("least_squares", "conventional", DIAGNOSIS))
+    assert "conventional" in said and DIAGNOSIS in said and "rigid_body" not in said
