@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import METADATA_NAME, Attachment, RunHeader
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import MessageTypes, types_from_schemas
 
 Order = Literal["file", "time"]
@@ -94,6 +95,14 @@ class Bag(ABC):
         """Return the last log time, ns; 0 without messages."""
 
     @abstractmethod
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what the counts of the recording tell to be missing, doubled or out of order.
+
+        Raises:
+            BagCorruptError: a chunk's checksum is wrong; the text names the offset.
+        """
+
+    @abstractmethod
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition, of all recorded topics that have it as ``ros2msg``.
 
@@ -109,10 +118,12 @@ class Bag(ABC):
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[Record]:
-        """Go through the recorded messages.
+        """Go through the recorded messages, each once; see ``flaws``.
 
         Args:
-            order: ``file``: as they were written; ``time``: by log time, equal times as written.
+            order: ``file``: as they were written, or by log time where the numbers of the messages
+                tell that they do not stand as they were written; ``time``: by log time, equal times
+                as written.
             topics: full names of the wanted topics; all if None.
             start: first log time, ns.
             end: last log time, ns.

@@ -105,6 +105,7 @@ def export_bag(
 
 
 def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:
+    yield from (flaw.sentence for flaw in run.flaws)
     if written is None:
         yield "The bag holds no finished line, so there is no run table."
         return

@@ -13,6 +13,7 @@ import yaml
 from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.tally import Flaw
 
 METADATA_FILE = "metadata.yaml"
 SUFFIXES = (".mcap", ".mcap.zstd")
@@ -100,6 +101,10 @@ class FolderReader(Bag):
         """Return the last log time, ns; 0 without messages."""
         return max((part.end_time for part in self._parts if part.chunk_count), default=0)
 
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what is wrong with the recording in each file; see ``Bag``."""
+        return tuple(flaw for part in self._parts for flaw in part.flaws())
+
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition; see ``Bag``."""
         texts: dict[str, str] = {}
@@ -151,6 +156,8 @@ def _files(folder: Path) -> list[Path]:
     names = told.get("relative_file_paths")
     if not isinstance(names, list) or not names:
         raise BagError(f"{description}: 'relative_file_paths' names no file")
+    if len(set(map(str, names))) < len(names):
+        raise BagError(f"{description}: 'relative_file_paths' names a file twice")
     return [folder / str(name) for name in names]
 
 

@@ -15,7 +15,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -148,6 +148,18 @@ def _parsed(reader: Any, body: bytes) -> Any:
         return reader(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, UnicodeDecodeError) as error:
         raise Damaged(str(error) or type(error).__name__) from None
+
+
+def header_of(body: bytes) -> Header:
+    """Parse the file's header record; raises ``Damaged``."""
+    parsed: Header = _parsed(Header.read, body)
+    return parsed
+
+
+def statistics_of(body: bytes) -> Statistics:
+    """Parse the statistics record of the summary; raises ``Damaged``."""
+    parsed: Statistics = _parsed(Statistics.read, body)
+    return parsed
 
 
 def schema_of(body: bytes) -> Schema:

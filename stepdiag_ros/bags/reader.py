@@ -15,6 +15,15 @@ from stepdiag_ros.bags import layout
 from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.tally import (
+    PROMISING,
+    Flaw,
+    Promise,
+    Tally,
+    key_of,
+    recovery_flaws,
+    tally_of,
+)
 
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
@@ -133,15 +142,25 @@ class BagReader(Bag):
         }
         low = 0 if start is None else start
         high = 2**64 if end is None else end
-        source = (
-            self._in_time_order(low, high) if order == "time" else self._in_file_order(low, high)
-        )
-        for channel, sequence, log_time, publish_time, cdr in source:
+        by_time = order == "time" or bool(self.tally.misplaced)
+        source = self._in_time_order(low, high) if by_time else self._in_file_order(low, high)
+        for message in self._each_once(source):
+            channel, sequence, log_time, publish_time, cdr = message
             if channel in wanted and low <= log_time <= high:
                 topic, type_name = wanted[channel]
                 yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
             elif channel not in self._channels:
                 raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
+
+    @cached_property
+    def tally(self) -> Tally:
+        """Return what was counted in the file, compared with what it promises."""
+        return tally_of(self._checked_messages, self._channels, self._promise)
+
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what is wrong with the recording; see ``Bag``."""
+        name = self.path.name
+        return (*recovery_flaws(name, self.metadata), *self.tally.flaws(name))
 
     # -- opening --------------------------------------------------------------
 
@@ -165,6 +184,7 @@ class BagReader(Bag):
         self._chunks: list[layout.RawRecord] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._promise = Promise()
         intact = layout.data_section_is_intact(data, self._footer)
         if not layout.summary_is_intact(data, self._footer):
             raise BagCorruptError(f"{self.path}: the summary's checksum is wrong; {self._advice}")
@@ -191,6 +211,8 @@ class BagReader(Bag):
 
     def _take(self, record: layout.RawRecord, check: bool) -> None:
         opcode = record.opcode
+        if opcode in PROMISING:
+            self._promise.take(opcode, record.body(self._data))
         if opcode == Opcode.CHUNK:
             self._chunks.append(record)
             if check:
@@ -251,6 +273,34 @@ class BagReader(Bag):
         else:
             body = chunk.body(self._data)
             yield layout.message_of(body, 0, len(body))
+
+    def _checked_messages(self) -> Iterator[layout.RawMessage]:
+        """Go through all messages; the head of each chunk must tell their times."""
+        for chunk in self._chunks:
+            low, high = 2**64, -1
+            for message in self._messages_of(chunk):
+                low, high = min(low, message.log_time), max(high, message.log_time)
+                yield message
+            if high >= 0 and (low, high) != self._times(chunk):
+                raise BagCorruptError(
+                    f"{self.path}: the chunk at byte {chunk.offset} tells other times than its "
+                    f"messages have; {self._advice}"
+                )
+
+    def _each_once(self, messages: Iterator[layout.RawMessage]) -> Iterator[layout.RawMessage]:
+        """Leave out the copies of messages that are in the file more than once."""
+        doubles = self.tally.doubles
+        if not doubles:
+            yield from messages
+            return
+        seen: set[bytes] = set()
+        for message in messages:
+            key = key_of(message)
+            if key in seen:
+                continue
+            if key in doubles:
+                seen.add(key)
+            yield message
 
     def _in_file_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
         for chunk in self._chunks:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.metrology.plan import Plan
     from stepdiag_ros.report.content import Report
 
@@ -47,6 +48,12 @@ def say(text: str) -> None:
 def warn(text: str) -> None:
     """Tell the user what is not as it should be, and yet no refusal."""
     say(f"stepdiag: warning: {text}")
+
+
+def warn_of_flaws(recorded: "RecordedRun") -> None:
+    """Say on standard error what is wrong with a recording."""
+    for flaw in recorded.flaws:
+        warn(flaw.sentence)
 
 
 def warn_of_undetermined(plan: "Plan") -> None:

@@ -21,12 +21,11 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from changes import CONTENT, STRUCTURE  # noqa: E402
-from forging import Anatomy, taken_apart  # noqa: E402
-from judging import COMMANDS, Case, differences, examined, warm_up  # noqa: E402
+from forging import Anatomy, as_older_recorders_wrote, taken_apart  # noqa: E402
+from judging import COMMANDS, QUICK, SLOW, Case, differences, examined, warm_up  # noqa: E402
 from small_run import write_small_run  # noqa: E402
 
 EVERY_TOPIC = HERE.parent / "data" / "bags" / "schema_1.mcap"
-_QUICK = ("info", "export", "recover")
 
 
 @dataclass
@@ -56,20 +55,23 @@ class Attack:
         small = write_small_run(folder / "whole" / "victim.mcap")
         warm_up(small, folder / "warm")
         self._bags: list[tuple[Anatomy, tuple[str, ...], Case]] = []
-        for path, commands in ((small, COMMANDS), (EVERY_TOPIC, _QUICK)):
-            anatomy = taken_apart(path)
+        bags = (
+            (taken_apart(small), COMMANDS),
+            (taken_apart(EVERY_TOPIC), QUICK),
+            (as_older_recorders_wrote(taken_apart(small)), SLOW),
+        )
+        for anatomy, commands in bags:
             again = folder / "victim.mcap"
             again.write_bytes(anatomy.encoded())
             whole = examined(again, folder / "out", commands)
             if whole.fault:
-                raise RuntimeError(f"{path.name} unchanged: {whole.fault}")
+                raise RuntimeError(f"a bag that nobody has changed: {whole.fault}")
             self._bags.append((anatomy, commands, whole))
 
     def run(self, seed: int, number: int, tally: Tally) -> None:
         """Make a case, examine it and count what came of it."""
         chance = random.Random(f"{seed}/{number}")
-        which = int(chance.random() < 0.2)
-        anatomy, commands, whole = self._bags[which]
+        anatomy, commands, whole = chance.choices(self._bags, weights=(7, 2, 3))[0]
         bag = copy.deepcopy(anatomy)
         structure = chance.random() < 0.5
         changes = [chance.choice(STRUCTURE if structure else CONTENT)]
@@ -82,11 +84,12 @@ class Attack:
         try:
             for change in changes:
                 change(chance, bag)
-        except (IndexError, ValueError, StopIteration):
+        except (LookupError, ValueError, StopIteration):
             return  # nothing is left to be changed by the second change
         path.write_bytes(bag.encoded())
-        slow = [one for one in commands if one not in _QUICK]
-        chosen = (*_QUICK, *(chance.sample(slow, 1) if slow else ()))
+        slow = [one for one in commands if one in SLOW]
+        quick = [one for one in commands if one in QUICK]
+        chosen = (*quick, *(chance.sample(slow, 1) if slow else ()))
         case = examined(path, self._folder / "out", chosen)
         fault = case.fault or (differences(case, whole) if structure else "")
         self._count(case, "structure" if structure else "content", tally)

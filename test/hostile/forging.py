@@ -4,6 +4,7 @@ Whoever changes a bag on purpose makes its checksums anew. What is changed here 
 found by a checksum: only the content can tell.
 """
 
+import copy
 import struct
 import zlib
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
 
 from stepdiag_ros.bags import layout
+from stepdiag_ros.bags.tally import COUNTS_METADATA
 
 MAGIC = layout.MAGIC
 
@@ -153,6 +155,14 @@ def taken_apart(path: Path) -> Anatomy:
             channel = layout.channel_of(body)
             made.channels[channel.id] = channel
     made.statistics = made.counted()
+    return made
+
+
+def as_older_recorders_wrote(bag: Anatomy) -> Anatomy:
+    """Return the bag with messages that are not numbered, and without our writer's own counts."""
+    made = copy.deepcopy(bag)
+    made.front = [frame for frame in made.front if COUNTS_METADATA.encode() not in frame.body]
+    made.chunks = [[replace(one, sequence=0) for one in chunk] for chunk in made.chunks]
     return made
 
 

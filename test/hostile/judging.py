@@ -29,9 +29,9 @@ MEMORY_FACTOR, MEMORY_BASE = 4, 200_000_000
 _ADDRESS_SPACE = 3_000_000_000
 """Bytes that a case may map beyond what was mapped before, so that the computer survives it."""
 _LONGEST_SENTENCE = 2000
-_QUICK = ("info", "export", "recover")
-_SLOW = ("solve", "compensate", "report")
-COMMANDS = (*_QUICK, *_SLOW)
+QUICK = ("info", "export", "recover")
+SLOW = ("solve", "compensate", "report")
+COMMANDS = (*QUICK, *SLOW)
 
 
 @dataclass
@@ -210,7 +210,7 @@ def _words(told: dict[str, Any]) -> list[str]:
 
 _OF_THE_FILE = (
     *("path", "bag", "size", "chunks", "data_checksum", "next", "sha256", "written", "source"),
-    *("created", "date", "file", "run_sha256"),
+    *("created", "date", "file", "run_sha256", "equals_recorded"),
 )
 
 
