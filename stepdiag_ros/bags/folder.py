@@ -8,12 +8,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.intake import parse_yaml
+from stepdiag_ros.refusals import sentence
 
 METADATA_FILE = "metadata.yaml"
 SUFFIXES = (".mcap", ".mcap.zstd")
@@ -163,9 +163,9 @@ def _files(folder: Path) -> list[Path]:
 
 def _told(description: Path) -> dict[str, Any]:
     try:
-        parsed = yaml.safe_load(description.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BagError(f"{description} cannot be read: {str(error).splitlines()[0]}") from None
+        parsed = parse_yaml(description.read_text(encoding="utf-8"), str(description))
+    except (OSError, ValueError) as error:
+        raise BagError(f"{description} cannot be read: {sentence(error)}") from None
     told = parsed.get("rosbag2_bagfile_information") if isinstance(parsed, dict) else None
     if not isinstance(told, dict):
         raise BagError(f"{description} is no description of a bag of ros2 bag record")

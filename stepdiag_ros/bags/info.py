@@ -224,16 +224,13 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
         elif known[0] in (topics.LINE, topics.DIAGNOSIS):
             message = bag.decode(record)
             if run_id in (None, message.run_id):
-                _conclude(known[0], message, info)
+                _conclude(bag, record, message, info)
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
     info.samples = {where: check for where, check in checks.items() if check.blocks}
 
 
 def _check_samples(bag: Bag, record: Record, check: SampleCheck) -> None:
-    try:
-        check.take_samples(bag.decode(record))
-    except ValueError as error:
-        raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+    bag.converted(record, check.take_samples)
 
 
 def _add_timing(info: BagInfo, run_id: str | None) -> None:
@@ -285,11 +282,11 @@ def _runs_of(bag: Bag) -> list[RunInBag]:
     return found
 
 
-def _conclude(topic: topics.Topic, message: Any, info: BagInfo) -> None:
-    if topic is topics.LINE:
-        info.lines.append(str(conversion.to_measured_line(message).line))
+def _conclude(bag: Bag, record: Record, message: Any, info: BagInfo) -> None:
+    if record.type_name == topics.LINE.type_name:
+        info.lines.append(str(bag.converted(record, conversion.to_measured_line, message).line))
     else:
-        info.diagnosis = to_diagnosis(message).words
+        info.diagnosis = bag.converted(record, to_diagnosis, message).words
 
 
 def _follow(message: Any, topic: str, sequences: dict[str, int], info: BagInfo) -> None:

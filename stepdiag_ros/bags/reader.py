@@ -24,9 +24,12 @@ from stepdiag_ros.bags.tally import (
     recovery_flaws,
     tally_of,
 )
+from stepdiag_ros.intake import LARGEST_CHUNK, MOST_EXPANSION
 
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
+_PART = 2**20
+"""Bytes that are decompressed at a time."""
 
 
 def map_file(path: Path) -> mmap.mmap:
@@ -58,7 +61,14 @@ def _decompressed(path: Path) -> mmap.mmap:
     """Map the content of a compressed file, from a file without a name."""
     with path.open("rb") as source, tempfile.TemporaryFile() as target:
         try:
-            zstandard.ZstdDecompressor().copy_stream(source, target)
+            most = LARGEST_CHUNK + MOST_EXPANSION * path.stat().st_size
+            with zstandard.ZstdDecompressor().stream_reader(source) as content:
+                while part := content.read(_PART):
+                    target.write(part)
+                    if target.tell() > most:
+                        raise BagCorruptError(
+                            f"{path}: its content is more than {MOST_EXPANSION} times as large"
+                        )
         except zstandard.ZstdError as error:
             raise BagCorruptError(f"{path} cannot be decompressed: {error}") from None
         target.flush()
@@ -125,7 +135,10 @@ class BagReader(Bag):
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition; see ``Bag``."""
         known = (schema for schema in self._schemas.values() if schema.encoding == "ros2msg")
-        return {schema.name: schema.data.decode() for schema in known}
+        try:
+            return {schema.name: schema.data.decode() for schema in known}
+        except UnicodeDecodeError:
+            raise BagError(f"{self.path}: a message definition is no text (UTF-8)") from None
 
     def records(
         self,
@@ -185,6 +198,7 @@ class BagReader(Bag):
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._promise = Promise()
+        self._expansion = 0
         intact = layout.data_section_is_intact(data, self._footer)
         if not layout.summary_is_intact(data, self._footer):
             raise BagCorruptError(f"{self.path}: the summary's checksum is wrong; {self._advice}")
@@ -214,10 +228,15 @@ class BagReader(Bag):
         if opcode in PROMISING:
             self._promise.take(opcode, record.body(self._data))
         if opcode == Opcode.CHUNK:
+            layout.chunk_times(self._data, record)
+            self._expansion += layout.chunk_size(self._data, record)
+            if self._expansion > LARGEST_CHUNK + MOST_EXPANSION * len(self._data):
+                raise layout.Damaged(f"what is in the chunks is {MOST_EXPANSION} times the file")
             self._chunks.append(record)
             if check:
                 layout.chunk_content(record.body(self._data))
         elif opcode == Opcode.MESSAGE:
+            _lone_message(record, self._data)
             self._chunks.append(record)
         elif opcode == Opcode.METADATA:
             metadata = layout.metadata_of(record.body(self._data))
@@ -262,7 +281,7 @@ class BagReader(Bag):
     def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:
         if chunk.opcode == Opcode.CHUNK:
             return layout.chunk_times(self._data, chunk)
-        time = layout.message_of(chunk.body(self._data), 0, chunk.end - chunk.offset).log_time
+        time = _lone_message(chunk, self._data).log_time
         return time, time
 
     def _messages_of(self, chunk: layout.RawRecord) -> Iterator[layout.RawMessage]:
@@ -271,8 +290,7 @@ class BagReader(Bag):
                 if isinstance(item, layout.RawMessage):
                     yield item
         else:
-            body = chunk.body(self._data)
-            yield layout.message_of(body, 0, len(body))
+            yield _lone_message(chunk, self._data)
 
     def _checked_messages(self) -> Iterator[layout.RawMessage]:
         """Go through all messages; the head of each chunk must tell their times."""
@@ -325,3 +343,9 @@ class BagReader(Bag):
             waiting.sort()  # nearly sorted already, which costs next to nothing
         for entry in waiting:
             yield entry[3]
+
+
+def _lone_message(record: layout.RawRecord, data: mmap.mmap) -> layout.RawMessage:
+    """Return a message that stands outside of chunks; raises ``Damaged``."""
+    body = record.body(data)
+    return layout.message_of(body, 0, len(body))

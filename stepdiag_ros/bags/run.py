@@ -15,14 +15,10 @@ from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.wholeness import Recorded, numbers_of_readings
-from stepdiag_ros.configuration import (
-    chain_from_text,
-    parse_yaml,
-    plan_from_text,
-    plausible_from_text,
-)
+from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import (
@@ -180,7 +176,7 @@ class RecordedRun:
         }
         with open_bag(self.path) as bag:
             for record, message in messages_of(bag, self.found, convert.keys()):
-                event = convert[record.topic](message)
+                event = bag.converted(record, convert[record.topic], message)
                 if event is not None:
                     yield event
 
@@ -188,8 +184,8 @@ class RecordedRun:
         """Go through the readings in the order in which they were recorded."""
         name = topics.absolute(topics.READING, self.namespace)
         with open_bag(self.path) as bag:
-            for _, message in messages_of(bag, self.found, (name,)):
-                yield conversion.to_reading(message)
+            for record, message in messages_of(bag, self.found, (name,)):
+                yield bag.converted(record, conversion.to_reading, message)
 
     def weather(self) -> list[SensorValue]:
         """Return what the weather sensors told, in order of time."""
@@ -304,10 +300,7 @@ def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
             continue
         if name == "commands":
             command_ids.add(int(message.command_id))
-        try:
-            converted = convert(message)
-        except ValueError as error:
-            raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+        converted = bag.converted(record, convert, message)
         if converted is not None and not _only_heartbeat(parts[name], converted):
             parts[name].append(converted)
     promised = Recorded(

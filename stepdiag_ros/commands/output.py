@@ -194,7 +194,10 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
         print_report(report, make_console(sys.stdout), arguments.squareness_sign)
     say(f"results in {folder}: {', '.join(path.name for path in files)}")
     if not report.results:
-        raise ValueError("the measured lines are not enough for any method; the reasons are above")
+        source = f"{report.bag}: " if report.bag is not None else ""
+        raise ValueError(
+            f"{source}the measured lines are not enough for any method; the reasons are above"
+        )
     differing = [method for method, same in report.equals_recorded.items() if not same]
     if differing:
         warn(

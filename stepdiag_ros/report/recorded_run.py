@@ -12,6 +12,7 @@ from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.intake import refusals_of
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.direct import DirectMeasurement
@@ -69,6 +70,26 @@ def report_of_run(
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
     """
+    with refusals_of(recorded.path):
+        return _report_of_run(
+            *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
+            *(with_verdict, direct, rotation),
+        )
+
+
+def _report_of_run(
+    recorded: RecordedRun,
+    progress: Callable[[float], None],
+    recorded_lines: bool,
+    truth: Path | None,
+    correct: Correct | None,
+    with_visibility: bool,
+    air: AirChoice | None,
+    warn: Callable[[str], None],
+    with_verdict: bool,
+    direct: DirectMeasurement | None,
+    rotation: float | None,
+) -> Report:
     measured, remark, flaws = _measured(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     measurement = replace(measurement, direct=direct)
@@ -174,7 +195,8 @@ def measurement_of(
     Raises:
         ValueError: they are to be compensated anew, and there is nothing to do it with.
     """
-    return _measured(recorded, recorded_lines, progress, air, warn)[:2]
+    with refusals_of(recorded.path):
+        return _measured(recorded, recorded_lines, progress, air, warn)[:2]
 
 
 def _measured(

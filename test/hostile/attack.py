@@ -21,7 +21,12 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from changes import CONTENT, STRUCTURE  # noqa: E402
-from forging import Anatomy, as_older_recorders_wrote, taken_apart  # noqa: E402
+from forging import (  # noqa: E402
+    Anatomy,
+    as_older_recorders_wrote,
+    as_our_writer_counts,
+    taken_apart,
+)
 from judging import COMMANDS, QUICK, SLOW, Case, differences, examined, warm_up  # noqa: E402
 from small_run import write_small_run  # noqa: E402
 
@@ -36,7 +41,7 @@ class Tally:
         cases: how many.
         ends: (kind of change, how a command ended) → how often.
         faults: of each case that failed, in words.
-        seconds: of the slowest case.
+        seconds: of processor time of the slowest case.
         memory: bytes of the largest case beyond what the process had.
     """
 
@@ -57,7 +62,7 @@ class Attack:
         self._bags: list[tuple[Anatomy, tuple[str, ...], Case]] = []
         bags = (
             (taken_apart(small), COMMANDS),
-            (taken_apart(EVERY_TOPIC), QUICK),
+            (as_our_writer_counts(taken_apart(EVERY_TOPIC)), QUICK),
             (as_older_recorders_wrote(taken_apart(small)), SLOW),
         )
         for anatomy, commands in bags:
@@ -129,7 +134,7 @@ def main() -> int:
                 print(fault, flush=True)
     print(
         f"{tally.cases} cases in {time.monotonic() - begin:.0f} s, {len(tally.faults)} failed; "
-        f"slowest {tally.seconds:.1f} s, most memory {tally.memory / 1e6:.0f} MB"
+        f"slowest {tally.seconds:.1f} s of processor, most memory {tally.memory / 1e6:.0f} MB"
     )
     for (kind, end), count in sorted(tally.ends.items()):
         print(f"{kind}: {end} {count}")

@@ -158,6 +158,18 @@ def taken_apart(path: Path) -> Anatomy:
     return made
 
 
+def as_our_writer_counts(bag: Anatomy) -> Anatomy:
+    """Return the bag with messages that are numbered and counted, as ``BagWriter`` does now."""
+    made, counts = copy.deepcopy(bag), dict.fromkeys(bag.channels, 0)
+    for chunk in made.chunks:
+        for place, message in enumerate(chunk):
+            counts[message.channel_id] += 1
+            chunk[place] = replace(message, sequence=counts[message.channel_id])
+    told = {made.channels[number].topic: str(count) for number, count in counts.items()}
+    made.front.append(metadata_frame(COUNTS_METADATA, told))
+    return made
+
+
 def as_older_recorders_wrote(bag: Anatomy) -> Anatomy:
     """Return the bag with messages that are not numbered, and without our writer's own counts."""
     made = copy.deepcopy(bag)
