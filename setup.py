@@ -66,6 +66,7 @@ setup(
     },
     install_requires=[
         "aiohttp>=3.9,<4",
+        "cryptography>=41,<60",
         "cyclonedds>=11.0.1,<11.1",
         "jinja2>=3.1,<4",
         "matplotlib>=3.7,<4",

@@ -6,13 +6,14 @@ text of a file is returned beside what was made from it, because a run records t
 
 import hashlib
 import re
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import yaml
 
 from stepdiag_ros import resources
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.plan import Plan
 
 if TYPE_CHECKING:
@@ -39,43 +40,6 @@ _SINGULAR = {
     "devices": "device file",
     "imports": "mapping file",
 }
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, except that a key given twice is refused instead of one being lost."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[Hashable] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, Hashable):
-                if key in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"the key '{key}' is there twice", key_node.start_mark
-                    )
-                seen.add(key)
-        return super().construct_mapping(node, deep=deep)
-
-
-def parse_yaml(text: str, source: str) -> Any:
-    """Parse a YAML text.
-
-    Args:
-        text: the YAML.
-        source: what the user calls it, usually the file; named in errors.
-
-    Raises:
-        ValueError: not YAML, or a key is there twice; names the source and the line.
-    """
-    try:
-        return yaml.load(text, Loader=_StrictLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise ValueError(f"{source}{line}: {error.problem or 'not valid YAML'}") from None
-    except yaml.YAMLError as error:
-        problem = getattr(error, "reason", None) or "not valid YAML"
-        raise ValueError(f"{source}: {problem}") from None
 
 
 def available(folder: Folder) -> list[str]:
@@ -165,9 +129,16 @@ def chain_from_text(text: str, source: str) -> str:
     """Return the order of the axes from workpiece to tool in a machine's YAML; empty if not told.
 
     The machine of an imported table holds only what its case file knew, so it may lack all else.
+
+    Raises:
+        ValueError: the text is no YAML, or the chain is neither a text nor a list of texts.
     """
     parsed = parse_yaml(text, source) if text else {}
-    return "".join(parsed.get("chain", "")) if isinstance(parsed, Mapping) else ""
+    chain = parsed.get("chain", "") if isinstance(parsed, Mapping) else ""
+    letters = list(chain) if isinstance(chain, str | list) else [chain]
+    if not all(isinstance(letter, str) for letter in letters):
+        raise ValueError(f"{source}: 'chain' is {str(chain)[:60]}; expected a text such as YXZ")
+    return "".join(letters)
 
 
 def plausible_from_text(text: str, source: str) -> "Plausible":

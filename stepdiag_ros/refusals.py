@@ -4,6 +4,8 @@ from stepdiag_ros.control_text import one_line
 
 PREFIX = "stepdiag: error: "
 """In front of the sentence with which the command line or a node ends."""
+LONGEST = 1500
+"""Characters of a sentence; one that is longer quotes something that is no part of it."""
 
 
 def sentence(error: Exception) -> str:
@@ -11,4 +13,6 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename is not None else ""
         return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
-    return one_line(str(error)) or type(error).__name__
+    words = one_line(str(error)) or type(error).__name__
+    # What a file holds may be quoted; nobody is to read pages of it.
+    return words if len(words) <= LONGEST else f"{words[:LONGEST]} …"

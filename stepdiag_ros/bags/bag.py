@@ -1,7 +1,7 @@
 """What every bag offers for reading, whether it is one file or a folder of several."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -9,10 +9,13 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import METADATA_NAME, Attachment, RunHeader
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import MessageTypes, types_from_schemas
+from stepdiag_ros.topics import topic_of
 
 Order = Literal["file", "time"]
 _Self = TypeVar("_Self", bound="Bag")
+_Made = TypeVar("_Made")
 
 
 class Record(NamedTuple):
@@ -94,6 +97,14 @@ class Bag(ABC):
         """Return the last log time, ns; 0 without messages."""
 
     @abstractmethod
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what the counts of the recording tell to be missing, doubled or out of order.
+
+        Raises:
+            BagCorruptError: a chunk's checksum is wrong; the text names the offset.
+        """
+
+    @abstractmethod
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition, of all recorded topics that have it as ``ros2msg``.
 
@@ -109,10 +120,12 @@ class Bag(ABC):
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[Record]:
-        """Go through the recorded messages.
+        """Go through the recorded messages, each once; see ``flaws``.
 
         Args:
-            order: ``file``: as they were written; ``time``: by log time, equal times as written.
+            order: ``file``: as they were written, or by log time where the numbers of the messages
+                tell that they do not stand as they were written; ``time``: by log time, equal times
+                as written.
             topics: full names of the wanted topics; all if None.
             start: first log time, ns.
             end: last log time, ns.
@@ -133,7 +146,12 @@ class Bag(ABC):
                 f"{self.path} was not recorded by stepdiag_ros: it has no identity of a run in"
                 " front of its messages"
             )
-        return RunHeader.from_parts(self.metadata[METADATA_NAME], self.attachments)
+        try:
+            return RunHeader.from_parts(self.metadata[METADATA_NAME], self.attachments)
+        except ValueError as error:
+            raise BagError(
+                f"{self.path}: the identity of the run cannot be read: {error}"
+            ) from None
 
     @cached_property
     def types(self) -> MessageTypes:
@@ -142,7 +160,11 @@ class Bag(ABC):
         Raises:
             BagError: a definition cannot be used, or two files define a type differently.
         """
-        return types_from_schemas(self.definitions())
+        definitions = self.definitions()
+        try:
+            return types_from_schemas(definitions)
+        except BagError as error:
+            raise BagError(f"{self.path}: {error}") from None
 
     def decode(self, record: Record) -> Any:
         """Return a recorded message as an object with the message's attributes.
@@ -150,6 +172,12 @@ class Bag(ABC):
         Raises:
             BagError: it cannot be decoded; the text names topic and time.
         """
+        due = self._types_due.get(record.topic, record.type_name)
+        if record.type_name != due:
+            raise BagError(
+                f"{self.path}: messages on {record.topic} are of type {record.type_name} instead of"
+                f" {due}"
+            )
         if record.type_name not in self.types:
             raise BagError(
                 f"{self.path}: messages on {record.topic} cannot be decoded: the bag does not have"
@@ -161,6 +189,35 @@ class Bag(ABC):
             raise BagError(
                 f"{self.path}: the message on {record.topic} at {record.log_time} ns "
                 f"cannot be decoded: {error}"
+            ) from None
+
+    @cached_property
+    def _types_due(self) -> dict[str, str]:
+        """Return the types that the suite's topics have, by their full names in this bag."""
+        known = {name: topic_of(name) for name in self.topics}
+        return {name: found[0].type_name for name, found in known.items() if found is not None}
+
+    def converted(
+        self, record: Record, convert: Callable[[Any], _Made], message: Any = None
+    ) -> _Made:
+        """Decode a recorded message and make a data class of it.
+
+        Args:
+            record: the message.
+            convert: makes the data class; raises ``ValueError`` where the message contradicts
+                itself.
+            message: decoded already; None if not.
+
+        Raises:
+            BagError: it cannot be decoded or converted; the text names topic and time.
+        """
+        try:
+            return convert(self.decode(record) if message is None else message)
+        except BagError:
+            raise
+        except (ValueError, OverflowError) as error:
+            raise BagError(
+                f"{self.path}: {record.topic} at {record.log_time} ns: {error}"
             ) from None
 
     def messages(

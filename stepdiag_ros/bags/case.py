@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.configuration import parse_yaml
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations

@@ -116,6 +116,7 @@ def export_bag(
 
 
 def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:
+    yield from (flaw.sentence for flaw in run.flaws)
     if run.plan.tracker is not None:
         return
     if written is None:

@@ -8,11 +8,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.intake import parse_yaml
+from stepdiag_ros.refusals import sentence
 
 METADATA_FILE = "metadata.yaml"
 SUFFIXES = (".mcap", ".mcap.zstd")
@@ -100,6 +101,10 @@ class FolderReader(Bag):
         """Return the last log time, ns; 0 without messages."""
         return max((part.end_time for part in self._parts if part.chunk_count), default=0)
 
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what is wrong with the recording in each file; see ``Bag``."""
+        return tuple(flaw for part in self._parts for flaw in part.flaws())
+
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition; see ``Bag``."""
         texts: dict[str, str] = {}
@@ -151,14 +156,16 @@ def _files(folder: Path) -> list[Path]:
     names = told.get("relative_file_paths")
     if not isinstance(names, list) or not names:
         raise BagError(f"{description}: 'relative_file_paths' names no file")
+    if len(set(map(str, names))) < len(names):
+        raise BagError(f"{description}: 'relative_file_paths' names a file twice")
     return [folder / str(name) for name in names]
 
 
 def _told(description: Path) -> dict[str, Any]:
     try:
-        parsed = yaml.safe_load(description.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BagError(f"{description} cannot be read: {str(error).splitlines()[0]}") from None
+        parsed = parse_yaml(description.read_text(encoding="utf-8"), str(description))
+    except (OSError, ValueError) as error:
+        raise BagError(f"{description} cannot be read: {sentence(error)}") from None
     told = parsed.get("rosbag2_bagfile_information") if isinstance(parsed, dict) else None
     if not isinstance(told, dict):
         raise BagError(f"{description} is no description of a bag of ros2 bag record")

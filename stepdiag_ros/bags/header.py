@@ -95,7 +95,11 @@ class RunHeader:
     def from_parts(
         cls, metadata: Mapping[str, str], attachments: Iterable[Attachment]
     ) -> "RunHeader":
-        """Put the header together again from a bag's metadata record and attachments."""
+        """Put the header together again from a bag's metadata record and attachments.
+
+        Raises:
+            ValueError: a number of the metadata is none, or an attached text is no text.
+        """
         rest = dict(metadata)
         files = {attachment.name: attachment for attachment in attachments}
         texts = {

@@ -15,6 +15,7 @@ from stepdiag_ros.bags.repetitions import Repetitions
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import runs_in
 from stepdiag_ros.bags.sample_check import SampleCheck
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
@@ -71,6 +72,7 @@ class BagInfo:
         repetitions: messages that were said again for late listeners and count once elsewhere.
         lines: finished lines, in words, in the order of measurement.
         diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
+        flaws: what is wrong with the recording: missing, doubled, out of order.
         gaps: in the sequence of the readings.
         samples: namespace → what is there of the samples of its interferometer, where it has sent
             any.
@@ -93,6 +95,7 @@ class BagInfo:
     repetitions: int = 0
     lines: list[str] = field(default_factory=list)
     diagnosis: str = ""
+    flaws: tuple[Flaw, ...] = ()
     gaps: list[SequenceGap] = field(default_factory=list)
     samples: dict[str, SampleCheck] = field(default_factory=dict)
     timing: RunTiming | None = None
@@ -135,6 +138,7 @@ class BagInfo:
             "repetitions": self.repetitions,
             "lines": list(self.lines),
             "diagnosis": self.diagnosis or None,
+            "recording": [flaw.as_dict() for flaw in self.flaws],
             "gaps": [
                 {"after": gap.after, "before": gap.before, "time": gap.time} for gap in self.gaps
             ],
@@ -187,6 +191,7 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     info.chunks = bag.chunk_count
     info.data_checksum = bag.has_data_checksum
     info.start_time, info.end_time = bag.start_time, bag.end_time
+    info.flaws = bag.flaws()
     try:
         info.header = bag.header
     except BagError:
@@ -219,16 +224,13 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
         elif known[0] in (topics.LINE, topics.DIAGNOSIS):
             message = bag.decode(record)
             if run_id in (None, message.run_id):
-                _conclude(known[0], message, info)
+                _conclude(bag, record, message, info)
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
     info.samples = {where: check for where, check in checks.items() if check.blocks}
 
 
 def _check_samples(bag: Bag, record: Record, check: SampleCheck) -> None:
-    try:
-        check.take_samples(bag.decode(record))
-    except ValueError as error:
-        raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+    bag.converted(record, check.take_samples)
 
 
 def _add_timing(info: BagInfo, run_id: str | None) -> None:
@@ -280,11 +282,11 @@ def _runs_of(bag: Bag) -> list[RunInBag]:
     return found
 
 
-def _conclude(topic: topics.Topic, message: Any, info: BagInfo) -> None:
-    if topic is topics.LINE:
-        info.lines.append(str(conversion.to_measured_line(message).line))
+def _conclude(bag: Bag, record: Record, message: Any, info: BagInfo) -> None:
+    if record.type_name == topics.LINE.type_name:
+        info.lines.append(str(bag.converted(record, conversion.to_measured_line, message).line))
     else:
-        info.diagnosis = to_diagnosis(message).words
+        info.diagnosis = bag.converted(record, to_diagnosis, message).words
 
 
 def _follow(message: Any, topic: str, sequences: dict[str, int], info: BagInfo) -> None:

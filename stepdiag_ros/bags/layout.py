@@ -15,8 +15,10 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
+
+from stepdiag_ros.intake import LARGEST_CHUNK
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = 9
@@ -146,8 +148,20 @@ def _crc(data: Any, start: int, end: int) -> int:
 def _parsed(reader: Any, body: bytes) -> Any:
     try:
         return reader(ReadDataStream(BytesIO(body)))
-    except (McapError, struct.error, UnicodeDecodeError) as error:
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError, MemoryError) as error:
         raise Damaged(str(error) or type(error).__name__) from None
+
+
+def header_of(body: bytes) -> Header:
+    """Parse the file's header record; raises ``Damaged``."""
+    parsed: Header = _parsed(Header.read, body)
+    return parsed
+
+
+def statistics_of(body: bytes) -> Statistics:
+    """Parse the statistics record of the summary; raises ``Damaged``."""
+    parsed: Statistics = _parsed(Statistics.read, body)
+    return parsed
 
 
 def schema_of(body: bytes) -> Schema:
@@ -179,7 +193,9 @@ def attachment_of(body: bytes) -> Attachment:
 
 
 def chunk_times(data: Any, record: RawRecord) -> tuple[int, int]:
-    """Return the first and the last log time of a chunk, ns, from its head alone."""
+    """Return the first and the last log time of a chunk, ns, from its head; raises ``Damaged``."""
+    if record.end - record.offset < FRAME + _CHUNK_HEAD.size:
+        raise Damaged("a chunk without a head")
     first, last = struct.unpack_from("<QQ", data, record.offset + FRAME)
     return int(first), int(last)
 
@@ -191,6 +207,7 @@ def chunk_content(body: bytes) -> bytes:
         Damaged: the chunk cannot be decompressed or its checksum is wrong.
     """
     chunk: Chunk = _parsed(Chunk.read, body)
+    _bound(chunk)
     try:
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
         content = stream.read(length)
@@ -199,6 +216,26 @@ def chunk_content(body: bytes) -> bytes:
     if len(content) != chunk.uncompressed_size:
         raise Damaged(f"a chunk of {chunk.uncompressed_size} bytes has {len(content)}")
     return content
+
+
+def chunk_size(data: Any, record: RawRecord) -> int:
+    """Return the size that a chunk's head tells of its content, bytes."""
+    return int(_CHUNK_HEAD.unpack_from(data, record.offset + FRAME)[2])
+
+
+def _bound(chunk: Chunk) -> None:
+    """Refuse a chunk whose content is larger than any recorder makes it, before it is there."""
+    sizes = [chunk.uncompressed_size]
+    try:
+        if chunk.compression == "zstd":
+            sizes.append(zstandard.frame_content_size(chunk.data))
+        elif chunk.compression == "lz4":
+            # LZ4 expands at most 255 times.
+            sizes.append(min(LARGEST_CHUNK, 255 * len(chunk.data)))
+    except zstandard.ZstdError as error:
+        raise Damaged(str(error)) from None
+    if max(sizes) > LARGEST_CHUNK:
+        raise Damaged(f"a chunk of {max(sizes)} bytes; at most {LARGEST_CHUNK} are taken in")
 
 
 def chunk_records(content: bytes) -> Iterator[tuple[int, RawMessage | bytes]]:
@@ -267,6 +304,8 @@ def _looks_like_chunk(data: Any, record: RawRecord) -> bool:
 
 
 def indexed_messages(data: Any, record: RawRecord) -> int:
-    """Return how many messages a message index record lists."""
+    """Return how many messages a message index record lists; 0 if it is too short to tell."""
+    if record.end - record.offset < FRAME + 6:
+        return 0
     (size,) = struct.unpack_from("<I", data, record.offset + FRAME + 2)
     return int(size) // 16

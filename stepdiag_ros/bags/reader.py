@@ -15,9 +15,21 @@ from stepdiag_ros.bags import layout
 from stepdiag_ros.bags.bag import Bag, Order, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.header import Attachment
+from stepdiag_ros.bags.tally import (
+    PROMISING,
+    Flaw,
+    Promise,
+    Tally,
+    key_of,
+    recovery_flaws,
+    tally_of,
+)
+from stepdiag_ros.intake import LARGEST_CHUNK, MOST_EXPANSION
 
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
+_PART = 2**20
+"""Bytes that are decompressed at a time."""
 
 
 def map_file(path: Path) -> mmap.mmap:
@@ -49,7 +61,14 @@ def _decompressed(path: Path) -> mmap.mmap:
     """Map the content of a compressed file, from a file without a name."""
     with path.open("rb") as source, tempfile.TemporaryFile() as target:
         try:
-            zstandard.ZstdDecompressor().copy_stream(source, target)
+            most = LARGEST_CHUNK + MOST_EXPANSION * path.stat().st_size
+            with zstandard.ZstdDecompressor().stream_reader(source) as content:
+                while part := content.read(_PART):
+                    target.write(part)
+                    if target.tell() > most:
+                        raise BagCorruptError(
+                            f"{path}: its content is more than {MOST_EXPANSION} times as large"
+                        )
         except zstandard.ZstdError as error:
             raise BagCorruptError(f"{path} cannot be decompressed: {error}") from None
         target.flush()
@@ -116,7 +135,10 @@ class BagReader(Bag):
     def definitions(self) -> dict[str, str]:
         """Return type → text of its definition; see ``Bag``."""
         known = (schema for schema in self._schemas.values() if schema.encoding == "ros2msg")
-        return {schema.name: schema.data.decode() for schema in known}
+        try:
+            return {schema.name: schema.data.decode() for schema in known}
+        except UnicodeDecodeError:
+            raise BagError(f"{self.path}: a message definition is no text (UTF-8)") from None
 
     def records(
         self,
@@ -133,15 +155,25 @@ class BagReader(Bag):
         }
         low = 0 if start is None else start
         high = 2**64 if end is None else end
-        source = (
-            self._in_time_order(low, high) if order == "time" else self._in_file_order(low, high)
-        )
-        for channel, sequence, log_time, publish_time, cdr in source:
+        by_time = order == "time" or bool(self.tally.misplaced)
+        source = self._in_time_order(low, high) if by_time else self._in_file_order(low, high)
+        for message in self._each_once(source):
+            channel, sequence, log_time, publish_time, cdr = message
             if channel in wanted and low <= log_time <= high:
                 topic, type_name = wanted[channel]
                 yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
             elif channel not in self._channels:
                 raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
+
+    @cached_property
+    def tally(self) -> Tally:
+        """Return what was counted in the file, compared with what it promises."""
+        return tally_of(self._checked_messages, self._channels, self._promise)
+
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Say what is wrong with the recording; see ``Bag``."""
+        name = self.path.name
+        return (*recovery_flaws(name, self.metadata), *self.tally.flaws(name))
 
     # -- opening --------------------------------------------------------------
 
@@ -165,6 +197,8 @@ class BagReader(Bag):
         self._chunks: list[layout.RawRecord] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._promise = Promise()
+        self._expansion = 0
         intact = layout.data_section_is_intact(data, self._footer)
         if not layout.summary_is_intact(data, self._footer):
             raise BagCorruptError(f"{self.path}: the summary's checksum is wrong; {self._advice}")
@@ -191,11 +225,18 @@ class BagReader(Bag):
 
     def _take(self, record: layout.RawRecord, check: bool) -> None:
         opcode = record.opcode
+        if opcode in PROMISING:
+            self._promise.take(opcode, record.body(self._data))
         if opcode == Opcode.CHUNK:
+            layout.chunk_times(self._data, record)
+            self._expansion += layout.chunk_size(self._data, record)
+            if self._expansion > LARGEST_CHUNK + MOST_EXPANSION * len(self._data):
+                raise layout.Damaged(f"what is in the chunks is {MOST_EXPANSION} times the file")
             self._chunks.append(record)
             if check:
                 layout.chunk_content(record.body(self._data))
         elif opcode == Opcode.MESSAGE:
+            _lone_message(record, self._data)
             self._chunks.append(record)
         elif opcode == Opcode.METADATA:
             metadata = layout.metadata_of(record.body(self._data))
@@ -240,7 +281,7 @@ class BagReader(Bag):
     def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:
         if chunk.opcode == Opcode.CHUNK:
             return layout.chunk_times(self._data, chunk)
-        time = layout.message_of(chunk.body(self._data), 0, chunk.end - chunk.offset).log_time
+        time = _lone_message(chunk, self._data).log_time
         return time, time
 
     def _messages_of(self, chunk: layout.RawRecord) -> Iterator[layout.RawMessage]:
@@ -249,8 +290,35 @@ class BagReader(Bag):
                 if isinstance(item, layout.RawMessage):
                     yield item
         else:
-            body = chunk.body(self._data)
-            yield layout.message_of(body, 0, len(body))
+            yield _lone_message(chunk, self._data)
+
+    def _checked_messages(self) -> Iterator[layout.RawMessage]:
+        """Go through all messages; the head of each chunk must tell their times."""
+        for chunk in self._chunks:
+            low, high = 2**64, -1
+            for message in self._messages_of(chunk):
+                low, high = min(low, message.log_time), max(high, message.log_time)
+                yield message
+            if high >= 0 and (low, high) != self._times(chunk):
+                raise BagCorruptError(
+                    f"{self.path}: the chunk at byte {chunk.offset} tells other times than its "
+                    f"messages have; {self._advice}"
+                )
+
+    def _each_once(self, messages: Iterator[layout.RawMessage]) -> Iterator[layout.RawMessage]:
+        """Leave out the copies of messages that are in the file more than once."""
+        doubles = self.tally.doubles
+        if not doubles:
+            yield from messages
+            return
+        seen: set[bytes] = set()
+        for message in messages:
+            key = key_of(message)
+            if key in seen:
+                continue
+            if key in doubles:
+                seen.add(key)
+            yield message
 
     def _in_file_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
         for chunk in self._chunks:
@@ -275,3 +343,9 @@ class BagReader(Bag):
             waiting.sort()  # nearly sorted already, which costs next to nothing
         for entry in waiting:
             yield entry[3]
+
+
+def _lone_message(record: layout.RawRecord, data: mmap.mmap) -> layout.RawMessage:
+    """Return a message that stands outside of chunks; raises ``Damaged``."""
+    body = record.body(data)
+    return layout.message_of(body, 0, len(body))

@@ -11,9 +11,16 @@ from mcap.records import Channel, Schema
 from stepdiag_ros.bags import layout
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.reader import map_file
-from stepdiag_ros.bags.writer import CHUNK_SIZE, LIBRARY, PROFILE, UnbufferedFile, mcap_writer
-
-RECOVERY_METADATA = "stepdiag_ros.recovery"
+from stepdiag_ros.bags.tally import (
+    NOTHING_LOST,
+    PROMISING,
+    RECOVERY_METADATA,
+    Promise,
+    Tally,
+    key_of,
+    tally_of,
+)
+from stepdiag_ros.bags.writer import CHUNK_SIZE, PROFILE, UnbufferedFile, mcap_writer
 
 
 @dataclass
@@ -61,7 +68,7 @@ class RecoveryReport:
             else f" over {(self.end_time - self.start_time) / 1e9:.1f} s"
         )
         saved = f"{self.messages} messages{duration} in {len(self.topics)} topics were saved"
-        return f"{saved} to {self.target}. " + (" ".join(self.losses) or "Nothing was lost.")
+        return f"{saved} to {self.target}. " + (" ".join(self.losses) or NOTHING_LOST)
 
 
 @dataclass
@@ -73,6 +80,7 @@ class _Found:
     attachments: list[Any] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    promise: Promise = field(default_factory=Promise)
 
 
 def recover(source: str | Path, target: str | Path) -> RecoveryReport:
@@ -197,6 +205,8 @@ def _skip(data: Any, offset: int, report: RecoveryReport) -> int:
 
 def _take(data: Any, record: layout.RawRecord, found: _Found) -> None:
     body = record.body(data)
+    if record.opcode in PROMISING:
+        found.promise.take(record.opcode, body)
     if record.opcode == Opcode.CHUNK:
         for opcode, item in layout.chunk_records(layout.chunk_content(body)):
             if isinstance(item, bytes):
@@ -243,7 +253,7 @@ def _write(data: Any, found: _Found, report: RecoveryReport) -> None:
 
 def _copy(data: Any, found: _Found, report: RecoveryReport, file: UnbufferedFile) -> None:
     writer = mcap_writer(file, CHUNK_SIZE, compress=True)
-    writer.start(profile=PROFILE, library=LIBRARY)
+    writer.start(profile=PROFILE, library=found.promise.library)
     for name, metadata in found.metadata:
         writer.add_metadata(name, metadata)
     for attachment in found.attachments:
@@ -269,12 +279,18 @@ def _copy(data: Any, found: _Found, report: RecoveryReport, file: UnbufferedFile
         for number, channel in found.channels.items()
     }
     homeless = 0
+    tally = _tally(data, found, report)
+    copied: set[bytes] = set()
     for record in found.chunks:
         report.chunks += record.opcode == Opcode.CHUNK
         for message in _messages(data, record):
             if message.channel not in channels:
                 homeless += 1
                 continue
+            if tally.doubles and (key := key_of(message)) in tally.doubles:
+                if key in copied:
+                    continue
+                copied.add(key)
             writer.add_message(
                 channels[message.channel],
                 message.log_time,
@@ -290,9 +306,24 @@ def _copy(data: Any, found: _Found, report: RecoveryReport, file: UnbufferedFile
         )
     writer.add_metadata(
         RECOVERY_METADATA,
-        {"source": report.source.name, "losses": " ".join(report.losses) or "Nothing was lost."},
+        {"source": report.source.name, "losses": " ".join(report.losses) or NOTHING_LOST},
     )
     writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _tally(data: Any, found: _Found, report: RecoveryReport) -> Tally:
+    """Count what is to be copied, and say what the recording promised beyond that."""
+    tally = tally_of(
+        lambda: (message for record in found.chunks for message in _messages(data, record)),
+        found.channels,
+        found.promise,
+    )
+    lost = sum(tally.missing.values())
+    if report.losses and lost <= report.messages_lost:
+        tally.missing = {}  # has been said
+    report.messages_lost = max(report.messages_lost, lost)
+    report.losses += [flaw.sentence for flaw in tally.flaws(report.source.name)]
+    return tally
 
 
 def _messages(data: Any, record: layout.RawRecord) -> Iterator[layout.RawMessage]:

@@ -12,15 +12,13 @@ from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.configuration import (
-    chain_from_text,
-    parse_yaml,
-    plan_from_text,
-    plausible_from_text,
-)
+from stepdiag_ros.bags.wholeness import Recorded, numbers_of_readings
+from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.diagnosis_conversion import to_diagnosis
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import (
@@ -102,6 +100,7 @@ class RecordedRun:
             ``run_over`` says so.
         states: changes of the run's state.
         diagnostics: changes of what the parts say of themselves.
+        flaws: what is wrong with the recording: missing, doubled, out of order.
     """
 
     path: Path
@@ -127,6 +126,7 @@ class RecordedRun:
     diagnoses: tuple[DiagnosisSummary, ...]
     states: tuple[StateChange, ...]
     diagnostics: tuple[Diagnostic, ...]
+    flaws: tuple[Flaw, ...]
 
     @property
     def begun_late(self) -> bool:
@@ -176,7 +176,7 @@ class RecordedRun:
         }
         with open_bag(self.path) as bag:
             for record, message in messages_of(bag, self.found, convert.keys()):
-                event = convert[record.topic](message)
+                event = bag.converted(record, convert[record.topic], message)
                 if event is not None:
                     yield event
 
@@ -184,8 +184,8 @@ class RecordedRun:
         """Go through the readings in the order in which they were recorded."""
         name = topics.absolute(topics.READING, self.namespace)
         with open_bag(self.path) as bag:
-            for _, message in messages_of(bag, self.found, (name,)):
-                yield conversion.to_reading(message)
+            for record, message in messages_of(bag, self.found, (name,)):
+                yield bag.converted(record, conversion.to_reading, message)
 
     def weather(self) -> list[SensorValue]:
         """Return what the weather sensors told, in order of time."""
@@ -228,7 +228,7 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
             plan = plan_from_text(description.plan, source)
         except ValueError as error:
             raise BagError(str(error)) from None
-        parts = _parts(bag, found)
+        parts = _parts(bag, found, plan)
         return RecordedRun(
             path=bag.path,
             found=found,
@@ -274,7 +274,7 @@ def check_version(path: Path, version: int, software_version: str) -> None:
         raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
 
 
-def _parts(bag: Bag, run: FoundRun) -> dict[str, Any]:
+def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
     converters: dict[Topic, tuple[str, Callable[[Any], Any]]] = {
         topics.MACHINE_COMMAND: ("commands", conversion.to_stop_command),
         topics.COMMAND_STATUS: ("arrivals", conversion.to_arrival),
@@ -290,7 +290,7 @@ def _parts(bag: Bag, run: FoundRun) -> dict[str, Any]:
     parts: dict[str, list[Any]] = {name: [] for name, _ in converters.values()}
     diagnostics = _DiagnosticChanges()
     diagnostics_name = topics.absolute(topics.DIAGNOSTICS)
-    first_command = 0
+    command_ids: set[int] = set()
     for record, message in messages_of(bag, run, (*by_name, diagnostics_name)):
         if record.topic == diagnostics_name:
             diagnostics.add(message)
@@ -299,18 +299,32 @@ def _parts(bag: Bag, run: FoundRun) -> dict[str, Any]:
         if message.run_id != run.run_id:
             continue
         if name == "commands":
-            first_command = min(first_command or message.command_id, message.command_id)
-        try:
-            converted = convert(message)
-        except ValueError as error:
-            raise BagError(f"{bag.path}: {record.topic} at {record.log_time} ns: {error}") from None
+            command_ids.add(int(message.command_id))
+        converted = bag.converted(record, convert, message)
         if converted is not None and not _only_heartbeat(parts[name], converted):
             parts[name].append(converted)
+    promised = Recorded(
+        namespace=run.namespace,
+        command_ids=command_ids,
+        arrivals=parts["arrivals"],
+        stops=parts["stops"],
+        blocks=parts["blocks"],
+        lines=parts["lines"],
+        readings=numbers_of_readings(bag, run),
+    )
     return {
         **{name: tuple(found) for name, found in parts.items()},
         "diagnostics": tuple(diagnostics.changes),
-        "first_command": int(first_command),
+        "first_command": promised.first_command,
+        "flaws": _flaws(bag, promised, plan),
     }
+
+
+def _flaws(bag: Bag, promised: Recorded, plan: Plan) -> tuple[Flaw, ...]:
+    counted = bag.flaws()
+    known = {topic for flaw in counted for topic in flaw.messages}
+    stops = [len(line.stops(plan.volume)) for line in plan.lines]
+    return (*counted, *promised.flaws(known, stops))
 
 
 def _state_change(message: Any) -> StateChange:

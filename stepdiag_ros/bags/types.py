@@ -5,7 +5,7 @@ A bag is decoded with the definitions that it carries, so that bags of older sch
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,11 +21,22 @@ from rosbags.typesys.store import Typestore
 from stepdiag_ros import resources
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.embedded.packages import OWN, TEXTS
+from stepdiag_ros.topics import RECORDED
 
 _HEADER = 4
 """Bytes of CDR's encapsulation."""
 _PLAIN = (b"\0\0", b"\0\1")
 """How plain CDR begins, big-endian and little-endian."""
+_UNDECODABLE = (
+    *(SerdeError, TypesysError, ValueError, struct.error, AssertionError, LookupError),
+    *(TypeError, AttributeError, ArithmeticError, MemoryError, RecursionError, SyntaxError),
+)
+"""What decoders made of somebody else's definitions may raise."""
+_LONGEST_PROBLEM = 200
+_MOST_NESTED = 10
+"""Levels of messages in one another; ours have four."""
+_ADDED_LATER = frozenset({"trigger", "overrun"})
+"""Fields that older bags of this schema version lack."""
 _SEPARATOR = "=" * 80
 _DUMMY = "structure_needs_at_least_one_member"
 _WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
@@ -57,7 +68,7 @@ class MessageTypes:
         parts = [self._text(type_name)]
         parts += [
             f"{_SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{self._text(name)}"
-            for name in self._nested(type_name)
+            for name in self.nested(type_name)
         ]
         return "\n".join(part.rstrip("\n") for part in parts) + "\n"
 
@@ -91,7 +102,7 @@ class MessageTypes:
             # what rclpy has serialised.
             if end > len(cdr) - _HEADER:
                 raise ValueError("the end is missing")
-        except (SerdeError, ValueError, struct.error, AssertionError, IndexError) as error:
+        except _UNDECODABLE as error:
             raise BagError(f"these {len(cdr)} bytes are no {type_name} ({error})") from None
         return message
 
@@ -143,7 +154,12 @@ class MessageTypes:
         if type_name not in self._store.fielddefs:
             raise BagError(f"message type {type_name} is not known here")
 
-    def _nested(self, type_name: str) -> list[str]:
+    def fields(self, type_name: str) -> Sequence[tuple[str, Any]]:
+        """Return the fields of a type: name and kind, as rosbags has it."""
+        return list(self._store.fielddefs[type_name][1])
+
+    def nested(self, type_name: str) -> list[str]:
+        """Return the names of all messages that are in a message of this type."""
         found: list[str] = []
 
         def visit(name: str) -> None:
@@ -273,8 +289,48 @@ def types_from_schemas(schemas: Mapping[str, str]) -> MessageTypes:
     for name, text in schemas.items():
         try:
             store.register(get_types_from_msg(text, name))
-        except (TypesysError, SyntaxError, ValueError) as error:
+            _bound_nesting(store, name)
+        except _UNDECODABLE as error:
+            problem = " ".join(str(error).split())[:_LONGEST_PROBLEM]
             raise BagError(
-                f"the definition of {name} in the bag cannot be used ({error})"
+                f"the definition of {name} in the bag cannot be used ({problem})"
             ) from None
+    _compare(store, own)
     return MessageTypes(store, {})
+
+
+def _bound_nesting(store: Typestore, name: str) -> None:
+    """Refuse a type that contains itself, or others too deep in one another; raises ValueError."""
+    level = {name}
+    for _ in range(_MOST_NESTED):
+        level = {inner for one in level for inner in _inner(store, one)}
+    if level:
+        raise ValueError(f"messages in it are nested more than {_MOST_NESTED} deep")
+
+
+def _inner(store: Typestore, name: str) -> set[str]:
+    """Return the types of a type's fields that are messages themselves."""
+    found = set()
+    for _, (node, content) in store.fielddefs[name][1]:
+        kind: Any = content[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, content)
+        if kind[0] == Nodetype.NAME:
+            found.add(str(kind[1]))
+    return found
+
+
+def _compare(store: Typestore, own: MessageTypes) -> None:
+    """Refuse definitions of the suite's messages that lack what is read, or have it otherwise.
+
+    Raises:
+        BagError: names type and field.
+    """
+    wanted = [topic.type_name for topic in RECORDED if topic.type_name in store.fielddefs]
+    for name in {*wanted, *(inner for one in wanted for inner in own.nested(one))}:
+        if name not in store.fielddefs:
+            raise BagError(f"the bag does not define {name}, which its messages contain")
+        fields = dict(store.fielddefs[name][1])
+        for field, kind in own.fields(name):
+            if field in fields and fields[field] != kind:
+                raise BagError(f"in the bag's definition of {name}, '{field}' is of another type")
+            if field not in fields and field not in _ADDED_LATER:
+                raise BagError(f"the bag's definition of {name} lacks the field '{field}'")

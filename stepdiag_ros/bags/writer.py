@@ -17,6 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.header import METADATA_NAME, RunHeader
+from stepdiag_ros.bags.tally import COUNTS_METADATA, LIBRARY
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.topics import Qos, Topic, topic_of
 
@@ -24,7 +25,6 @@ CHUNK_SIZE = 32 * 1024
 PROFILE = "ros2"
 MESSAGE_ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
-LIBRARY = "stepdiag_ros"
 
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 _FOREIGN = Topic("", "", Qos.COMMAND)
@@ -107,6 +107,7 @@ class BagWriter:
         self._failure: BagWriteError | None = None
         self._closed = False
         self._channels: dict[str, tuple[int, str]] = {}
+        self._counts: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         try:
             self._file = UnbufferedFile(self.path)
@@ -145,7 +146,7 @@ class BagWriter:
         cdr: bytes,
         log_time: int,
         publish_time: int | None = None,
-        sequence: int = 0,
+        sequence: int | None = None,
     ) -> None:
         """Add one message.
 
@@ -155,7 +156,8 @@ class BagWriter:
             cdr: serialised message with its encapsulation.
             log_time: when it was received, ns.
             publish_time: when it was sent, ns; the log time if not known.
-            sequence: of the publisher; 0 if not known.
+            sequence: of the publisher; None: the number of the message on its topic, from 1, by
+                which a reader sees that one is missing.
 
         Raises:
             BagError: the topic has another type, the type is not known, or the bag is closed.
@@ -171,16 +173,18 @@ class BagWriter:
                 f"{self.path}: topic {topic} has type {known_type}; "
                 f"a message of {type_name} does not fit"
             )
+        count = self._counts[topic] + 1
         try:  # not by _guarded: this runs a thousand times a second
             self._mcap.add_message(
                 channel,
                 log_time=log_time,
                 data=cdr,
                 publish_time=log_time if publish_time is None else publish_time,
-                sequence=sequence & 0xFFFFFFFF,
+                sequence=(count if sequence is None else sequence) & 0xFFFFFFFF,
             )
         except OSError as error:
             raise self._failed(error) from error
+        self._counts[topic] = count
         self.message_count += 1
 
     def flush(self) -> None:
@@ -240,6 +244,7 @@ class BagWriter:
             },
         )
         self._channels[topic] = (channel, type_name)
+        self._counts[topic] = 0
         return self._channels[topic]
 
     def _flush(self) -> None:
@@ -247,6 +252,8 @@ class BagWriter:
         self._file.sync()
 
     def _finish(self) -> None:
+        counts = {topic: str(count) for topic, count in self._counts.items()}
+        self._mcap.add_metadata(COUNTS_METADATA, counts)
         self._mcap.finish()  # type: ignore[no-untyped-call]
         self._file.sync()
 

@@ -204,6 +204,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         ValueError: the result, a setting or a limit of the control forbids it; one sentence.
     """
     from stepdiag_ros.compensation.control import Layout, checked_settings
+    from stepdiag_ros.intake import refusals_of
     from stepdiag_ros.report.compensation_build import compensation_of
 
     settings = checked_settings(chosen, _given(arguments.settings))
@@ -222,7 +223,8 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         on_top_of=before,
         header=_header(identified),
     )
-    return compensation_of(chosen, identified, layout, str(arguments.on_top_of or ""))
+    with refusals_of(arguments.result):
+        return compensation_of(chosen, identified, layout, str(arguments.on_top_of or ""))
 
 
 def load_identified(path: Path, method: str = "", run_id: str | None = None) -> "Identified":

@@ -4,7 +4,12 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
+from stepdiag_ros.commands.output import (
+    HelpFormatter,
+    add_run_option,
+    progress_bar,
+    warn_of_flaws,
+)
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
@@ -116,6 +121,7 @@ def report_of(
 
         with progress_bar(f"reading {source.name}"):
             recorded = load_run(source, run_id)
+        warn_of_flaws(recorded)
         return positioning_of(recorded, description, figures)
     from stepdiag_ros.bags.axis_table import read_axis_table
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from stepdiag_ros.control_text import printable
 
 if TYPE_CHECKING:
+    from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.metrology.plan import Plan
     from stepdiag_ros.report.content import Report
 
@@ -49,6 +50,12 @@ def say(text: str) -> None:
 def warn(text: str) -> None:
     """Tell the user what is not as it should be, and yet no refusal."""
     say(f"stepdiag: warning: {text}")
+
+
+def warn_of_flaws(recorded: "RecordedRun") -> None:
+    """Say on standard error what is wrong with a recording."""
+    for flaw in recorded.flaws:
+        warn(flaw.sentence)
 
 
 def warn_of_undetermined(plan: "Plan") -> None:
@@ -191,7 +198,10 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
         print_report(report, make_console(sys.stdout), arguments.squareness_sign)
     say(f"results in {folder}: {', '.join(path.name for path in files)}")
     if not report.results:
-        raise ValueError("the measured lines are not enough for any method; the reasons are above")
+        source = f"{report.bag}: " if report.bag is not None else ""
+        raise ValueError(
+            f"{source}the measured lines are not enough for any method; the reasons are above"
+        )
     differing = [method for method, same in report.equals_recorded.items() if not same]
     if differing:
         warn(

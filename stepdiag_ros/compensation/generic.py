@@ -7,7 +7,6 @@ frame, reversal, in SI units. ``error_curves.csv`` holds the same curves in the 
 """
 
 import hashlib
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from stepdiag_ros.compensation.control import Files, Layout, Setting
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
 from stepdiag_ros.control_text import Comment
 from stepdiag_ros.diagnosis_summary import Verdict
+from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -164,10 +164,7 @@ def map_from_text(text: str, source: str) -> Identified:
     Raises:
         ValueError: it is no such document; names the source and what is wrong.
     """
-    try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{source} is no JSON document: {error}") from None
+    document = parse_json(text, source)
     expected = schemas.identifier("volumetric_map")
     if not isinstance(document, dict) or document.get("schema") != expected:
         raise ValueError(

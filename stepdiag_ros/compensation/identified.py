@@ -1,6 +1,5 @@
 """What compensation is made from: an identified error map, reversal errors, and their origin."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -13,6 +12,7 @@ import numpy as np
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.control_text import one_line
 from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
@@ -263,8 +263,8 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
         ValueError: it is no such document, or lacks the method or what a map needs.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        document = parse_json(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no JSON document: {error}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or not schema.startswith("urn:stepdiag_ros:result:"):

@@ -111,6 +111,7 @@ def report_document_of(material: Material) -> dict[str, Any]:
         "summary": {
             "headline": lead.headline,
             "sentences": list(lead.sentences),
+            "recording": [flaw.as_dict() for flaw in material.report.recording],
             **_known(asdict(judged)),
             "single_errors": [_known(asdict(one)) for one in material.single_errors],
             "what_to_do": what_to_do(material, judged),

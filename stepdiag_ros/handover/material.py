@@ -77,6 +77,7 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
         simulated=True if recorded.simulated_cell else None,
         measurement=recorded.measurement,
         passes=completeness_of(recorded, recorded.measurement),
+        recording=recorded.flaws,
     )
 
 

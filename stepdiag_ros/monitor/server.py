@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.intake import parse_json
 from stepdiag_ros.monitor.access import Access
 from stepdiag_ros.monitor.control import ACTIONS, Answer, Ask
 from stepdiag_ros.monitor.state import State
@@ -243,7 +244,8 @@ class MonitorServer:
         """Send updates until the viewer goes or stalls."""
         offer = self._offer
         try:
-            first = await asyncio.wait_for(socket.receive_json(), TOKEN_LIMIT)
+            text = await asyncio.wait_for(socket.receive_str(), TOKEN_LIMIT)
+            first = parse_json(text, "what the page has sent")
             token = str(first.get("token", "")) if isinstance(first, dict) else ""
         except (asyncio.TimeoutError, TypeError, ValueError):
             await socket.close()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -85,6 +86,7 @@ def build_report(
     remarks: tuple[str, ...] = (),
     verdict: Verdict | None = None,
     passes: Completeness | None = None,
+    recording: tuple[Flaw, ...] = (),
 ) -> Report:
     """Solve a measurement by every method that its lines are enough for, and gather the report.
 
@@ -104,6 +106,7 @@ def build_report(
         remarks: about the run as a whole.
         verdict: of a diagnosis of these lines; None if they were not diagnosed.
         passes: how much of the plan was measured; None if that is not known.
+        recording: what is wrong with the recording.
 
     Raises:
         ValueError: there is no line, or the lines contradict each other or the volume.
@@ -140,4 +143,5 @@ def build_report(
         remarks=(*remarks, *more),
         verdict=verdict or Verdict(),
         passes=passes,
+        recording=recording,
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -101,6 +102,7 @@ class Report:
         remarks: about the run as a whole, in words.
         verdict: of a diagnosis of these lines, or why there is none.
         passes: how much of the plan was measured; None if that is not known.
+        recording: what is wrong with the recording: missing, doubled, out of order.
     """
 
     results: tuple[VolumetricErrors, ...]
@@ -119,6 +121,7 @@ class Report:
     remarks: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
     passes: Completeness | None = None
+    recording: tuple[Flaw, ...] = ()
 
     def ordered_results(self) -> tuple[VolumetricErrors, ...]:
         """Return the results in the order in which they are shown."""

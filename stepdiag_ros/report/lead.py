@@ -1,8 +1,9 @@
 """What is said first of a run, wherever it is shown: one lead for terminal, page and documents.
 
-First what decides whether the errors may be used at all: whether the run is complete, what the
-diagnosis says, whether the errors explain the readings, what is unknown. Only then how large the
-errors are. What to do next follows from the same.
+First what decides whether the errors may be used at all: whether the recording holds what was
+recorded, whether the run is complete, what the diagnosis says, whether the errors explain the
+readings, what is unknown. Only then how large the errors are. What to do next follows from the
+same.
 """
 
 import math
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
@@ -45,6 +47,7 @@ class RunLead:
         directions: of the lines that were measured.
         as_zero: names of the rotations that were taken as zero.
         told_elsewhere: those of them that another method tells.
+        recording: what is wrong with the recording: missing, doubled, out of order.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -62,6 +65,7 @@ class RunLead:
     directions: tuple[str, ...] = ()
     as_zero: tuple[str, ...] = ()
     told_elsewhere: tuple[str, ...] = ()
+    recording: tuple[Flaw, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -90,6 +94,7 @@ def lead_of(
             solved=False,
             unknown=(*TRANSLATIONS, *SQUARENESS),
             remedy=_remedy(measurement, report.passes),
+            recording=report.recording,
         )
     rotating = any(name in result.curves for name in ROTATIONS)
     if accuracy is None and (report.chain or not rotating):
@@ -109,6 +114,7 @@ def lead_of(
     return RunLead(
         verdict=report.verdict,
         passes=report.passes,
+        recording=report.recording,
         bag=report.bag,
         solved=True,
         misfit=misfit(result, measurement),

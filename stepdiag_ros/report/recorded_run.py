@@ -9,8 +9,10 @@ import numpy as np
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.passes import completeness_of
 from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.intake import refusals_of
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.direct import DirectMeasurement
@@ -77,7 +79,27 @@ def report_of_run(
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
     """
     require_standing_beam(recorded)
-    measured, remark = measurement_of(recorded, recorded_lines, progress, air, warn)
+    with refusals_of(recorded.path):
+        return _report_of_run(
+            *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
+            *(with_verdict, direct, rotation),
+        )
+
+
+def _report_of_run(
+    recorded: RecordedRun,
+    progress: Callable[[float], None],
+    recorded_lines: bool,
+    truth: Path | None,
+    correct: Correct | None,
+    with_visibility: bool,
+    air: AirChoice | None,
+    warn: Callable[[str], None],
+    with_verdict: bool,
+    direct: DirectMeasurement | None,
+    rotation: float | None,
+) -> Report:
+    measured, remark, flaws = _measured(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
     measurement = replace(measurement, direct=direct)
     if rotation is not None:
@@ -112,6 +134,7 @@ def report_of_run(
         ),
         verdict=verdict_on(measurement) if with_verdict and measurement.lines else None,
         passes=completeness_of(recorded, measurement),
+        recording=flaws,
     )
 
 
@@ -200,27 +223,48 @@ def measurement_of(
     Raises:
         ValueError: they are to be compensated anew, and there is nothing to do it with.
     """
+    with refusals_of(recorded.path):
+        return _measured(recorded, recorded_lines, progress, air, warn)[:2]
+
+
+def _measured(
+    recorded: RecordedRun,
+    recorded_lines: bool,
+    progress: Callable[[float], None],
+    air: AirChoice | None,
+    warn: Callable[[str], None],
+) -> tuple[Measurement, str, tuple[Flaw, ...]]:
+    """Return lines, words on them, and what is wrong with the recording; see ``measurement_of``."""
+    flaws = recorded.flaws
+    for flaw in flaws:
+        warn(flaw.sentence)
     readings = _Counted(recorded, progress)
     if air is not None:
-        return _compensated_anew(recorded, recorded_lines, readings, air)
+        return (*_compensated_anew(recorded, recorded_lines, readings, air), flaws)
     if recorded_lines or not recorded.commands:
-        return recorded.measurement, "solved from the lines as recorded"
+        return recorded.measurement, "solved from the lines as recorded", flaws
     events = assemble(
         recorded.plan, recorded.start_time, recorded.commands, recorded.arrivals, readings
     )
     if not readings.count:
-        return recorded.measurement, "solved from the lines as recorded: the bag has no readings"
+        words = "solved from the lines as recorded: the bag has no readings"
+        return recorded.measurement, words, flaws
     lines = tuple(event for event in events if isinstance(event, MeasuredLine))
     if recorded.begun_late:
-        return recorded.measurement, _late(recorded.lines, lines, readings.count)
+        return recorded.measurement, _late(recorded.lines, lines, readings.count), flaws
     if _same_lines(lines, recorded.lines):
         comparison = "the same lines to the last bit as recorded"
     else:
         comparison = "NOT the same lines as recorded"
-        warn(f"{recorded.path}: the lines assembled from the readings differ from those recorded")
+        differs = (
+            f"{recorded.path}: the lines assembled from the readings differ from those recorded"
+        )
+        flaws = (*flaws, Flaw("different", f"{differs}."))
+        warn(differs)
     return (
         replace(recorded.measurement, lines=latest_attempts(lines)),
         f"assembled again from {readings.count} readings: {comparison}",
+        flaws,
     )
 
 

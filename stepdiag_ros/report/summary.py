@@ -53,8 +53,9 @@ def sentences_of(lead: RunLead) -> list[str]:
 
 
 def deciding_sentences(lead: RunLead) -> list[str]:
-    """Say what decides whether the errors may be used: run, verdict, misfit, what is unknown."""
-    said = [] if lead.passes is None else incomplete_sentences(lead.passes)
+    """Say what decides whether errors may be used: recording, run, verdict, misfit, unknown."""
+    said = [flaw.sentence for flaw in lead.recording]
+    said += [] if lead.passes is None else incomplete_sentences(lead.passes)
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -121,6 +122,7 @@ def lead_document(lead: RunLead) -> dict[str, Any]:
     """Return the lead as a document of the schema ``lead``: SI, unknown is null."""
     passes, volume = lead.passes, lead.volume
     content = {
+        "recording": [flaw.as_dict() for flaw in lead.recording],
         "verdict": {
             "name": lead.verdict.name,
             "sentence": lead.verdict.sentence,
@@ -283,7 +285,13 @@ def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:
 
 def _compensation(lead: RunLead) -> list[tuple[str, str]]:
     """Propose tables only where the run is complete and nothing acts that they do not hold."""
-    trusted = lead.whole and not lead.unknown and not lead.noise and lead.misfit is Misfit.NONE
+    trusted = (
+        lead.whole
+        and not lead.recording
+        and not lead.unknown
+        and not lead.noise
+        and lead.misfit is Misfit.NONE
+    )
     if not lead.solved or not trusted:
         return []
     if lead.verdict.name == CONSISTENT:

@@ -267,3 +267,16 @@ def test_a_port_that_is_taken_is_said_in_one_sentence():
 def test_the_messages_are_plain_json():
     _, text = State().update()
     assert json.loads(text) and "NaN" not in text
+
+
+@pytest.mark.parametrize("text", ["[" * 4000, '{"a":' * 800, "[" * 2**16, "nonsense"])
+def test_what_is_no_greeting_closes_the_socket_and_nothing_is_logged(text, caplog):
+    async def talk(client):
+        async with client.ws_connect("/live") as viewer:
+            await viewer.send_str(text)
+            return await asyncio.wait_for(viewer.receive(), 20.0)
+
+    with Served() as served:
+        answer = visit(served, talk)
+    assert answer.type is aiohttp.WSMsgType.CLOSE
+    assert not [one for one in caplog.records if one.levelname == "ERROR"]

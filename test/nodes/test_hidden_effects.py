@@ -8,7 +8,8 @@ import yaml
 
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.configuration import find, load_cell, parse_yaml
+from stepdiag_ros.configuration import find, load_cell
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import read_again

@@ -13,7 +13,8 @@ import numpy as np
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import Imported
 from stepdiag_ros.bags.table_plan import plan_mapping, yaml_text
-from stepdiag_ros.configuration import parse_yaml, plan_from_text
+from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.measurement import MeasuredLine
 
 _NO_TIMES = (

@@ -36,6 +36,7 @@ from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
 from stepdiag_ros.devices.line_protocol_talk import CONNECT_WITHIN, SECOND
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
+from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
 
@@ -232,7 +233,7 @@ class Ids3010:
             ValueError: it is no answer.
         """
         try:
-            answer = json.loads(line)
+            answer = parse_json(line.decode(), "the answer")
         except ValueError:
             raise ValueError(f"the IDS answers {line[:60]!r}, which is no JSON") from None
         if not isinstance(answer, dict):

@@ -6,12 +6,12 @@ from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
-import yaml
 
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
@@ -52,7 +52,7 @@ def _end(material: Material) -> int:
 def _parameters(material: Material, node: str) -> Mapping[str, Any]:
     """Return the parameters of a node in the run; empty where the bag does not tell them."""
     text = "" if material.header is None else material.header.parameters
-    parsed = yaml.safe_load(text) if text else None
+    parsed = parse_yaml(text, f"{material.recorded.path}: parameters") if text else None
     found = parsed.get(f"/{node}") if isinstance(parsed, Mapping) else None
     return found if isinstance(found, Mapping) else {}
 
