@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 _NOTHING = 1e-6
@@ -128,8 +129,10 @@ def common_figures(
 
     Squareness (rad) is the right-handed rotation, see ``forward.SQUARENESS_DEFINITIONS`` for the
     other sign. The uncertainty of a straightness is that of the difference between the two nodes
-    where the deviation is largest and smallest. ``diagonal ppp`` is the error of the displacement
-    over the whole body diagonal (ISO 230-6), m, given for the step diagonals among ``lines``.
+    where the deviation is largest and smallest, and of the excess that comes with choosing these
+    two (``ranges``); the same holds for the ranges below. ``diagonal ppp`` is the error of the
+    displacement over the whole body diagonal (ISO 230-6), m, given for the step diagonals among
+    ``lines``.
 
     Where the estimate holds rotations, ``angular E_AX`` and its like are their ranges (rad),
     ``angular-shape E_AX`` and its like those of the deviations from their least-squares lines,
@@ -156,28 +159,27 @@ def common_figures(
     for letter in AXES:
         add(f"positioning E_{letter}{letter}", "m")[place[f"E_{letter}{letter}"]][-1] = 1.0
     flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
-    shapes: dict[str, bool] = {}
+    excess: dict[str, float] = {}
+    undetermined: set[str] = set()
+
+    def add_range(name: str, unit: str, curve: str, matrix: Vector) -> None:
+        """Add the largest minus the smallest value of a matrix times a curve."""
+        here = place[curve]
+        values = matrix @ estimate.values[here]
+        add(name, unit)[here] = matrix[np.argmax(values)] - matrix[np.argmin(values)]
+        covariance = matrix @ estimate.covariance[here, here] @ matrix.T
+        excess[name] = range_excess(values, covariance)
+        if not shape_determined(estimate, matrix, here):
+            undetermined.add(name)
+
     for curve in TRANSLATIONS:
-        if curve[2] == curve[3]:
-            continue
-        matrix = flatten[moving_axis(curve)]
-        deviation = matrix @ estimate.values[place[curve]]
-        row = add(f"straightness {curve}", "m")
-        row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
-        shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
-    known = estimate.curves_determined()
+        if curve[2] != curve[3]:
+            add_range(f"straightness {curve}", "m", curve, flatten[moving_axis(curve)])
     for curve in estimate.names:
         if curve in ROTATIONS and (shown is None or curve in shown):
-            values = estimate.values[place[curve]]
-            row = add(f"angular {curve}", "rad")[place[curve]]
-            row[np.argmax(values)] += 1.0
-            row[np.argmin(values)] -= 1.0
-            shapes[names[-1]] = bool(np.all(known[place[curve]]))
-            matrix = flatten[moving_axis(curve)]
-            deviation = matrix @ values
-            row = add(f"angular-shape {curve}", "rad")
-            row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
-            shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
+            axis = moving_axis(curve)
+            add_range(f"angular {curve}", "rad", curve, np.eye(len(nodes[axis])))
+            add_range(f"angular-shape {curve}", "rad", curve, flatten[axis])
     for line in BODY_DIAGONALS:
         if line in lines:
             row = add(f"diagonal {line}", "m")
@@ -188,9 +190,10 @@ def common_figures(
     values, uncertainties = estimate.evaluate(np.array(rows))
     made = []
     for name, unit, value, uncertainty in zip(names, units, values, uncertainties, strict=True):
-        if not shapes.get(name, True):
+        if name in undetermined:
             value, uncertainty = np.nan, np.nan
-        made.append(Figure(name, float(value), float(uncertainty), unit))
+        whole = np.hypot(uncertainty, excess.get(name, 0.0))
+        made.append(Figure(name, float(value), float(whole), unit))
     return tuple(made)
 
 
