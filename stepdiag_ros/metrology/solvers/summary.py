@@ -8,6 +8,7 @@ the last node; an angular error motion is the largest minus the smallest value (
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +119,74 @@ def slope_weights(nodes: Vector) -> Vector:
     return weights
 
 
+class Functional(NamedTuple):
+    """A figure as weights on the stacked curves.
+
+    Attributes:
+        name: of the figure.
+        unit: ``m`` or ``rad``.
+        weights: whose product with the stacked curves is the figure, shape (c(N+1),).
+        curve: whose range it is; empty if it is none.
+        matrix: from that curve to the values whose range it is, shape (N+1, N+1).
+    """
+
+    name: str
+    unit: str
+    weights: Vector
+    curve: str = ""
+    matrix: Vector = np.zeros((0, 0))
+
+
+def functionals(
+    volume: Volume,
+    estimate: CurveEstimate,
+    lines: Sequence[str],
+    chain: str = "",
+    shown: Sequence[str] | None = None,
+) -> tuple[Functional, ...]:
+    """Return the figures of ``common_figures`` as weights on the curves.
+
+    A range is that between the two nodes at which the estimate is largest and smallest.
+    """
+    nodes = [volume.nodes(axis) for axis in range(3)]
+    flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
+    made: list[Functional] = []
+
+    def add(name: str, unit: str) -> Vector:
+        made.append(Functional(name, unit, np.zeros(len(estimate.values))))
+        return made[-1].weights
+
+    def add_range(name: str, unit: str, curve: str, matrix: Vector) -> None:
+        values = matrix @ estimate.values[estimate.place(curve)]
+        row = add(name, unit)
+        row[estimate.place(curve)] = matrix[np.argmax(values)] - matrix[np.argmin(values)]
+        made[-1] = made[-1]._replace(curve=curve, matrix=matrix)
+
+    for name, (factor, pair) in SQUARENESS_SLOPES.items():
+        row = add(name, "rad")
+        for curve in pair:
+            row[estimate.place(curve)] = factor * slope_weights(nodes[moving_axis(curve)])
+    for letter in AXES:
+        curve = f"E_{letter}{letter}"
+        add(f"positioning {curve}", "m")[estimate.place(curve)][-1] = 1.0
+    for curve in TRANSLATIONS:
+        if curve[2] != curve[3]:
+            add_range(f"straightness {curve}", "m", curve, flatten[moving_axis(curve)])
+    for curve in estimate.names:
+        if curve in ROTATIONS and (shown is None or curve in shown):
+            axis = moving_axis(curve)
+            add_range(f"angular {curve}", "rad", curve, np.eye(len(nodes[axis])))
+            add_range(f"angular-shape {curve}", "rad", curve, flatten[axis])
+    for line in BODY_DIAGONALS:
+        if line in lines:
+            row = add(f"diagonal {line}", "m")
+            for curve in estimate.names:
+                start, end = _end_weights(curve, line, volume, chain)
+                forth = line_signs(line)[moving_axis(curve)] > 0
+                row[estimate.place(curve)][[0, -1]] = (start, end) if forth else (end, start)
+    return tuple(made)
+
+
 def common_figures(
     volume: Volume,
     estimate: CurveEstimate,
@@ -140,60 +209,18 @@ def common_figures(
     of the rotations in it, which need the ``chain``. ``shown`` leaves out the angular figures of
     other curves than these.
     """
-    nodes = [volume.nodes(axis) for axis in range(3)]
-    place = {name: estimate.place(name) for name in estimate.names}
-    names: list[str] = []
-    units: list[str] = []
-    rows: list[Vector] = []
-
-    def add(name: str, unit: str) -> Vector:
-        names.append(name)
-        units.append(unit)
-        rows.append(np.zeros(len(estimate.values)))
-        return rows[-1]
-
-    for name, (factor, pair) in SQUARENESS_SLOPES.items():
-        row = add(name, "rad")
-        for curve in pair:
-            row[place[curve]] = factor * slope_weights(nodes[moving_axis(curve)])
-    for letter in AXES:
-        add(f"positioning E_{letter}{letter}", "m")[place[f"E_{letter}{letter}"]][-1] = 1.0
-    flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
-    excess: dict[str, float] = {}
-    undetermined: set[str] = set()
-
-    def add_range(name: str, unit: str, curve: str, matrix: Vector) -> None:
-        """Add the largest minus the smallest value of a matrix times a curve."""
-        here = place[curve]
-        values = matrix @ estimate.values[here]
-        add(name, unit)[here] = matrix[np.argmax(values)] - matrix[np.argmin(values)]
-        covariance = matrix @ estimate.covariance[here, here] @ matrix.T
-        excess[name] = range_excess(values, covariance)
-        if not shape_determined(estimate, matrix, here):
-            undetermined.add(name)
-
-    for curve in TRANSLATIONS:
-        if curve[2] != curve[3]:
-            add_range(f"straightness {curve}", "m", curve, flatten[moving_axis(curve)])
-    for curve in estimate.names:
-        if curve in ROTATIONS and (shown is None or curve in shown):
-            axis = moving_axis(curve)
-            add_range(f"angular {curve}", "rad", curve, np.eye(len(nodes[axis])))
-            add_range(f"angular-shape {curve}", "rad", curve, flatten[axis])
-    for line in BODY_DIAGONALS:
-        if line in lines:
-            row = add(f"diagonal {line}", "m")
-            for curve in estimate.names:
-                start, end = _end_weights(curve, line, volume, chain)
-                forth = line_signs(line)[moving_axis(curve)] > 0
-                row[place[curve]][[0, -1]] = (start, end) if forth else (end, start)
-    values, uncertainties = estimate.evaluate(np.array(rows))
+    asked = functionals(volume, estimate, lines, chain, shown)
+    values, uncertainties = estimate.evaluate(np.array([one.weights for one in asked]))
     made = []
-    for name, unit, value, uncertainty in zip(names, units, values, uncertainties, strict=True):
-        if name in undetermined:
-            value, uncertainty = np.nan, np.nan
-        whole = np.hypot(uncertainty, excess.get(name, 0.0))
-        made.append(Figure(name, float(value), float(whole), unit))
+    for one, value, uncertainty in zip(asked, values, uncertainties, strict=True):
+        if one.curve:
+            here = estimate.place(one.curve)
+            if not shape_determined(estimate, one.matrix, here):
+                value, uncertainty = np.nan, np.nan
+            covariance = one.matrix @ estimate.covariance[here, here] @ one.matrix.T
+            excess = range_excess(one.matrix @ estimate.values[here], covariance)
+            uncertainty = np.hypot(uncertainty, excess)
+        made.append(Figure(one.name, float(value), float(uncertainty), one.unit))
     return tuple(made)
 
 
