@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
 
-from stepdiag_ros.metrology.agreement.measured import figure_weights, with_curves
+from stepdiag_ros.metrology.agreement.measured import Measured, figure_weights, with_curves
+from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sources
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 
@@ -45,3 +46,22 @@ def test_unknown_curves_leave_no_weights(result):
     curves = {**result.curves, "E_ZX": np.full_like(result.curves["E_ZX"], np.nan)}
     weights = figure_weights(replace(result, curves=curves), ["straightness E_ZX", "C0Y"], "YXZ")
     assert not np.any(weights[0]) and np.any(weights[1])
+
+
+def test_no_difference_of_two_measurements_is_certain(result):
+    measured = simulate(make_plan(), make_cell())
+    rng = np.random.default_rng(0)
+    size = len(result.covariance)
+    both = []
+    for scale in (1.0, 9.0):
+        root = 1e-7 * np.sqrt(scale) * rng.standard_normal((size, 4))
+        whole = result.readings_covariance + root @ root.T
+        both.append(Measured(replace(result, covariance=whole), "YXZ", measured))
+    shared = cross_covariance(both[0], both[1], shared_sources(both[0], both[1], True))
+    assert np.any(shared)
+    for _ in range(50):
+        one, other = rng.standard_normal((2, size))
+        left, right = (
+            row @ each.result.covariance @ row for row, each in zip((one, other), both, strict=True)
+        )
+        assert left + right - 2.0 * one @ shared @ other > 0.0
