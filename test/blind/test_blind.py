@@ -1,9 +1,14 @@
 """A small run of the blind test; the whole is benchmarks/blind.py, its results docs/blind.md."""
 
 import pytest
+from blind_cases import draw_case, write_case
 from blind_figures import as_table, confusion, figures, missed
 from blind_harness import SCALED
 from blind_schedule import blind_test
+
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.bags.table import import_table
+from stepdiag_ros.metrology.discrepancy import CONSISTENT, diagnose
 
 LARGEST = 700
 """Readings of a run: few, so that all cases take seconds."""
@@ -71,3 +76,14 @@ def test_sizes_are_told_in_the_workflow_s_own_limits(judged):
     ratios = [ratio for truth in scaled for ratio in truth["limit_over_yardstick"]]
     # Both say what stands out of the noise of this plan; they differ by the look-elsewhere effect.
     assert all(0.5 < ratio < 2.0 for ratio in ratios)
+
+
+@pytest.mark.parametrize("seed", [95, 159, 589])
+def test_few_passes_that_scatter_by_chance_like_an_effect_name_none(seed, tmp_path):
+    """Rare nulls: seven zeros lie like three drifts, six like a swing, noise like turning axes."""
+    case = draw_case("none", seed, largest=900)
+    assert case.wander > 0.0
+    folder = write_case(tmp_path / "case", case, ())
+    bag = tmp_path / "run.mcap"
+    import_table(folder / "run.csv", folder / "case.yaml", bag)
+    assert diagnose(load_run(bag).measurement).verdict == CONSISTENT

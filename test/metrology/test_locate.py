@@ -114,6 +114,8 @@ def test_a_swing_is_told_with_its_direction_and_about_its_period(quiet):
     assert look.place == "whole passes, as far as they go along Y"
     assert look.with_what.startswith("swinging with a period of about ")
     assert float(look.with_what.split()[-2]) == pytest.approx(91.0, rel=0.15)
+    # Sine and cosine: as many values as had to be fitted.
+    assert look.columns == 2
 
 
 def test_two_places_are_told_one_after_another(quiet):

@@ -37,6 +37,26 @@ def test_a_zero_that_scatters_from_pass_to_pass_is_no_effect(seed):
     assert found.loose.rotation == 0.0
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("repeats", "directions"), [(2, BOTH[:1]), (1, BOTH)])
+def test_few_passes_that_scatter_are_no_effect_either(seed, repeats, directions):
+    # Seven passes that repeat another one: several drifts or a swing can be laid through them.
+    plan = make_plan(7, repeats=repeats, directions=directions)
+    run = wandering(simulate(plan, make_cell(seed=seed, high=(0.07,) * 3), seed), 0.15e-6, seed)
+    assert diagnose(run).verdict == CONSISTENT
+
+
+@pytest.mark.parametrize("repeats", [2, 3])
+def test_a_drift_stays_a_drift_where_the_passes_tell_it_from_scatter(repeats):
+    plan = make_plan(7, repeats=repeats, directions=BOTH)
+    run = simulate(plan, make_cell(high=(0.07,) * 3), 1)
+    stops = stops_of(run)
+    drift = ActiveEffect(catalogue()["drift"], {"along": "X"}, {"m_per_s": 1.5e-6 / stops.duration})
+    found = diagnose(with_change(run, drift.readings(stops)))
+    assert found.findings, found.sentence
+    assert all("drift along X" in (one.label, *one.ambiguous) for one in found.findings)
+
+
 def test_an_effect_stands_out_from_a_zero_that_scatters():
     plan = make_plan(7, repeats=3, directions=BOTH)
     run = wandering(simulate(plan, make_cell(high=(0.07,) * 3), 1), 0.15e-6, 1)

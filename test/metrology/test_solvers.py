@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import NotDeterminable, solve, solve_all
 from stepdiag_ros.metrology.solvers.monte_carlo import METHODS, replicate
 from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line
 
 
@@ -341,7 +342,8 @@ def test_figures_follow_their_definitions():
     row = matrix[high] - matrix[low]
     size = len(x)
     block = result.covariance[2 * size : 3 * size, 2 * size : 3 * size]
-    assert found.standard_uncertainty == pytest.approx(np.sqrt(row @ block @ row))
+    excess = range_excess(bend, matrix @ block @ matrix.T)
+    assert found.standard_uncertainty == pytest.approx(np.hypot(np.sqrt(row @ block @ row), excess))
     assert result.figure("positioning E_YY").value == result.curves["E_YY"][-1]
     direction = beam_direction("npp", np.array(measured.volume.step))
     ends = {n: curve[-1] for n, curve in result.curves.items()}

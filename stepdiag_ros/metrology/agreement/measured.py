@@ -20,14 +20,12 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
+from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures, functionals
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.volumetric_map import EDGE
 
 _COMPARED = ("positioning", "straightness", "angular", "angular-shape", "diagonal")
 """First words of the figures that belong to the machine; a tilt belongs to a setup."""
-_CHANGE = 1e-9
-"""m or rad: as small as it must be not to move the nodes between which a straightness is taken."""
 
 
 @dataclass(frozen=True)
@@ -192,21 +190,13 @@ def figures_of(result: VolumetricErrors, lines: Sequence[str], chain: str) -> tu
         lines: names of the measured body diagonals.
         chain: order of the machine's axes; empty if not known.
     """
-    values = np.concatenate(list(result.curves.values()))
-    known = np.isfinite(values)
-    estimate = CurveEstimate(
-        np.nan_to_num(values),
-        np.where(known[:, None] & known, result.covariance, 0.0),
-        np.eye(len(values))[:, ~known],
-        tuple(result.curves),
-    )
-    return common_figures(volume_of(result), estimate, lines, chain)
+    return common_figures(volume_of(result), _estimate(result), lines, chain)
 
 
 def figure_weights(result: VolumetricErrors, names: Sequence[str], chain: str) -> Vector:
     """Return the derivatives of figures by the stacked curves, shape (figures, k).
 
-    By changing one value after the other, so that every figure is defined in one place.
+    Zero for a figure that is known though the curves that it is made of are not.
 
     Args:
         result: the curves.
@@ -214,21 +204,22 @@ def figure_weights(result: VolumetricErrors, names: Sequence[str], chain: str) -
         chain: order of the machine's axes; empty if not known.
     """
     lines = [name.partition(" ")[2] for name in names if name.startswith("diagonal")]
+    estimate = _estimate(result)
+    known = estimate.curves_determined()
+    every = functionals(volume_of(result), estimate, lines, chain)
+    told = {one.name: one.weights for one in every}
+    return np.array([told[name] * (not np.any(told[name][~known])) for name in names])
+
+
+def _estimate(result: VolumetricErrors) -> CurveEstimate:
     values = np.concatenate(list(result.curves.values()))
-    nothing = np.zeros((values.size, values.size))
-
-    def evaluated(stacked: Vector) -> Vector:
-        made = figures_of(replace(with_curves(result, stacked), covariance=nothing), lines, chain)
-        told = {figure.name: figure.value for figure in made}
-        return np.array([told[name] for name in names])
-
-    start = evaluated(values)
-    weights = np.zeros((len(names), values.size))
-    for place in np.flatnonzero(np.isfinite(values)):
-        changed = values.copy()
-        changed[place] += _CHANGE
-        weights[:, place] = np.nan_to_num((evaluated(changed) - start) / _CHANGE)
-    return weights
+    known = np.isfinite(values)
+    return CurveEstimate(
+        np.nan_to_num(values),
+        np.where(known[:, None] & known, result.covariance, 0.0),
+        np.eye(len(values))[:, ~known],
+        tuple(result.curves),
+    )
 
 
 def with_curves(result: VolumetricErrors, stacked: Vector) -> VolumetricErrors:

@@ -55,6 +55,8 @@ def _of_rotations(before: Measured, after: Measured) -> Vector | None:
 
     None where that is nothing, or not known.
     The same lines, moved in the same orders and solved by the same method, turn it into the same.
+    Where the two tell other sizes of the rotations, it is the product of the square roots of both:
+    their mean could make a difference of two ranges, each between nodes of its own, certain.
     """
     parts = []
     for one in (before, after):
@@ -66,7 +68,15 @@ def _of_rotations(before: Measured, after: Measured) -> Vector | None:
     alike = lines[0] and lines[0] == lines[1] and parts[0].shape == parts[1].shape
     if not alike or not all(map(np.any, parts)):
         return None
-    return 0.5 * (parts[0] + parts[1])
+    made: Vector = _root(parts[0]) @ _root(parts[1])
+    return made
+
+
+def _root(covariance: Vector) -> Vector:
+    """Return the symmetric square root of a covariance."""
+    variances, vectors = np.linalg.eigh(covariance)
+    root: Vector = (vectors * np.sqrt(np.maximum(variances, 0.0))) @ vectors.T
+    return root
 
 
 def _lines(measured: Measured) -> tuple[object, ...]:

@@ -313,6 +313,20 @@ class Whitened:
         made: Vector = pulled / (self.noise * self.baseline.weight[:, None])
         return made
 
+    def slowness(self, units: Vector) -> Vector:
+        """Return by what share a memory larger by one makes the square in each column larger.
+
+        Args:
+            units: columns of unit length, whitened, shape (rows, k).
+
+        Returns:
+            shape (k,): from -2 for what alternates from stop to stop to 2 for what is slow.
+        """
+        passes = self.baseline.passes
+        follows = np.flatnonzero(passes[1:] == passes[:-1]) + 1
+        slow: Vector = 2.0 * np.sum(units[follows] * units[follows - 1], axis=0)
+        return slow
+
     def readings(self, values: Vector) -> Vector:
         """Return whitened values as values of the readings again, m, shape (n,)."""
         plain = values[: len(self.baseline.gap)].copy()

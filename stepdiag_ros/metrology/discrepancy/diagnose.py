@@ -55,6 +55,9 @@ from stepdiag_ros.metrology.measurement import Measurement
 
 _GROSS_LEVEL = 1e-6
 """A line under a wrong name is far off."""
+_NEEDLESS = 1e4
+"""Odds for rotations in a run that agrees without them. Where no axis turns, odds of K come up in
+no more than one run in K."""
 _SAME_NOISE = 0.03
 _SAME_CORRELATION = 0.05
 _PASSES = 3
@@ -249,7 +252,9 @@ class _Run:
     def _scattering(self, result: _Result) -> _Result:
         """Return the run with a zero that scatters instead of effects, if that is likelier.
 
-        Several slow effects together can imitate the scatter of a few passes.
+        Several slow effects together can imitate the scatter of a few passes. Every workshop has
+        such a scatter; effects in its place have to be clearly likelier, and each of them is one
+        out of all that were tried.
         """
         if not result.selection.chosen:
             return result
@@ -259,8 +264,9 @@ class _Run:
         if wander == Loose():
             return result
         other = self.once(result.noise, replace(wander, rotation=none.rotation))
-        evidence = wander_evidence(problem, self.stops, wander) + other.selection.evidence
-        return other if evidence > result.selection.evidence else result
+        evidence = wander_evidence(problem, self.stops) + other.selection.weighed
+        ahead = result.selection.weighed - evidence
+        return result if ahead > np.log(EVIDENCE_RATIO) else other
 
 
 def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
@@ -274,8 +280,8 @@ def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
 def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) -> Diagnosis:
     """Weigh rotations of all axes at once against the effects that were chosen without them.
 
-    Both ways are compared by their evidence with the same noise. Rotations have one size, which is
-    paid for as any other, and beside them effects are looked for as without them.
+    Both ways are compared by their evidence with the same noise. That of rotations is averaged over
+    their sizes, and beside them effects are looked for as without them.
     """
     run.tell("weighing rotations of all axes")
     freedom = result.noise.freedom
@@ -287,11 +293,9 @@ def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) ->
     beside = judge_rotations(result.problem, run.stops, chosen, freedom, run.seed)
     if beside.p_value > FALSE_NAME_LEVEL:
         return diagnosis
-    price = 0.5 * np.log(len(result.problem.gap))
-    ahead = rotations.evidence - price + turned.selection.evidence - result.selection.evidence
+    ahead = rotations.evidence + turned.selection.evidence - result.selection.evidence
     explained = (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
-    # A run that agrees without rotations needs better odds to be said to show them.
-    margin = float(np.log(EVIDENCE_RATIO)) if diagnosis.verdict == verdicts.CONSISTENT else 0.0
+    margin = float(np.log(_NEEDLESS)) if diagnosis.verdict == verdicts.CONSISTENT else 0.0
     if ahead <= margin and diagnosis.verdict in explained:
         return beside_rotations(diagnosis, beside, float(ahead))
     turned = run.settled(turned, stated)

@@ -193,6 +193,7 @@ class Pattern:
         gain: what χ² loses by it.
         p_value: chance of so clear a pattern, of all that were tried, by noise alone.
         or_else: what else it may go with, or where else it may be, as far as this run tells.
+        columns: number of values that were fitted to the gap for it.
     """
 
     place: str
@@ -204,6 +205,7 @@ class Pattern:
     p_value: float
 
     or_else: tuple[str, ...] = ()
+    columns: int = 1
 
     @property
     def words(self) -> str:

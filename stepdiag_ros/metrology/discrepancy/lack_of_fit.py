@@ -80,8 +80,6 @@ class LackOfFitTest:
         self._problem = problem
         self._noise = noise
         self._pure = 0.0 if noise.source == STATED else noise.freedom
-        passes = problem.baseline.passes
-        self._follows = np.flatnonzero(passes[1:] == passes[:-1]) + 1
         self._shapes = {words: self._shape(columns) for words, columns in _shapes(stops)}
 
     @property
@@ -131,8 +129,7 @@ class LackOfFitTest:
             return _Shape(span, self._noise.freedom)
         # A memory larger by δ makes the mean square of the shape larger by slowness·δ; relative
         # variances add: 2/ν of the noise's square, 1/ν of its memory.
-        neighbours = float(np.sum(span[self._follows] * span[self._follows - 1]))
-        slowness = 2.0 * neighbours / span.shape[1]
+        slowness = float(np.mean(self._problem.slowness(span)))
         return _Shape(span, self._noise.freedom / (1.0 + 0.5 * slowness**2))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Loose
 from stepdiag_ros.metrology.discrepancy.patterns import TURNED, patterns
+from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plausible import ORDINARY, rotation_readings
@@ -142,38 +143,47 @@ def estimate_wander(
         return Loose()
     span = _span(_left(problem, _free(stops, candidates)))
     both = _span(np.column_stack([span, _left(problem, shared)]))
-    made = _Problem.of(problem, np.column_stack([zeros, slopes]), both)
-    evidence = {
-        (zero, slope): made.evidence(np.repeat([zero, slope], len(kinds)))
-        for zero in (0.0, *_WANDERS)
-        for slope in (0.0, *_WANDERS)
-    }
-    ordinary = [
-        one for one in evidence if one[0] <= LARGEST_WANDER and one[1] <= LARGEST_INCLINATION
-    ]
-    sizes = max(ordinary, key=lambda one: evidence[one])
+    evidence = _by_size(problem, stops, both)
+    sizes = max(filter(_ordinary, evidence), key=lambda one: evidence[one])
     best = evidence[sizes]
     gap = problem.gap - both @ (both.T @ problem.gap)
     if best < max(_WORTH, max(evidence.values()) - _WORTH):
         return Loose()
-    if _shape_evidence(problem, gap, both, stops, noise_freedom) > best:
+    # Every workshop has a scatter; what takes its place has to be clearly likelier.
+    shape = _shape_evidence(problem, gap, both, stops, noise_freedom)
+    if shape > best + np.log(EVIDENCE_RATIO):
         return Loose()
     wider = float(stdtrit(max(freedom, 3), _LEVEL) / ndtri(_LEVEL))
     return Loose(zero=wider * sizes[0], slope=wider * sizes[1])
 
 
-def wander_evidence(problem: Whitened, stops: Stops, loose: Loose) -> float:
-    """Return ln p of a scatter from pass to pass against that of none, nothing else being found.
+def wander_evidence(problem: Whitened, stops: Stops) -> float:
+    """Return ln p of an ordinary scatter from pass to pass against that of none.
+
+    Nothing else is taken as found. The scatter has the size that is likeliest, not the enlarged
+    one of ``estimate_wander``.
 
     Args:
         problem: whitened, without any scatter of passes in its baseline.
         stops: of the run.
-        loose: the scatter.
     """
+    found = _by_size(problem, stops, np.zeros((len(problem.gap), 0)))
+    return max(evidence for sizes, evidence in found.items() if _ordinary(sizes))
+
+
+def _by_size(problem: Whitened, stops: Stops, span: Vector) -> dict[tuple[float, float], float]:
+    """Return ln p of each scatter of zero and slope (m) beside a span, against that of none."""
     zeros, slopes = pass_shapes(stops)
-    nothing = np.zeros((len(problem.gap), 0))
-    made = _Problem.of(problem, np.column_stack([zeros, slopes]), nothing)
-    return made.evidence(np.repeat([loose.zero, loose.slope], zeros.shape[1]))
+    made = _Problem.of(problem, np.column_stack([zeros, slopes]), span)
+    return {
+        (zero, slope): made.evidence(np.repeat([zero, slope], zeros.shape[1]))
+        for zero in (0.0, *_WANDERS)
+        for slope in (0.0, *_WANDERS)
+    }
+
+
+def _ordinary(sizes: tuple[float, float]) -> bool:
+    return sizes[0] <= LARGEST_WANDER and sizes[1] <= LARGEST_INCLINATION
 
 
 def repeated_passes(stops: Stops) -> int:
@@ -211,7 +221,7 @@ def _shape_evidence(
         # Without repeats, the scatter of the passes is what the directions differ by.
         if one.with_what == TURNED and repeated[0] == repeated[1]:
             continue
-        total += 0.5 * (one.gain - max(len(one.lines), 1) * np.log(len(gap))) - _TRIED
+        total += 0.5 * (one.gain - one.columns * np.log(len(gap))) - _TRIED
         best = max(best, total)
     return best
 
@@ -231,7 +241,7 @@ class RotationTest:
     Attributes:
         size: of the rotations by the evidence, rad.
         standard_uncertainty: of that, rad.
-        evidence: ln p of it against that of no rotation.
+        evidence: ln p of rotations, averaged over all their sizes, against that of none.
         gain: what χ² loses by free rotations.
         columns: number of independent sums of rotations that the run shows.
         p_value: chance of such evidence where no axis turns.
@@ -262,10 +272,12 @@ def judge_rotations(
         seed: of the draws that tell what chance does.
     """
     span = _span(_left(problem, _free(stops, candidates)))
-    made = _Problem.of(problem, rotation_columns(stops), span)
+    columns = rotation_columns(stops)
+    made = _Problem.of(problem, columns, span)
     values, vectors = np.linalg.eigh(made.products)
     seen = values > _RANK_LIMIT * values[-1]
-    values, parts = values[seen], (vectors.T @ made.parts)[seen]
+    values, vectors = values[seen], vectors[:, seen]
+    parts = vectors.T @ made.parts
     sizes = ORDINARY.rotation * np.geomspace(1e-2, 30.0, _SIZES)
     spread = 1.0 + sizes[:, None] ** 2 * values
     share = sizes[:, None] ** 2 / spread
@@ -273,20 +285,28 @@ def judge_rotations(
     evidence = 0.5 * share @ parts**2 - cost
     best = int(np.argmax(evidence))
     rng = np.random.default_rng(seed)
-    # The noise of every draw is estimated as that of the run.
+    # Size and memory of every draw's noise are estimated as those of the run. An error of the
+    # memory makes all that is slow larger or smaller together, and rotations are slow.
+    left = _left(problem, columns)
+    units = (left - span @ (span.T @ left)) @ (vectors / np.sqrt(values))
+    memory = rng.standard_normal(_DRAWS) / np.sqrt(noise_freedom)
+    spread_by_memory = np.maximum(1.0 + np.outer(memory, problem.slowness(units)), 0.0)
     variance = rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
     draws = rng.standard_normal((_DRAWS, len(values))) ** 2 / variance[:, None]
+    draws *= spread_by_memory
     luck = np.max(0.5 * (draws * values) @ share.T - cost, axis=1)
-    weight = np.exp(evidence - evidence[best])
+    likeliest = float(evidence[best])
+    weight = np.exp(evidence - likeliest)
+    whole = likeliest + float(np.log(np.mean(weight)))
     weight /= np.sum(weight)
     mean = float(weight @ sizes)
     return RotationTest(
         size=float(sizes[best]),
         standard_uncertainty=float(np.sqrt(weight @ (sizes - mean) ** 2)),
-        evidence=float(evidence[best]),
+        evidence=whole,
         gain=float(np.sum(parts**2 / values)),
         columns=len(values),
-        p_value=_tail(luck, float(evidence[best])),
+        p_value=_tail(luck, likeliest),
     )
 
 

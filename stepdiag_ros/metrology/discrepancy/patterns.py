@@ -109,6 +109,7 @@ def patterns(
                 share=_share(gain, excess, problem.freedom),
                 gain=gain,
                 p_value=min(chance, 1.0),
+                columns=len(chosen),
             )
         )
         others = [_Found(trials[one], _lines(trials[one], scored[one][1], stops)) for one in alike]

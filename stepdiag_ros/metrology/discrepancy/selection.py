@@ -91,6 +91,17 @@ class Selection:
         """Return the evidence of the choice against none, comparable for one noise."""
         return self._evidence(self.chosen)
 
+    @property
+    def weighed(self) -> float:
+        """Return the evidence less what it costs that each effect is one of all that were tried.
+
+        Of choices with unlike numbers of effects, only this tells which is likelier: the more
+        effects are tried together, the better they fit by luck (Scott & Berger 2010, Annals of
+        Statistics 38, 2587).
+        """
+        tried = len({one.effect.name for one in self._found.candidates})
+        return self.evidence - len(self.chosen) * float(np.log(max(tried, 1)))
+
     def span(self) -> Vector:
         """Return orthonormal columns of the chosen candidates, shape (rows, k)."""
         return self._ranker.span(self.chosen)

@@ -36,6 +36,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
+from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.result import Figure, NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line
 
@@ -334,11 +335,12 @@ def _result(
 
 def _range(name: str, matrix: Vector, excess: Vector, noise: Vector) -> Figure:
     """Return the largest minus the smallest value of a curve that is ``matrix @ excess``."""
-    values = matrix @ excess
-    functional = matrix[np.argmax(values)] - matrix[np.argmin(values)]
-    return Figure(
-        name, float(functional @ excess), float(np.linalg.norm(functional * noise)), "rad"
+    values, spread = matrix @ excess, matrix * noise
+    high, low = np.argmax(values), np.argmin(values)
+    uncertainty = np.hypot(
+        np.linalg.norm(spread[high] - spread[low]), range_excess(values, spread @ spread.T)
     )
+    return Figure(name, float(values[high] - values[low]), float(uncertainty), "rad")
 
 
 def _remarks(volume: Volume, chain: str, noise: Vector) -> list[str]:

@@ -8,6 +8,7 @@ the last node; an angular error motion is the largest minus the smallest value (
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 _NOTHING = 1e-6
@@ -135,6 +137,74 @@ def slope_weights(nodes: Vector) -> Vector:
     return weights
 
 
+class Functional(NamedTuple):
+    """A figure as weights on the stacked curves.
+
+    Attributes:
+        name: of the figure.
+        unit: ``m`` or ``rad``.
+        weights: whose product with the stacked curves is the figure, shape (c(N+1),).
+        curve: whose range it is; empty if it is none.
+        matrix: from that curve to the values whose range it is, shape (N+1, N+1).
+    """
+
+    name: str
+    unit: str
+    weights: Vector
+    curve: str = ""
+    matrix: Vector = np.zeros((0, 0))
+
+
+def functionals(
+    volume: Volume,
+    estimate: CurveEstimate,
+    lines: Sequence[str],
+    chain: str = "",
+    shown: Sequence[str] | None = None,
+) -> tuple[Functional, ...]:
+    """Return the figures of ``common_figures`` as weights on the curves.
+
+    A range is that between the two nodes at which the estimate is largest and smallest.
+    """
+    nodes = [volume.nodes(axis) for axis in range(3)]
+    flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
+    made: list[Functional] = []
+
+    def add(name: str, unit: str) -> Vector:
+        made.append(Functional(name, unit, np.zeros(len(estimate.values))))
+        return made[-1].weights
+
+    def add_range(name: str, unit: str, curve: str, matrix: Vector) -> None:
+        values = matrix @ estimate.values[estimate.place(curve)]
+        row = add(name, unit)
+        row[estimate.place(curve)] = matrix[np.argmax(values)] - matrix[np.argmin(values)]
+        made[-1] = made[-1]._replace(curve=curve, matrix=matrix)
+
+    for name, (factor, pair) in SQUARENESS_SLOPES.items():
+        row = add(name, "rad")
+        for curve in pair:
+            row[estimate.place(curve)] = factor * slope_weights(nodes[moving_axis(curve)])
+    for letter in AXES:
+        curve = f"E_{letter}{letter}"
+        add(f"positioning {curve}", "m")[estimate.place(curve)][-1] = 1.0
+    for curve in TRANSLATIONS:
+        if curve[2] != curve[3]:
+            add_range(f"straightness {curve}", "m", curve, flatten[moving_axis(curve)])
+    for curve in estimate.names:
+        if curve in ROTATIONS and (shown is None or curve in shown):
+            axis = moving_axis(curve)
+            add_range(f"angular {curve}", "rad", curve, np.eye(len(nodes[axis])))
+            add_range(f"angular-shape {curve}", "rad", curve, flatten[axis])
+    for line in BODY_DIAGONALS:
+        if line in lines:
+            row = add(f"diagonal {line}", "m")
+            for curve in estimate.names:
+                start, end = _end_weights(curve, line, volume, chain)
+                forth = line_signs(line)[moving_axis(curve)] > 0
+                row[estimate.place(curve)][[0, -1]] = (start, end) if forth else (end, start)
+    return tuple(made)
+
+
 def common_figures(
     volume: Volume,
     estimate: CurveEstimate,
@@ -146,8 +216,10 @@ def common_figures(
 
     Squareness (rad) is the right-handed rotation, see ``forward.SQUARENESS_DEFINITIONS`` for the
     other sign. The uncertainty of a straightness is that of the difference between the two nodes
-    where the deviation is largest and smallest. ``diagonal ppp`` is the error of the displacement
-    over the whole body diagonal (ISO 230-6), m, given for the step diagonals among ``lines``.
+    where the deviation is largest and smallest, and of the excess that comes with choosing these
+    two (``ranges``); the same holds for the ranges below. ``diagonal ppp`` is the error of the
+    displacement over the whole body diagonal (ISO 230-6), m, given for the step diagonals among
+    ``lines``.
 
     Where the estimate holds rotations, ``angular E_AX`` and its like are their ranges (rad),
     ``angular-shape E_AX`` and its like those of the deviations from their least-squares lines,
@@ -155,60 +227,18 @@ def common_figures(
     of the rotations in it, which need the ``chain``. ``shown`` leaves out the angular figures of
     other curves than these.
     """
-    nodes = [volume.nodes(axis) for axis in range(3)]
-    place = {name: estimate.place(name) for name in estimate.names}
-    names: list[str] = []
-    units: list[str] = []
-    rows: list[Vector] = []
-
-    def add(name: str, unit: str) -> Vector:
-        names.append(name)
-        units.append(unit)
-        rows.append(np.zeros(len(estimate.values)))
-        return rows[-1]
-
-    for name, (factor, pair) in SQUARENESS_SLOPES.items():
-        row = add(name, "rad")
-        for curve in pair:
-            row[place[curve]] = factor * slope_weights(nodes[moving_axis(curve)])
-    for letter in AXES:
-        add(f"positioning E_{letter}{letter}", "m")[place[f"E_{letter}{letter}"]][-1] = 1.0
-    flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
-    shapes: dict[str, bool] = {}
-    for curve in TRANSLATIONS:
-        if curve[2] == curve[3]:
-            continue
-        matrix = flatten[moving_axis(curve)]
-        deviation = matrix @ estimate.values[place[curve]]
-        row = add(f"straightness {curve}", "m")
-        row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
-        shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
-    known = estimate.curves_determined()
-    for curve in estimate.names:
-        if curve in ROTATIONS and (shown is None or curve in shown):
-            values = estimate.values[place[curve]]
-            row = add(f"angular {curve}", "rad")[place[curve]]
-            row[np.argmax(values)] += 1.0
-            row[np.argmin(values)] -= 1.0
-            shapes[names[-1]] = bool(np.all(known[place[curve]]))
-            matrix = flatten[moving_axis(curve)]
-            deviation = matrix @ values
-            row = add(f"angular-shape {curve}", "rad")
-            row[place[curve]] = matrix[np.argmax(deviation)] - matrix[np.argmin(deviation)]
-            shapes[names[-1]] = shape_determined(estimate, matrix, place[curve])
-    for line in BODY_DIAGONALS:
-        if line in lines:
-            row = add(f"diagonal {line}", "m")
-            for curve in estimate.names:
-                start, end = _end_weights(curve, line, volume, chain)
-                forth = line_signs(line)[moving_axis(curve)] > 0
-                row[place[curve]][[0, -1]] = (start, end) if forth else (end, start)
-    values, uncertainties = estimate.evaluate(np.array(rows))
+    asked = functionals(volume, estimate, lines, chain, shown)
+    values, uncertainties = estimate.evaluate(np.array([one.weights for one in asked]))
     made = []
-    for name, unit, value, uncertainty in zip(names, units, values, uncertainties, strict=True):
-        if not shapes.get(name, True):
-            value, uncertainty = np.nan, np.nan
-        made.append(Figure(name, float(value), float(uncertainty), unit))
+    for one, value, uncertainty in zip(asked, values, uncertainties, strict=True):
+        if one.curve:
+            here = estimate.place(one.curve)
+            if not shape_determined(estimate, one.matrix, here):
+                value, uncertainty = np.nan, np.nan
+            covariance = one.matrix @ estimate.covariance[here, here] @ one.matrix.T
+            excess = range_excess(one.matrix @ estimate.values[here], covariance)
+            uncertainty = np.hypot(uncertainty, excess)
+        made.append(Figure(one.name, float(value), float(uncertainty), one.unit))
     return tuple(made)
 
 

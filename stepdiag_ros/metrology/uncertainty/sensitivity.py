@@ -3,8 +3,7 @@
 The curves' derivatives come from the method itself (a matrix, or central differences through its
 exact model at the solution). The figures (squareness, positioning, straightness, diagonals) are
 linear in the curves, but for the two nodes between which a straightness is taken; their weights
-come from ``summary.common_figures`` by changing one curve value after the other, so that every
-figure is defined in one place.
+are those of ``summary.functionals``, so that every figure is defined in one place.
 """
 
 from dataclasses import dataclass, field
@@ -20,10 +19,8 @@ from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     common_figures,
     deviations_from_line,
+    functionals,
 )
-
-_CHANGE = 1e-9
-"""m or rad: far below any difference between nodes that decides where a straightness is taken."""
 
 
 @dataclass(frozen=True)
@@ -150,22 +147,13 @@ def _figures(
     values = np.nan_to_num(stacked)
     unseen = np.eye(len(values))[:, ~known]
 
-    def figures_of(curves: Vector) -> Vector:
-        estimate = CurveEstimate(
-            curves, np.zeros((len(curves), len(curves))), unseen, tuple(ready.names)
-        )
-        return np.array([f.value for f in common_figures(volume, estimate, lines, chain)])
-
     estimate = CurveEstimate(
         values, np.zeros((len(values), len(values))), unseen, tuple(ready.names)
     )
     made = common_figures(volume, estimate, lines, chain)
     start = np.array([figure.value for figure in made])
     wanted = np.flatnonzero(np.isfinite(start))
-    rows = np.zeros((len(wanted), len(values)))
-    for place in np.flatnonzero(known):
-        changed = values.copy()
-        changed[place] += _CHANGE
-        rows[:, place] = (figures_of(changed) - start)[wanted] / _CHANGE
+    every = functionals(volume, estimate, lines, chain)
+    rows = np.array([every[row].weights * known for row in wanted])
     quantities = [Quantity(made[row].name, made[row].unit) for row in wanted]
     return quantities, rows, start[wanted]
