@@ -1,7 +1,6 @@
 """Errors measured directly, with an artefact or another instrument.
 
-A result is compared with them (``comparison``), or they go into the solve
-(``solvers.direct_rows``).
+They are compared with a result (``comparison``) or weighed into it (``solvers.direct_rows``).
 
 The table is CSV with a header, SI units, one row a value; lines that begin with ``#`` are notes
 (instrument, artefact, certificate, date):
@@ -274,7 +273,7 @@ def joined(parts: Sequence[DirectMeasurement]) -> DirectMeasurement:
 
 def direct_text(direct: DirectMeasurement) -> str:
     """Return the table of a direct measurement, which ``read_direct`` reads back."""
-    # A note stays one line and, in a spreadsheet, no cell of it becomes a formula.
+    # One line each, and no cell that a spreadsheet would execute.
     rows = [f"# {_FORMULA.sub(' ', ' '.join(note.split()))}" for note in direct.notes]
     rows.append(",".join(COLUMNS))
 
