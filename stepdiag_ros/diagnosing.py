@@ -1,6 +1,7 @@
 """Diagnosing in the way that makes a live run, its replay and its bag agree to the last bit."""
 
 import hashlib
+import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -25,6 +26,7 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.tracker.run_result import verdict_on_run
 from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures, not_testable_sentences
 from stepdiag_ros.report.diagnosis_build import NO_CHAIN
 
@@ -101,11 +103,49 @@ def diagnose_lines(
 ) -> DiagnosisSummary:
     """Compare the lines of a run, as far as it has come, with a model; see ``Reference``.
 
+    The passes of a tracker are compared with each other; no model is used (``tracker.verdict``).
+
     Raises:
         ValueError: lines and model contradict each other, or there is nothing to compare.
     """
     reference = Reference.from_text(model_text, "model", seed)
+    if plan.tracker is not None:
+        return _tracker_summary(measurement, plan, reference)
     return summary_of(diagnose_reproducibly(measurement, reference), measurement, reference, plan)
+
+
+def _tracker_summary(
+    measurement: Measurement, plan: Plan, reference: Reference
+) -> DiagnosisSummary:
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        name, sentence = verdict_on_run(plan, measurement.lines, measurement.chain)
+    unknown = GapFigures(math.nan, 0, math.nan, math.nan, math.nan)
+    return DiagnosisSummary(
+        time=max(line.end_time for line in measurement.lines),
+        run_over=False,
+        lines=len(measurement.lines),
+        lines_planned=len(plan.lines),
+        verdict=name,
+        sentence=sentence,
+        findings=(),
+        partial=(),
+        covariance=(),
+        noise=math.nan,
+        noise_degrees_of_freedom=0.0,
+        noise_correlation=math.nan,
+        noise_source="estimated together with the errors of the machine",
+        before=unknown,
+        after=unknown,
+        where=(),
+        where_after=(),
+        map=(),
+        detection_limits=(),
+        not_testable=(),
+        tested=0,
+        model=reference.source,
+        seed=reference.seed,
+        software_version=__version__,
+    )
 
 
 def summary_of(

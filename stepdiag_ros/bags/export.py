@@ -16,16 +16,20 @@ from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_of
+from stepdiag_ros.bags.tracker_table import table_text
 from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
 from stepdiag_ros.metrology.measurement import latest_attempts
 from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.metrology.tracker.measured_lines import readings_of
 
 Format = Literal["csv", "parquet"]
 Row = Sequence[Any]
 
 LINE_COLUMNS = ("line_index", "attempt", "kind", "line", "order", "repeat", "direction")
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+TRACKER_FILE = "tracker.csv"
+"""Of a run with a tracker: its readings as ``stepdiag tracker evaluate`` takes them."""
 _GAP_COLUMNS = ("chi_squared", "degrees_of_freedom", "p_value", "rms_m", "largest_m")
 
 
@@ -60,7 +64,8 @@ def export_bag(
     ``run`` is a run table again (with ``case.yaml`` beside it), each line with its last attempt;
     an import makes the same measurement of it. ``lines``, ``stops``, ``blocks`` hold every attempt;
     ``results`` the error curves with standard uncertainties and ``figures`` the single figures,
-    each solver's last; ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the
+    each solver's last; of a run with a tracker its table (``bags.tracker_table``) stands in place
+    of the run table; ``diagnoses`` every verdict beside the run, ``findings`` the sizes of the
     effects that the last one found. Unknown numbers are empty cells.
 
     Args:
@@ -84,7 +89,8 @@ def export_bag(
         )
     run = load_run(bag, run_id)
     folder = Path(folder)
-    written = run_table_of(run) if run.lines else None
+    tracked = run.plan.tracker is not None
+    written = run_table_of(run) if run.lines and not tracked else None
     tables = [table for table in _tables(run, written, readings) if table is not None]
     writers: list[tuple[Path, Callable[[], bytes]]] = [
         (folder / f"{table.name}.{format}", _encoder(table, format)) for table in tables
@@ -92,6 +98,9 @@ def export_bag(
     if written is not None:
         case = written.case.case_text().encode()
         writers.append((folder / CASE_FILE, lambda: case))
+    if tracked:
+        table = table_text(readings_of(run.plan, run.measurement.lines)).encode()
+        writers.append((folder / TRACKER_FILE, lambda: table))
     existing = [path for path, _ in writers if path.exists()]
     if existing and not overwrite:
         raise BagError(f"{existing[0]} exists already; choose another folder or allow overwriting")
@@ -105,6 +114,8 @@ def export_bag(
 
 
 def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:
+    if run.plan.tracker is not None:
+        return
     if written is None:
         yield "The bag holds no finished line, so there is no run table."
         return

@@ -101,6 +101,12 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         " first target to the last, machine coordinates in m",
     )
     parser.add_argument(
+        "--chain",
+        default="",
+        choices=("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
+        help="of a tracker's table: order of the axes from workpiece to tool",
+    )
+    parser.add_argument(
         "--standing",
         type=_position,
         metavar="X,Y,Z",
@@ -163,7 +169,8 @@ def _undetermined(bag: Path) -> str:
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.planning.undetermined import undetermined
 
-    return undetermined(load_run(bag).plan).sentence
+    plan = load_run(bag).plan
+    return "" if plan.tracker is not None else undetermined(plan).sentence
 
 
 def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:
@@ -206,7 +213,7 @@ def _run_table(
 ) -> dict[str, Any]:
     from stepdiag_ros.bags.table import import_table
 
-    for name in ("axis", "box", "standing", "directions", "plan"):
+    for name in ("axis", "box", "standing", "directions", "plan", "chain"):
         if getattr(arguments, name):
             raise ValueError(f"{table} is a run table and tells that itself: leave --{name} out")
     made = import_table(table, arguments.case, target, arguments.overrun)
@@ -275,6 +282,7 @@ def _options(arguments: Namespace) -> "ImportOptions":
         box=box,
         standing=arguments.standing,
         directions=arguments.directions,
+        chain=arguments.chain,
         encoding=arguments.encoding,
         overrun=math.nan if arguments.overrun is None else arguments.overrun,
         decimal=arguments.decimal,

@@ -56,8 +56,7 @@ COURSE_KEYS = (
     "sampling",
     "lines",
 )
-"""Of a plan file: everything else that lines along a standing beam need, in the order in which it is
-written."""
+"""Of a plan file without a tracker: everything else, in the order in which it is written."""
 HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"

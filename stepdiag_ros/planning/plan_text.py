@@ -3,7 +3,9 @@
 import textwrap
 from collections.abc import Sequence
 from itertools import groupby
+from math import isnan
 
+from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL, Line, Plan, Sampling
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.tracked_line import TrackedLine, station_of, test_line_of
@@ -34,7 +36,7 @@ def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
         f"step_m: {_numbers(volume.step)}",
         f"blocks: {volume.blocks}",
         "",
-        f"feed_m_per_s: {_number(plan.feed)}",
+        f"feed_m_per_s: {UNKNOWN if isnan(plan.feed) else _number(plan.feed)}",
         f"pause_for_setup: {str(plan.pause_for_setup).lower()}",
     ]
     if plan.one_alignment_per_diagonal:

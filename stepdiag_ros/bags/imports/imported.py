@@ -31,6 +31,7 @@ class ImportOptions:
         overrun: how far beyond its first target each run along an axis was begun, m; 0 if it was
             not, NaN if that is not known.
         plan: YAML text of the plan that a stream of readings was measured by; empty without one.
+        chain: order of the axes from workpiece to tool, of a tracker's table; empty if not said.
     """
 
     axis: str = ""
@@ -42,6 +43,7 @@ class ImportOptions:
     overrun: float = math.nan
     mapping: str = ""
     plan: str = ""
+    chain: str = ""
 
 
 @dataclass(frozen=True)

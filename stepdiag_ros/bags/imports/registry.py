@@ -12,7 +12,12 @@ from typing import NamedTuple
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.header import FACT, Attachment
-from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl
+from stepdiag_ros.bags.imports import (
+    mapped_table,
+    plain_axis_table,
+    renishaw_rtl,
+    tracker_lines,
+)
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
 from stepdiag_ros.bags.imports.together import together
@@ -33,6 +38,7 @@ class Format(NamedTuple):
 
 FORMATS = (
     Format(renishaw_rtl.NAME, renishaw_rtl.recognises, renishaw_rtl.read),
+    Format(tracker_lines.NAME, tracker_lines.recognises, tracker_lines.read),
     Format(plain_axis_table.NAME, plain_axis_table.recognises, plain_axis_table.read),
 )
 
@@ -41,7 +47,8 @@ def is_run_table(source: SourceFile) -> bool:
     """Say whether the first line of a file names columns of a run table (``bags.table``)."""
     first = source.data[:2000].lstrip().splitlines()[0].decode("utf-8", errors="replace")
     names = {name.strip(' "\ufeff') for name in first.replace(";", ",").split(",")}
-    return len(names.intersection(COLUMNS)) >= _ENOUGH_COLUMNS
+    many = len(names.intersection(COLUMNS)) >= _ENOUGH_COLUMNS
+    return many and not tracker_lines.recognises(source)
 
 
 def read_file(
@@ -62,6 +69,8 @@ def read_file(
         return source, mapped_table.read(source, said)
     for found in FORMATS:
         if found.recognises(source):
+            if said.chain and found.name != tracker_lines.NAME:
+                raise TableError(f"{source.name}: --chain is for the table of a tracker alone")
             return source, found.read(source, said)
     source.text(said.encoding)  # says it better where the file is no text at all
     raise TableError(

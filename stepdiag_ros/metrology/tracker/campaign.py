@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.evaluation import locate_from
 from stepdiag_ros.metrology.tracker.instrument import Tracker
-from stepdiag_ros.metrology.tracker.location import LEAST_POINTS, locate
+from stepdiag_ros.metrology.tracker.location import LEAST_POINTS, Location, locate
 from stepdiag_ros.metrology.tracker.machine_curves import NODES, MeasuredBox
 from stepdiag_ros.metrology.tracker.multilateration import Points, multilaterate
 from stepdiag_ros.metrology.tracker.readings import (
@@ -144,6 +144,28 @@ def true_values(cell: SimulatedCell, box: MeasuredBox) -> Vector:
     return np.array(made)
 
 
+def rough_places(readings: Sequence[TrackerReading]) -> dict[str, Vector]:
+    """Return station → rough place of the tracker from its own readings, m, shape (3,).
+
+    Raises:
+        PoorGeometry: a station cannot be located.
+    """
+    groups = stations_of(readings)
+    return {name: _rough(name, group, group).position for name, group in groups.items()}
+
+
+def _rough(
+    name: str, readings: Sequence[TrackerReading], others: Sequence[TrackerReading]
+) -> Location:
+    """Locate a station from its places ``locate``, or else from other readings."""
+    try:
+        if sum(reading.line == LOCATE for reading in readings) >= LEAST_POINTS:
+            return locate_from(readings)
+        return locate(points_of(others), changes_of(others))
+    except PoorGeometry as error:
+        raise PoorGeometry(f"station {name}: {error}") from None
+
+
 def points_from(readings: Sequence[TrackerReading]) -> Points:
     """Return multilaterated points from the readings ``grid`` of several stations.
 
@@ -177,13 +199,7 @@ def points_from(readings: Sequence[TrackerReading]) -> Points:
             changes[row, column] = np.average(values, weights=weight)
             if weight is not None:
                 spread[row, column] = 1.0 / np.sqrt(np.sum(weight))
-        try:
-            if sum(reading.line == LOCATE for reading in groups[name]) >= LEAST_POINTS:
-                found = locate_from(groups[name])
-            else:
-                found = locate(points_of(group), changes_of(group))
-        except PoorGeometry as error:
-            raise PoorGeometry(f"station {name}: {error}") from None
+        found = _rough(name, groups[name], group)
         rough.append(found.position)
         starts.append(found.start_length)
     return multilaterate(

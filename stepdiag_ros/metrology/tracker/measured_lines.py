@@ -50,7 +50,7 @@ def plan_of(
     """
     lines: list[Line] = []
     targets: dict[str, tuple[Point, ...]] = {}
-    for (station, line, run, direction), group in groupby(readings, key=_pass_of):
+    for (station, line, run, direction), group in groupby(readings, key=pass_of):
         places = list(group)
         straight = line in SEVEN_LINES
         numbers = [one.stop for one in places]
@@ -84,7 +84,8 @@ def plan_of(
     )
 
 
-def _pass_of(reading: TrackerReading) -> tuple[str, str, int, str]:
+def pass_of(reading: TrackerReading) -> tuple[str, str, int, str]:
+    """Return which pass a reading belongs to: station, line, run, direction."""
     return reading.station, reading.line, reading.run, reading.direction
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT, NOT_TESTABLE, UNEXPLAINED
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan
@@ -18,6 +19,7 @@ from stepdiag_ros.metrology.tracker.evaluation import SevenLineResult, evaluate_
 from stepdiag_ros.metrology.tracker.measured_lines import readings_of
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE, TrackerReading, stations_of
 from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
+from stepdiag_ros.metrology.tracker.verdict import verdict_on
 
 SEVEN_LINE_METHOD = "seven_lines"
 """Name of the method in a ``VolumetricErrors``."""
@@ -140,6 +142,36 @@ def solve_station(
     if errors is None:
         raise NotDeterminable(f"station {station}: {' '.join(result.remarks)}")
     return errors, (result.corrected or result.located).tests
+
+
+def verdict_on_run(plan: Plan, lines: Sequence[MeasuredLine], chain: str) -> tuple[str, str]:
+    """Return the verdict on all stations that are measured, and in words what it rests on.
+
+    Args:
+        plan: of the run, with a tracker.
+        lines: as measured, each with its last attempt.
+        chain: order of the axes from workpiece to tool; empty if not known.
+    """
+    if is_grid(plan):
+        return NOT_TESTABLE, "Places of a grid are measured once: no pass can be compared."
+    measured = {line.line_index for line in lines}
+    found: list[tuple[str, str]] = []
+    for run in station_runs(plan, lines):
+        own = {i for i, line in enumerate(plan.lines) if station_of(line.name) == run.station}
+        if not own <= measured:
+            found.append((NOT_TESTABLE, f"Station {run.station} is not measured to its end."))
+            continue
+        try:
+            name, sentence = verdict_on(evaluate_station(run, plan, chain).joint)
+        except ValueError as error:
+            name, sentence = NOT_TESTABLE, f"{error}."
+        found.append((name, f"Station {run.station}: {sentence}"))
+    if not found:
+        return NOT_TESTABLE, "No station has a reading."
+    for name in (UNEXPLAINED, NOT_TESTABLE):
+        if any(one == name for one, _ in found):
+            return name, " ".join(sentence for one, sentence in found if one == name)
+    return CONSISTENT, " ".join(sentence for _, sentence in found)
 
 
 def _solve_grid(lines: Sequence[MeasuredLine], plan: Plan, chain: str) -> VolumetricErrors:
