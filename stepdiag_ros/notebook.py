@@ -63,7 +63,8 @@ def solve(
         The results by method, and what is known of the run; ``preferred()`` is the one to rely on.
 
     Raises:
-        ValueError: there is nothing to solve, or a table cannot be read.
+        ValueError: there is nothing to solve, a table cannot be read, or the run was measured with
+            a tracker (``stepdiag_ros.report.tracker_run.reports_of_run``).
     """
     from stepdiag_ros.bags.direct_table import load_direct
     from stepdiag_ros.report.recorded_run import report_of_run
@@ -119,13 +120,16 @@ def diagnose(run: "RecordedRun", model: str = "", *, seed: int = 0) -> "Diagnosi
         seed: of the random draws that guard against false names.
 
     Raises:
-        ValueError: the model cannot be read, or there is nothing to compare.
+        ValueError: the model cannot be read, there is nothing to compare, or the run was measured
+            with a tracker.
     """
     from stepdiag_ros.configuration import load_model
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.report.diagnosis_build import build_diagnosis
+    from stepdiag_ros.report.recorded_run import require_standing_beam
 
+    require_standing_beam(run)
     measurement = run.measurement
     if not measurement.lines:
         raise ValueError(f"{run.path}: no line of this run was finished; nothing can be compared")

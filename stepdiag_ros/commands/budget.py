@@ -119,7 +119,11 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
     from stepdiag_ros.report.budget import BudgetReport, budget_json, print_budget
     from stepdiag_ros.report.publish import results_folder, write_results
-    from stepdiag_ros.report.recorded_run import direct_origin, measurement_of
+    from stepdiag_ros.report.recorded_run import (
+        direct_origin,
+        measurement_of,
+        require_standing_beam,
+    )
     from stepdiag_ros.report.tables import make_console
 
     instrument = Instrument()
@@ -127,6 +131,7 @@ def run(arguments: Namespace) -> int:
         instrument = load_instrument(arguments.instrument)[0]
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
+        require_standing_beam(recorded)
         air = air_choice(arguments)
         measured, remark = measurement_of(recorded, arguments.recorded_lines, progress, air, warn)
     measurement, corrections = corrected(measured, arguments)

@@ -76,6 +76,11 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.planning.plan_text import plan_text
 
     plan, text = load_plan(arguments.plan)
+    if plan.tracker is not None:
+        raise ValueError(
+            f"{arguments.plan} is a plan with a tracker; stops are found by hand along a standing"
+            " beam: read the tracker's places with 'stepdiag import'"
+        )
     warn_of_undetermined(plan)
     if arguments.lines is None:
         lines = lines_of_recordings(plan, len(arguments.recordings))

@@ -22,6 +22,7 @@ from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
+    from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.measurement import Measurement
     from stepdiag_ros.metrology.plan import Plan
@@ -116,13 +117,16 @@ def run(arguments: Namespace) -> int:
             raise ValueError(f"{path} exists already; give the new {what} another name")
         if path is not None and not path.parent.is_dir():
             raise ValueError(f"{path}: the folder {path.parent} does not exist")
-    report = report_of(arguments)
+    recorded = _loaded(arguments.bag, arguments.run_id)
+    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_diagnosis"
+    if recorded is not None and recorded.plan.tracker is not None:
+        return _show_tracker(recorded, arguments, folder)
+    report = report_of(arguments, recorded)
     if arguments.extend is not None:
         report = _written(report, arguments.extend)
     if arguments.propose is not None:
         report = _plan_written(report, arguments)
     formats = () if arguments.pictures == "none" else (arguments.pictures,)
-    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_diagnosis"
     document = diagnosis_json(report)
     text = io.StringIO()
     print_diagnosis(report, make_console(text))
@@ -152,8 +156,40 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
-def report_of(arguments: Namespace) -> "DiagnosisReport":
+def _loaded(path: Path, run_id: str | None) -> "RecordedRun | None":
+    """Load a bag; None of a table. Of several runs in it the one that is named."""
+    if not is_bag(path):
+        return None
+    from stepdiag_ros.bags.run import load_run
+
+    with progress_bar(f"reading {path.name}"):
+        return load_run(path, run_id)
+
+
+def _show_tracker(recorded: "RecordedRun", arguments: Namespace, folder: Path) -> int:
+    """Show the verdict on a run with a tracker, which compares its passes with each other.
+
+    Raises:
+        ValueError: an option was given that such a run has no use for.
+    """
+    from stepdiag_ros.commands.tracker_evaluate import show_run
+
+    for option in ("further", "model", "extend", "propose"):
+        if getattr(arguments, option):
+            what = "a further bag" if option == "further" else f"--{option}"
+            raise ValueError(
+                f"{recorded.path} was measured with a tracker, whose passes are compared with each"
+                f" other: leave out {what}"
+            )
+    return show_run(recorded, arguments, folder)
+
+
+def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "DiagnosisReport":
     """Compare the run with the model.
+
+    Args:
+        arguments: parsed.
+        recorded: the first run, if it is loaded already.
 
     Raises:
         ValueError: run or model cannot be read, or they contradict each other; one sentence.
@@ -171,8 +207,9 @@ def report_of(arguments: Namespace) -> "DiagnosisReport":
     runs = []
     paths = [arguments.bag, *arguments.further]
     for path, run_id in zip(paths, (arguments.run_id, *(None for _ in paths)), strict=False):
+        loaded = recorded if recorded is not None and not runs else _loaded(path, run_id)
         with progress_bar(f"reading {path.name}") as progress:
-            runs.append(_run_of(path, progress, run_id))
+            runs.append(_run_of(path, loaded, progress))
     first = runs[0]
     measurement = first.measurement
     if len(runs) > 1:
@@ -216,17 +253,16 @@ class _Run(NamedTuple):
     machine: "Machine | None" = None
 
 
-def _run_of(path: Path, progress: Progress, run_id: str | None) -> _Run:
-    """Read a run; where a bag holds several, the one that is named."""
-    if not is_bag(path):
+def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _Run:
+    """Return the lines of a bag that was loaded, or of a table."""
+    if recorded is None:
         from stepdiag_ros.bags.table import load_table
 
         return _Run(load_table(path).measurement)
-    from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.configuration import machine_from_text
-    from stepdiag_ros.report.recorded_run import measurement_of
+    from stepdiag_ros.report.recorded_run import measurement_of, require_standing_beam
 
-    recorded = load_run(path, run_id)
+    require_standing_beam(recorded)
     measurement, remark = measurement_of(recorded, False, progress, warn=warn)
     if not measurement.lines:
         raise ValueError(f"{path}: no line of this run was finished; there is nothing to compare")

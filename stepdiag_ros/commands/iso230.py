@@ -118,10 +118,12 @@ def report_of(
     figures = None if published is None else _published(published)
     if is_bag(source):
         from stepdiag_ros.bags.run import load_run
+        from stepdiag_ros.report.recorded_run import require_standing_beam
 
         with progress_bar(f"reading {source.name}"):
             recorded = load_run(source, run_id)
         warn_of_flaws(recorded)
+        require_standing_beam(recorded)
         return positioning_of(recorded, description, figures)
     from stepdiag_ros.bags.axis_table import read_axis_table
 

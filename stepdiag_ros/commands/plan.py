@@ -222,6 +222,11 @@ def run(arguments: Namespace) -> int:
     proposal: Proposal | None = None
     if arguments.check is not None:
         plan = configuration.load_plan(arguments.check)[0]
+        if plan.tracker is not None:
+            raise ValueError(
+                f"{arguments.check} is a plan with a tracker: 'stepdiag tracker plan' checks it"
+                " while it makes it"
+            )
         stem = None
     else:
         proposal = propose(_request(arguments, machine, stop_uncertainty, assumptions))

@@ -22,8 +22,10 @@ from stepdiag_ros.refusals import sentence
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from stepdiag_ros.handover.build import LaidOut
     from stepdiag_ros.handover.given import Given
     from stepdiag_ros.handover.material import Material
+    from stepdiag_ros.handover.tracker_page import TrackerHandover
 
 _CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
@@ -101,9 +103,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
-    from stepdiag_ros.handover.build import FORMATS, prepare, write
+    from stepdiag_ros.handover.build import FORMATS, prepare, report_document_of, write
     from stepdiag_ros.handover.lead import lead_of
     from stepdiag_ros.handover.pictures import studio
+    from stepdiag_ros.handover.tracker_page import TrackerHandover
 
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
@@ -116,23 +119,34 @@ def run(arguments: Namespace) -> int:
         material = _material(arguments, given)
         with progress_bar("report") as progress:
             tell = _counted(progress)
-            handover = None if atelier is None else prepare(material, atelier, tell)
-            files = write(material, handover, folder, formats, tell)
-    lead = lead_of(material)
+            if isinstance(material, TrackerHandover):
+                document, lead = material.document, material.lead
+                tell("pictures")
+                if atelier is not None:
+                    material.draw(atelier)
+                handover: LaidOut | None = material
+            else:
+                document, lead = partial(report_document_of, material), lead_of(material)
+                handover = None if atelier is None else prepare(material, atelier, tell)
+            files = write(document, handover, folder, formats, tell)
     for text in (lead.headline, *lead.sentences):
         print(text)
     say(f"report in {folder}: {', '.join(path.name for path in files)}")
     return 0
 
 
-def _material(arguments: Namespace, given: "Given") -> "Material":
+def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandover":
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.handover.material import Material, unsolved
+    from stepdiag_ros.handover.tracker_page import TrackerHandover
     from stepdiag_ros.report.recorded_run import report_of_run
 
-    direct = direct_measurement(arguments)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
+        if recorded.plan.tracker is not None:
+            _refuse_options_of_curves(arguments)
+            return TrackerHandover.of_run(recorded, given, progress, warn)
+        direct = direct_measurement(arguments)
         try:
             report = report_of_run(
                 recorded, progress, with_visibility=True, warn=warn, direct=direct
@@ -143,6 +157,16 @@ def _material(arguments: Namespace, given: "Given") -> "Material":
             # Tests of axes at uneven targets are no lines of a box, and still tests.
             report = unsolved(recorded, sentence(error))
     return Material(recorded, report, given)
+
+
+def _refuse_options_of_curves(arguments: Namespace) -> None:
+    """Refuse what a run with a tracker has no use for, rather than leave it out in silence."""
+    for option in ("tolerance", "instrument", "direct"):
+        if getattr(arguments, option):
+            raise ValueError(
+                f"{arguments.bag} was measured with a tracker: --{option} is for the error curves"
+                " of step diagonals; leave it out"
+            )
 
 
 def _counted(progress: Progress) -> "Callable[[str], None]":

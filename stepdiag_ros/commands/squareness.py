@@ -94,10 +94,12 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
         result = squareness_from(read_diagonal_table(source))
         return SquarenessReport(result, str(source), volumetric_warning(()))
     from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.report.recorded_run import require_standing_beam
 
     with progress_bar(f"reading {source.name}"):
         recorded = load_run(source, run_id)
     warn_of_flaws(recorded)
+    require_standing_beam(recorded)
     measurement = recorded.measurement
     tests = [evaluate(runs) for runs in all_runs(measurement)]
     result = squareness_of(measurement)

@@ -368,7 +368,8 @@ def run_figures(arguments: Namespace) -> int:
     """Compute the document's figures; see the module."""
     from stepdiag_ros.metrology.tracker.document_figures import figure_five, figure_four
     from stepdiag_ros.plots.tracker import tracker_document
-    from stepdiag_ros.report.tracker import figure_sentences, figures_json, location_table
+    from stepdiag_ros.report.tracker import figure_sentences, location_table
+    from stepdiag_ros.report.tracker_document import figures_json
 
     four, five = figure_four(), figure_five()
 

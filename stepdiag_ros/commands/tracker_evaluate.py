@@ -30,7 +30,8 @@ def _show_station(arguments: Namespace, what: str) -> int:
     from stepdiag_ros.configuration import load_cell, load_tracker
     from stepdiag_ros.metrology.tracker.campaign import true_values
     from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
-    from stepdiag_ros.report.tracker import TrackerReport, print_tracker, tracker_json
+    from stepdiag_ros.report.tracker import TrackerReport, print_tracker
+    from stepdiag_ros.report.tracker_document import tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
 
     station, readings = _one_station(arguments)
@@ -79,7 +80,8 @@ def show_run(recorded: "RecordedRun", arguments: Namespace, default_folder: Path
         default_folder: where results go if the user named no folder.
     """
     from stepdiag_ros.metrology.tracker.run_result import is_grid
-    from stepdiag_ros.report.tracker import print_tracker, tracker_json
+    from stepdiag_ros.report.tracker import print_tracker
+    from stepdiag_ros.report.tracker_document import tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
     from stepdiag_ros.report.tracker_run import grid_report, reports_of_run
 

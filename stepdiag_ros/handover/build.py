@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from stepdiag_ros import schemas
 from stepdiag_ros.handover.lead import judge, lead_of, what_to_do
@@ -125,9 +125,17 @@ def report_document_of(material: Material) -> dict[str, Any]:
     return schemas.document("report", content)
 
 
+class LaidOut(Protocol):
+    """A report that is ready to be laid out."""
+
+    def html(self, for_print: bool = False) -> str:
+        """Return the page, on a screen or for print."""
+        ...
+
+
 def write(
-    material: Material,
-    handover: Handover | None,
+    document: Callable[[], Mapping[str, Any]],
+    handover: LaidOut | None,
     folder: Path,
     formats: Sequence[str],
     tell: Callable[[str], None],
@@ -137,8 +145,8 @@ def write(
     All of them are made before the first is written.
 
     Args:
-        material: what the report is made of.
-        handover: the same, laid out; None where only the JSON document is written.
+        document: returns the JSON document; only called if it is wanted.
+        handover: the page; None where only the JSON document is written.
         folder: made if it is not there.
         formats: of ``NAMES``.
         tell: told which file is at work.
@@ -155,7 +163,7 @@ def write(
     for one in formats:
         tell(NAMES[one])
         if one == "json":
-            made[one] = (schemas.json_text(report_document_of(material)) + "\n").encode()
+            made[one] = (schemas.json_text(document()) + "\n").encode()
         elif handover is not None:
             if one == "html":
                 made[one] = handover.html().encode()

@@ -11,8 +11,11 @@ from stepdiag_ros.metrology.geometry import FACE_DIAGONALS, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, Plan
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
+from stepdiag_ros.metrology.tracker.box import Box
+from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import COLOURS, SMALL_SIZE, Sheet, panel_title
+from stepdiag_ros.plots.tracker import tracker_space
 
 _MARKERS = ("o", "^")
 _SMALL = 0.5
@@ -46,6 +49,8 @@ def plan(
         stamp: what the figure was made from.
         axes: to draw in, one for each kind of line, instead of a new figure.
     """
+    if plan.tracker is not None:
+        return _tracked(plan, title, stamp, axes)
     box = (np.array(plan.volume.origin), _far_corner(plan))
     outer = box
     if machine is not None:
@@ -91,6 +96,30 @@ def plan(
             "Squares: first stop of the forward sense. Dashed: the beam of a step diagonal."
         ],
         stamp=stamp,
+    )
+
+
+def _tracked(plan: Plan, title: str | None, stamp: str, axes: Any) -> Figure:
+    """Draw the places of a tracker's plan as ``stepdiag tracker plan`` does."""
+    lines: dict[str, Vector] = {}
+    places: list[Vector] = []
+    stations: dict[str, Vector] = {}
+    for line in plan.lines:
+        assert line.tracked is not None
+        stations[station_of(line.name)] = np.array(line.tracked.station)
+        if line.tracked.straight:
+            lines[test_line_of(line.name)] = line.tracked.stops(forward=True)
+        else:
+            places.append(line.tracked.stops(forward=True))
+    single = np.unique(np.concatenate(places), axis=0) if places else np.empty((0, 3))
+    return tracker_space(
+        Box(*plan.corners),
+        list(stations.values()),
+        single,
+        lines,
+        title=plan.name if title is None else title,
+        stamp=stamp,
+        axes=axes,
     )
 
 

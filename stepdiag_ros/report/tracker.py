@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros import schemas
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
@@ -30,6 +29,8 @@ from stepdiag_ros.report.tables import PlainConsole, new_table
 
 _MILLI = 1e3
 _PARAMETERS = ("E", "B", "M", "R", "A")
+_MOST_DEPARTURES = 5
+"""Passes in a terminal; a page and the JSON document have all."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class TrackerReport:
         result: of the seven lines; None if only the place was asked for.
         truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
         remarks: on the run that the readings are of, in words.
+        left_out: what was measured and is not among the readings, in words.
         equals_recorded: the joint estimate is the recorded one to the last bit; None if none was
             recorded.
     """
@@ -53,6 +55,7 @@ class TrackerReport:
     result: SevenLineResult | None = None
     truth: Vector | None = None
     remarks: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
     equals_recorded: bool | None = None
 
     @property
@@ -104,6 +107,33 @@ def joint_table(joint: JointEstimate, truth: Vector | None = None) -> Table:
             if truth is not None:
                 row.append(plain(truth[index] * scale, decimals))
             table.add_row(name if unit == "µm/m" else "", unit, *row)
+    return table
+
+
+def departures_table(joint: JointEstimate, most: int | None = None) -> Table | None:
+    """Return how far each pass departs from what all others say of it; None without passes.
+
+    Args:
+        joint: with its passes.
+        most: show so many, those that chance explains least first; None: all, as measured.
+    """
+    shown = list(joint.passes)
+    title = "Each pass against all others"
+    if most is not None and len(shown) > most:
+        shown = sorted(shown, key=lambda one: one.p_value)[:most]
+        title += f": the {most} of {len(joint.passes)} that depart most"
+    if not shown:
+        return None
+    table = new_table(title, "pass", "readings", "departure, rms / µm", "χ² / readings", "p")
+    table.min_width = len(title)
+    for one in shown:
+        table.add_row(
+            str(one),
+            str(one.degrees_of_freedom),
+            plain(one.rms * MICRO, 3),
+            plain(one.chi_squared / one.degrees_of_freedom),
+            f"{one.p_value:.2g}",
+        )
     return table
 
 
@@ -195,7 +225,8 @@ def separation_table(separations: "dict[str, Separation | str]") -> Table | None
 def sentences_of(report: TrackerReport) -> list[str]:
     """Return what the reader must know, in words, each once."""
     location = report.location
-    said = [*report.remarks, *(f"Warning: {text}" for text in location.warnings)]
+    said = [*report.remarks, *(f"{text}." for text in report.left_out)]
+    said += [*(f"Warning: {text}" for text in location.warnings)]
     said += location.remarks
     result = report.result
     if result is None or result.joint is None:
@@ -245,13 +276,18 @@ def lead_sentences(report: TrackerReport) -> list[str]:
     said = [f"{report.verdict.name}: {report.verdict.sentence}"]
     joint = report.result.joint
     if joint is not None:
-        parts = []
-        for index, name in enumerate(NAMES):
-            unit = "µm/m" if name.startswith("scale") else "µrad"
-            spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
-            parts.append(f"{name} {_value(joint.values[index], spread, MICRO, 2)} {unit}")
-        said.append("; ".join(parts) + ".")
+        said.append("; ".join(" ".join(pair) for pair in joint_values(joint)) + ".")
     return said
+
+
+def joint_values(joint: JointEstimate) -> list[tuple[str, str]]:
+    """Return name and value ± U with its unit of each scale and squareness."""
+    made = []
+    for index, name in enumerate(NAMES):
+        unit = "µm/m" if name.startswith("scale") else "µrad"
+        spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
+        made.append((name, f"{_value(joint.values[index], spread, MICRO, 2)} {unit}"))
+    return made
 
 
 def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
@@ -265,6 +301,9 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     if result is not None:
         if result.joint is not None:
             tables.append(joint_table(result.joint, report.truth))
+            departed = departures_table(result.joint, _MOST_DEPARTURES)
+            if departed is not None:
+                tables.append(departed)
         tables.append(lines_table(result))
         for made in (squareness_rows(result), separation_table(result.separations)):
             if made is not None:
@@ -275,55 +314,6 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
         console.print(table)
     for text in sentences_of(report):
         console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
-
-def tracker_json(report: TrackerReport) -> str:
-    """Return the report as JSON text; SI, ``null`` where not known."""
-    document: dict[str, Any] = {
-        "source": report.source,
-        "station": report.station,
-        "verdict": {"name": report.verdict.name, "sentence": report.verdict.sentence},
-        "equals_recorded": report.equals_recorded,
-        "location": _location_document(report.location),
-    }
-    result = report.result
-    if result is not None:
-        document |= {
-            "squareness_sign": RIGHT_HANDED,
-            "joint": None if result.joint is None else _joint_document(result.joint, report.truth),
-            "lines_with_tracker_from_places": _lines_document(result.located),
-            "lines_with_tracker_from_all_readings": (
-                None if result.corrected is None else _lines_document(result.corrected)
-            ),
-            "separations": {
-                name: {"refused": one} if isinstance(one, str) else _separation_document(one)
-                for name, one in result.separations.items()
-            },
-        }
-    document["sentences"] = sentences_of(report)
-    return schemas.json_text(schemas.document("tracker_result", document))
-
-
-def figures_json(four: FigureFour, five: FigureFive) -> str:
-    """Return the curves of ATLI Figs. 4 and 5 as JSON text; SI."""
-    curves = {
-        "figure_4": (four.towards, four.away),
-        "figure_5": (five.located, five.true_place),
-    }
-    document: dict[str, Any] = {
-        "location_of_figure_5": _location_document(five.location),
-        "shift_of_figure_5": _numbers(five.shift),
-    }
-    for name, pair in curves.items():
-        document[name] = [
-            {
-                "label": one.label,
-                "distance": _numbers(one.distance),
-                "deviation": _numbers(one.deviation),
-            }
-            for one in pair
-        ]
-    return schemas.json_text(schemas.document("tracker_figures", document))
 
 
 def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
@@ -354,100 +344,6 @@ def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
     ]
 
 
-def _location_document(location: Location) -> dict[str, Any]:
-    fit = location.adjustment
-    return {
-        "position": _numbers(location.position),
-        "start_length": _number(location.start_length),
-        "covariance": [_numbers(row) for row in location.covariance],
-        "linear": _numbers(location.linear),
-        "residuals": _numbers(fit.residuals),
-        "standardised_residuals": _numbers(fit.standardised),
-        "degrees_of_freedom": fit.degrees_of_freedom,
-        "chi_squared": _number(fit.chi_squared),
-        "coverage_factor": _number(fit.coverage_factor),
-        "condition": _number(fit.condition),
-        "dilution": _number(location.dilution),
-        "warnings": list(location.warnings),
-    }
-
-
-def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any]:
-    return {
-        "names": list(NAMES),
-        "values": _numbers(joint.values),
-        "truth": None if truth is None else _numbers(truth),
-        "covariance": [_numbers(row) for row in joint.covariance],
-        "position": _numbers(joint.position),
-        "start_length": _number(joint.start_length),
-        "sizes": joint.sizes,
-        "chain": joint.machine.chain or None,
-        "quantity": joint.machine.place,
-        "frame": joint.machine.frame,
-        "warnings": list(joint.warnings),
-        "passes": [
-            {
-                "line": one.line,
-                "run": one.run,
-                "direction": one.direction,
-                "chi_squared": _number(one.chi_squared),
-                "degrees_of_freedom": one.degrees_of_freedom,
-                "p_value": _number(one.p_value),
-                "rms": _number(one.rms),
-            }
-            for one in joint.passes
-        ],
-    }
-
-
-def _separation_document(one: Separation) -> dict[str, Any]:
-    return {
-        "scale": one.scale,
-        "lean": one.lean,
-        "covariance": [_numbers(row) for row in one.covariance],
-        "correlation": _number(one.correlation),
-        "towards": _numbers(one.towards),
-        "offset": one.offset,
-        "along": one.along,
-        "residuals": _numbers(one.residuals),
-    }
-
-
-def _lines_document(lines: LineEvaluation) -> dict[str, Any]:
-    return {
-        "tests": [
-            {
-                "name": test.name,
-                "standard": test.standard,
-                "target": _numbers(test.target),
-                "mean_forward": _numbers(test.mean_forward),
-                "mean_backward": _numbers(test.mean_backward),
-                "parameters": {name: _number(v) for name, v in test.parameters.items()},
-                "expanded_uncertainty": {
-                    name: _number(v) for name, v in test.expanded_uncertainty.items()
-                },
-            }
-            for test in lines.tests
-        ],
-        "slopes": {
-            slope.name: {
-                "value": _number(slope.slope),
-                "standard_uncertainty": _number(slope.standard_uncertainty),
-            }
-            for slope in lines.slopes
-        },
-        "squareness": {
-            one.name: {
-                "value": _number(one.value),
-                "standard_uncertainty": _number(one.standard_uncertainty),
-            }
-            for one in lines.squareness
-        },
-        "closure": _number(lines.closure),
-        "closure_standard_uncertainty": _number(lines.closure_uncertainty),
-    }
-
-
 def _value(value: float, expanded: float, scale: float, decimals: int) -> str:
     if not math.isfinite(value):
         return UNKNOWN
@@ -455,11 +351,3 @@ def _value(value: float, expanded: float, scale: float, decimals: int) -> str:
         return f"{plain(value * scale, decimals)} ± {UNKNOWN}"
     text, spread = with_uncertainty(value * scale, expanded * scale)
     return f"{text} ± {spread}"
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [_number(value) for value in np.asarray(values, dtype=np.float64)]

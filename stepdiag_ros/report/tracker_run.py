@@ -66,7 +66,7 @@ def reports_of_run(
         equal = None
         if live and errors is not None and air is None:
             equal = any(same_to_the_last_bit(errors, one) for one in live)
-        said = (*incomplete_sentences(passes), f"Lines: {remark}.", *run.remarks)
+        said = (*incomplete_sentences(passes), f"Lines: {remark}.")
         made.append(
             TrackerReport(
                 str(recorded.path),
@@ -75,6 +75,7 @@ def reports_of_run(
                 result,
                 _truth(recorded, result),
                 (*said, *out_of_step(recorded)),
+                run.remarks,
                 equal,
             )
         )

@@ -32,6 +32,7 @@ VERSIONS = {
     "tracker_readings": 1,
     "tracker_result": 2,
     "tracker_figures": 1,
+    "tracker_report": 1,
     "info": 1,
     "recovery": 1,
     "replay": 1,

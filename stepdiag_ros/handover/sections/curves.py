@@ -56,19 +56,24 @@ def _tell(material: Material) -> Content | str:
             "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
             "nodes_title": f"All nodes, {method_title(preferred.method)}, {OF_READINGS}",
             "setups": table_views([setup_table(preferred)]),
-            "frames": _frames(report),
+            "frames": _frames(report, material.recorded.plan.tracker is not None),
             "remarks": _remarks(report),
         },
         drawings,
     )
 
 
-def _frames(report: Report) -> list[str]:
+def _frames(report: Report, by_tracker: bool) -> list[str]:
+    of_what = (
+        "of the readings."
+        if by_tracker
+        else "of the readings, of plausible rotations and of the laser's scale; the budget has all"
+        " known sources, and the first page the larger of the two."
+    )
     return [
         "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
         f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
-        " (95 %), of the readings, of plausible rotations and of the laser's scale; the budget has"
-        " all known sources, and the first page the larger of the two.",
+        f" (95 %), {of_what}",
         *frame_sentences(report.ordered_results()),
     ]
 

@@ -11,9 +11,10 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
+from stepdiag_ros.handover.tracker_facts import tracker_facts
 from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.geometry import AXES
-from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL
+from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
 
 _ANY_DATE = 1e8
@@ -73,6 +74,11 @@ def _instrument(material: Material) -> str:
     return ", ".join(parts)
 
 
+def _instrument_words(material: Material) -> str:
+    """Return what was given of the instrument; a tracker is described by the plan."""
+    return "" if material.recorded.plan.tracker is not None else material.given.instrument.name
+
+
 def _controller(material: Material) -> str:
     known = _parameters(material, "cnc_bridge")
     identity = known.get("hardware_id")
@@ -94,7 +100,7 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Order of the axes", f"{report.chain} (workpiece to tool)" if report.chain else UNKNOWN),
         ("Controller", _controller(material) or UNKNOWN),
         ("Instrument", _instrument(material)),
-        ("Uncertainty of the instrument", given.instrument.name),
+        ("Uncertainty of the instrument", _instrument_words(material)),
         ("Place", given.place or UNKNOWN),
         ("Measured by", given.operator or UNKNOWN),
         ("Begun", _words_of(begin, report.simulated)),
@@ -111,20 +117,12 @@ def _plan_facts(material: Material) -> list[Fact]:
     volume = plan.volume
     corner = ", ".join(plain(one * 1e3, 1) for one in volume.origin)
     size = " × ".join(plain(step * volume.blocks * 1e3, 1) for step in volume.step)
-    kinds: dict[str, Counter[str]] = {}
-    for line in plan.lines:
-        kinds.setdefault(line.kind, Counter())[line.name] += 1
-    lines = "; ".join(
-        f"{_KINDS.get(kind, kind)} {', '.join(names)} ({sum(names.values())} passes)"
-        for kind, names in kinds.items()
-    )
     feed = f"{plan.feed * 60e3:.0f} mm/min" if plan.feed > 0.0 else UNKNOWN
     sampling = plan.sampling
     return [
         Fact("Plan", plan.name or UNKNOWN),
         Fact("Measured box", f"{size} mm ({', '.join(AXES)}), first corner at {corner} mm"),
-        Fact("Blocks", f"{volume.blocks} on every axis"),
-        Fact("Lines", lines),
+        *(_line_facts(plan) if plan.tracker is None else tracker_facts(plan, plan.tracker)),
         Fact("Feed", feed),
         Fact(
             "A stop",
@@ -133,6 +131,17 @@ def _plan_facts(material: Material) -> list[Fact]:
             f" {sampling.standard_deviation_limit * MICRO:g} µm",
         ),
     ]
+
+
+def _line_facts(plan: Plan) -> list[Fact]:
+    kinds: dict[str, Counter[str]] = {}
+    for line in plan.lines:
+        kinds.setdefault(line.kind, Counter())[line.name] += 1
+    lines = "; ".join(
+        f"{_KINDS.get(kind, kind)} {', '.join(names)} ({sum(names.values())} passes)"
+        for kind, names in kinds.items()
+    )
+    return [Fact("Blocks", f"{plan.volume.blocks} on every axis"), Fact("Lines", lines)]
 
 
 def _origin_facts(material: Material) -> list[Fact]:
