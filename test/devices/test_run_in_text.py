@@ -14,11 +14,14 @@ from instrument_peers import MS, TcpPeer, is_open
 from live_cell import LiveCell
 from test_live_effects import CELL, PLAN
 
+from stepdiag_ros.configuration import load_cell, load_tracker
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.air.known_air import KnownAir
-from stepdiag_ros.metrology.beam import FixedBeam
-from stepdiag_ros.metrology.geometry import beam_direction
+from stepdiag_ros.metrology.cell import WeatherModel
+from stepdiag_ros.metrology.tracker.box import Box
+from stepdiag_ros.metrology.tracker.measured_lines import plan_of
+from stepdiag_ros.metrology.tracker.seven_lines import make_test
 
 SETTINGS = {
     "message": {"columns": ["ns", "number", "raw", "state"]},
@@ -50,18 +53,22 @@ class TextLaser:
         self.driver = prepare("interferometer", "line_protocol", settings, around)(start)
         self.compensator = Compensator("own", DEAD_PATH)
         self.air = KnownAir(3600.0)
-        self.begin_run = laser.begin_run
+        self.plan = None
         self.update_command, self.update_answer = laser.update_command, laser.update_answer
         self.spoilt = 0
         while self.peer.connection is None or not is_open(self.driver):
             self.driver.poll(start)
             self.peer.attend()
 
+    def begin_run(self, plan, start):
+        self.plan = plan
+        self.laser.begin_run(plan, start)
+
     def align(self, now, setup, line, step, start):
         self.laser.align(now, setup, line, step, start)
         # The simulated one ends what was on its way with the old zero.
         self.driver.align(now, setup, line, step, start)
-        beam = FixedBeam(beam_direction(line, np.array(step)))
+        beam = next(one.beam(self.plan.volume) for one in self.plan.lines if one.name == line)
         self.compensator.align(now, beam, np.array(start))
 
     def update_position(self, now, position):
@@ -96,8 +103,8 @@ class TextLaser:
         self.peer.close()
 
 
-def measured(cell, garbage=None, trouble=None):
-    live = LiveCell(PLAN, cell)
+def measured(cell, garbage=None, trouble=None, plan=PLAN):
+    live = LiveCell(plan, cell)
     text = live.laser = TextLaser(live.laser, live.now, garbage)
     if trouble is not None:
         live.watchers.append(lambda stop: trouble(live, stop))
@@ -143,3 +150,19 @@ def test_a_bad_line_and_a_lost_beam_cost_time_but_no_number_is_wrong(cell, direc
     assert any(line.attempt > 1 for line in run.lines)
     assert all(line.complete for line in run.lines)
     assert furthest_off(run, direct) < 5e-9
+
+
+def test_a_tracker_in_text_gives_the_lengths_of_the_run_without():
+    """Its path in air is the whole length, so that a wrong path would show in every line."""
+    tracker, box = load_tracker("demo")[0], Box(np.zeros(3), np.full(3, 0.12))
+    station = np.array([-0.15, 0.15, -0.15])
+    places = make_test(box, station, tracker, targets=5, runs=1, locating=6).readings("1")
+    plan = plan_of(places, {"1": station}, tracker, box, name="seven lines", feed=0.05)
+    plan = replace(plan, lines=plan.lines[:5])
+    warming = WeatherModel(air_temperature_drift=2.0 / 60.0)
+    cell = replace(load_cell("demo")[0], weather=warming)
+    run, _, _ = measured(cell, plan=plan)
+    without = LiveCell(plan, cell).measure()
+    assert all(line.complete for line in run.lines)
+    # The planned place of the tracker is a millimetre or two off, and the air warms by a kelvin.
+    assert furthest_off(run, without) < 10e-9
