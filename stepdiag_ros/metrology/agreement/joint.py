@@ -53,16 +53,19 @@ def joint_test(difference: Vector, covariance: Vector) -> JointTest:
         covariance: of the differences, shape (n, n); NaN rows where not known. If a covariance
             between two known values is missing, nothing is told.
     """
+    from scipy.linalg import eigh
     from scipy.special import chdtrc
 
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     used = np.flatnonzero(np.isfinite(difference) & (spread > FIXED))
     if not used.size:
         return JointTest()
-    correlation = covariance[np.ix_(used, used)] / np.outer(spread[used], spread[used])
+    correlation = covariance[np.ix_(used, used)]
+    correlation /= spread[used, None]
+    correlation /= spread[used]
     if not np.all(np.isfinite(correlation)):
         return JointTest()
-    sizes, directions = np.linalg.eigh(correlation)
+    sizes, directions = eigh(correlation, overwrite_a=True, check_finite=False)
     told = sizes > _RANK * sizes[-1]
     along = directions[:, told].T @ (difference[used] / spread[used])
     chi_squared = float(np.sum(along**2 / sizes[told]))

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
 
 from stepdiag_ros.metrology.discrepancy.joint import run_scales
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
@@ -38,6 +39,8 @@ SECOND_ORDER_SCALE = 1e-7
 _RANK_LIMIT = 1e-9
 """Singular values of the scaled baseline below this share of the largest count as zero."""
 _EXACT_ZERO = 1e-12
+AT_ONCE = 256
+"""Columns that are written out at a time."""
 
 
 @dataclass(frozen=True)
@@ -324,7 +327,10 @@ class Whitened:
         """
         passes = self.baseline.passes
         follows = np.flatnonzero(passes[1:] == passes[:-1]) + 1
-        slow: Vector = 2.0 * np.sum(units[follows] * units[follows - 1], axis=0)
+        slow = np.zeros(units.shape[1])
+        for start in range(0, len(follows), AT_ONCE):
+            some = follows[start : start + AT_ONCE]
+            slow += 2.0 * np.sum(units[some] * units[some - 1], axis=0)
         return slow
 
     def readings(self, values: Vector) -> Vector:
@@ -356,15 +362,19 @@ def whiten(columns: NDArray[Any], baseline: Baseline, noise: float, correlation:
 
 def whitened(baseline: Baseline, noise: float, correlation: float) -> Whitened:
     """Return the problem for a given noise (m) and its correlation from stop to stop."""
-    free = whiten(baseline.matrix, baseline, noise, correlation)
-    loose = whiten(baseline.loose, baseline, noise, correlation)
-    loose[len(baseline.gap) :] = baseline.loose_rows
-    whole = np.column_stack([free, loose])
-    lengths = np.linalg.norm(whole, axis=0)
+    count, loose = baseline.matrix.shape[1], baseline.loose.shape[1]
+    rows = len(baseline.gap) + len(baseline.deviation)
+    whole = np.empty((rows, count + loose), order="F")
+    for start in range(0, count, AT_ONCE):
+        here = slice(start, min(start + AT_ONCE, count))
+        whole[:, here] = whiten(baseline.matrix[:, here], baseline, noise, correlation)
+    whole[:, count:] = whiten(baseline.loose, baseline, noise, correlation)
+    whole[len(baseline.gap) :, count:] = baseline.loose_rows
+    lengths = np.sqrt(np.einsum("ij,ij->j", whole, whole))
+    whole /= np.where(lengths > 0.0, lengths, 1.0)
     # Singular vectors by the small normal matrix would lose half of the digits.
-    left, values, _ = np.linalg.svd(
-        whole / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False
-    )
-    span = left[:, values > _RANK_LIMIT * values[0]]
+    across, small = qr(whole, mode="economic", overwrite_a=True, check_finite=False)
+    left, values, _ = np.linalg.svd(small, full_matrices=False)
+    span = across @ left[:, values > _RANK_LIMIT * values[0]]
     gap = whiten(baseline.gap[:, None], baseline, noise, correlation)[:, 0]
     return Whitened(baseline, noise, correlation, span, gap - span @ (span.T @ gap))

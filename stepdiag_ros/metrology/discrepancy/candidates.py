@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from stepdiag_ros.metrology.discrepancy.baseline import Whitened
-from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE, Columns, changes_of, in_blocks
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
+from stepdiag_ros.metrology.discrepancy.columns import Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops

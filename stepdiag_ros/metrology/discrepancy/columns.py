@@ -14,11 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.geometry import Vector
-
-AT_ONCE = 256
-"""Columns that are written out at a time."""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
-from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE
 from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -120,11 +119,17 @@ class LackOfFitTest:
             here = slice(start, start + AT_ONCE)
             left[:, here] = problem.projected(problem.of(good[:, here]))
         lengths = np.linalg.norm(left, axis=0)
-        left = left[:, lengths > 0.0]
+        if not np.all(lengths > 0.0):
+            left = left[:, lengths > 0.0]
         left /= lengths[lengths > 0.0]
         values, vectors = np.linalg.eigh(left.T @ left)
         real = values > _RANK_LIMIT * max(float(values.max(initial=0.0)), 1e-300)
-        span: Vector = left @ (vectors[:, real] / np.sqrt(values[real]))
+        turn = vectors[:, real] / np.sqrt(values[real])
+        # In place: of many places, one such matrix is the largest thing that a diagnosis makes.
+        for start in range(0, len(left), AT_ONCE):
+            rows = slice(start, start + AT_ONCE)
+            left[rows, : turn.shape[1]] = left[rows] @ turn
+        span = left[:, : turn.shape[1]]
         if not span.shape[1]:
             return _Shape(span, self._noise.freedom)
         # A memory larger by δ makes the mean square of the shape larger by slowness·δ; relative

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, tail
-from stepdiag_ros.metrology.discrepancy.columns import AT_ONCE
 from stepdiag_ros.metrology.geometry import Vector
 
 _NEW = 1e-2

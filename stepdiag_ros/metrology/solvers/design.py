@@ -464,7 +464,7 @@ class Design:
         place = self.curve_column.reshape(-1)
         padded = np.zeros((self.count + 1, self.count + 1))
         padded[:-1, :-1] = self.covariance
-        covariance: Vector = padded.take(place, axis=0).take(place, axis=1)
+        covariance: Vector = padded[np.ix_(place, place)]
         if self.chain:
             covariance /= np.outer(self.curve_scale, self.curve_scale)
         return covariance
