@@ -43,20 +43,16 @@ from stepdiag_ros.report.squareness import (
 from stepdiag_ros.report.summary import next_lines, sentences_of
 
 _LEAST_WIDTH = 150
-
 _MOST_REASONS = 6
 """A method that cannot tell more than this is not explained line by line."""
 _MICRO_UNITS = {"m": "µm", "rad": "µrad"}
 
 
 class PlainConsole(Console):
-    """A console that leaves it to its user what happens when nobody reads on.
-
-    Attributes:
-        text_width: at which sentences are broken into lines; None to leave them whole.
-    """
+    """A console that leaves it to its user what happens when nobody reads on."""
 
     text_width: int | None = None
+    """At which sentences are broken into lines; None to leave them whole."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Take out of a text what would steer a terminal."""
