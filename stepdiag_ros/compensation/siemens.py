@@ -89,7 +89,7 @@ class _Siemens:
             r"CHANDATA\(1\)",
             COMMENT.pattern,
             rf"\$AA_ENC_COMP(_[A-Z]+)*\[[01],([0-9]{{1,4}},)?{AXIS}\]={NUMBER}",
-            rf"\$AN_CEC(_[A-Z]+)*\[[0-9]{{1,2}}(,[0-9]{{1,4}})?\]=({NUMBER}|\({AXIS}\))",
+            rf"\$AN_CEC(_[A-Z]+)*\[[0-9]{{1,3}}(,[0-9]{{1,4}})?\]=({NUMBER}|\({AXIS}\))",
             "M17",
         )
     }

@@ -48,7 +48,6 @@ from stepdiag_ros.metrology.geometry import (
 )
 
 _FORMULA = re.compile(r"[,;]+(?=\W*[=+\-@＝＋－＠])")
-"""Between two cells, the second of which a spreadsheet would execute."""
 NEEDED_COLUMNS = ("name", "position_m", "value")
 STANDING_COLUMNS = ("x_m", "y_m", "z_m")
 REFLECTOR_COLUMNS = ("reflector_x_m", "reflector_y_m", "reflector_z_m")
