@@ -11,7 +11,12 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename is not None else ""
         return f"{where}{error.strerror[:1].lower()}{error.strerror[1:]}"
-    words = " ".join(str(error).split()) or type(error).__name__
-    # What a file holds may be quoted: no terminal is to execute it, and nobody to read pages of it.
-    shown = "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in words)
-    return shown if len(shown) <= LONGEST else f"{shown[:LONGEST]} …"
+    words = printable(" ".join(str(error).split())) or type(error).__name__
+    return words if len(words) <= LONGEST else f"{words[:LONGEST]} …"
+
+
+def printable(text: str) -> str:
+    """Return a text that no terminal takes for a command; what a file holds may be quoted in it."""
+    return "".join(
+        one if one.isprintable() or one == "\n" else "\N{REPLACEMENT CHARACTER}" for one in text
+    )

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from stepdiag_ros.refusals import printable
+
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.metrology.plan import Plan
@@ -42,7 +44,7 @@ def number(text: str, low: float, high: float) -> float:
 
 def say(text: str) -> None:
     """Tell the user something that is not the result."""
-    print(text, file=sys.stderr)
+    print(printable(text), file=sys.stderr)
 
 
 def warn(text: str) -> None:
