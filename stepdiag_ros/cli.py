@@ -42,6 +42,7 @@ COMMANDS = (
     "by_hand",
     "export",
     "recover",
+    "seal",
     "info",
     "schema",
     "selftest",

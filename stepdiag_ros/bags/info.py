@@ -15,6 +15,7 @@ from stepdiag_ros.bags.repetitions import Repetitions
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import runs_in
 from stepdiag_ros.bags.sample_check import SampleCheck
+from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.configuration import plan_from_text
@@ -73,6 +74,7 @@ class BagInfo:
         lines: finished lines, in words, in the order of measurement.
         diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
         flaws: what is wrong with the recording: missing, doubled, out of order.
+        seal: beside the bag; None if there is none.
         gaps: in the sequence of the readings.
         samples: namespace → what is there of the samples of its interferometer, where it has sent
             any.
@@ -96,6 +98,7 @@ class BagInfo:
     lines: list[str] = field(default_factory=list)
     diagnosis: str = ""
     flaws: tuple[Flaw, ...] = ()
+    seal: Seal | None = None
     gaps: list[SequenceGap] = field(default_factory=list)
     samples: dict[str, SampleCheck] = field(default_factory=dict)
     timing: RunTiming | None = None
@@ -139,6 +142,7 @@ class BagInfo:
             "lines": list(self.lines),
             "diagnosis": self.diagnosis or None,
             "recording": [flaw.as_dict() for flaw in self.flaws],
+            "seal": None if self.seal is None else self.seal.as_dict(),
             "gaps": [
                 {"after": gap.after, "before": gap.before, "time": gap.time} for gap in self.gaps
             ],
@@ -174,6 +178,7 @@ def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
     info = BagInfo(Path(path))
     files = info.path.iterdir() if info.path.is_dir() else (info.path,)
     info.size = sum(file.stat().st_size for file in files if file.is_file())
+    info.seal = read_seal(info.path)
     try:
         with open_bag(path) as bag:
             info.complete = True
@@ -184,6 +189,8 @@ def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
         info.problem = str(error)
     except BagCorruptError as error:
         info.complete, info.intact, info.problem = True, False, str(error)
+    if info.seal is not None and not info.seal.right and not info.problem:
+        info.problem = f"the seal of {info.path} is wrong: {info.seal.problem}"
     return info
 
 

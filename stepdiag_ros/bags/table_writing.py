@@ -23,6 +23,8 @@ from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, latest
 from stepdiag_ros.metrology.plan import COURSE_KEYS, Line
 
 TABLE_NAME = "run"
+_FARTHEST = 1000.0
+"""m: no dead path is as long."""
 _LINES = ("lines", "repeats", "directions")
 """Keys of a plan file that say which lines there are."""
 _FIELDS = {
@@ -88,6 +90,9 @@ def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, An
     assumed = {"name": f"imported from {TABLE_NAME}.csv", "feed_m_per_s": UNKNOWN}
     noises = {float(value) for line in lines for value in line.standard_uncertainty}
     machine = run.machine
+    dead_path = machine.get("dead_path_m", float("nan"))
+    if not isinstance(dead_path, int | float) or not abs(dead_path) < _FARTHEST:
+        dead_path = float("nan")
     name = machine.get("name", "")
     told = {one: run.told_by_source[one] for one in FACTS if one in run.told_by_source}
     if isinstance(name, str) and name and not is_assumed_name(name):
@@ -95,9 +100,9 @@ def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, An
     if run.simulated_cell:  # what was simulated must not come back as measured
         told = {**told, SIMULATED_CELL: run.simulated_cell}
     return Case(
-        chain="".join(machine.get("chain", "")),
+        chain=run.chain,
         volume=run.volume,
-        dead_path=float(machine.get("dead_path_m", float("nan"))),
+        dead_path=float(dead_path),
         reading_noise=noises.pop() if len(noises) == 1 else float("nan"),
         mirror_on=str(machine.get("mirror_on", "")),
         laser_on=str(machine.get("laser_on", "")),

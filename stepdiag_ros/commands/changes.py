@@ -149,8 +149,8 @@ class _Solved:
 
 
 def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
+    from stepdiag_ros.bags.digest import sha256_of
     from stepdiag_ros.report.changes_build import side_of_results_file
-    from stepdiag_ros.report.diagnosis_build import sha256_of
 
     if is_bag(path):
         return _solved_bag(path, run_id, arguments)

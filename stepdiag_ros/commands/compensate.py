@@ -97,6 +97,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FOLDER",
         help="tables that were at work when the run was measured: the new ones contain them",
     )
+    add_seal_option(parser)
     add_despite_option(parser)
     parser.add_argument("--json", action="store_true", help="print JSON in SI units")
     parser.add_argument(
@@ -106,6 +107,32 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="format of the picture of what remains, or none (default: png)",
     )
     parser.set_defaults(run=run)
+
+
+def add_seal_option(parser: ArgumentParser) -> None:
+    """Add the option that refuses a measurement without a seal.
+
+    Args:
+        parser: of a command that compensates.
+    """
+    parser.add_argument(
+        "--require-seal",
+        type=Path,
+        metavar="KEY.pub",
+        help="refuse a measurement without a seal by this public key: see 'stepdiag seal'",
+    )
+
+
+def refuse_unsealed(arguments: Namespace, path: Path) -> None:
+    """Refuse a file without the seal that the user requires; see ``add_seal_option``.
+
+    Raises:
+        ValueError: it has none, a wrong one, or one by another key; one sentence.
+    """
+    if arguments.require_seal is not None:
+        from stepdiag_ros.bags.seal import require_seal
+
+        require_seal(path, arguments.require_seal)
 
 
 def add_despite_option(parser: ArgumentParser) -> None:
@@ -212,6 +239,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         raise ValueError(f"--spacing is {arguments.spacing:g} mm; expected more than 0")
     x, y, z = (value * _MILLI for value in arguments.reference)
     before = _tables_before(chosen, arguments.on_top_of)
+    refuse_unsealed(arguments, arguments.result)
     identified = permitted(
         load_identified(arguments.result, arguments.method, arguments.run_id),
         *(arguments.result, arguments.despite_verdict, chosen, settings),
@@ -238,9 +266,9 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     Raises:
         ValueError: it cannot be read or solved, or does not have the method; one sentence.
     """
+    from stepdiag_ros.bags.digest import sha256_of
     from stepdiag_ros.compensation.identified import from_results_file
     from stepdiag_ros.report.compensation_build import identified_of
-    from stepdiag_ros.report.diagnosis_build import sha256_of
 
     if not is_bag(path):
         return from_results_file(path, method, sha256_of(path))

@@ -6,7 +6,12 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.compensate import add_despite_option, permitted
+from stepdiag_ros.commands.compensate import (
+    add_despite_option,
+    add_seal_option,
+    permitted,
+    refuse_unsealed,
+)
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, progress_bar
 
 if TYPE_CHECKING:
@@ -128,6 +133,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--output", type=Path, metavar="FILE", help="default: NAME_corrected beside the program"
     )
+    add_seal_option(parser)
     add_despite_option(parser)
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.set_defaults(run=run)
@@ -146,6 +152,7 @@ def run(arguments: Namespace) -> int:
     if target.exists():
         raise ValueError(f"{target} exists already; a program is never overwritten")
     with progress_bar(f"rewriting {program.name}") as progress:
+        refuse_unsealed(arguments, arguments.result)
         identified = permitted(
             _identified(arguments.result, arguments.method, arguments.run_id),
             *(arguments.result, arguments.despite_verdict),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
+from stepdiag_ros.intake import refusals_of
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -51,7 +52,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.export import export_bag
 
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_tables"
-    with progress_bar(f"exporting {arguments.bag.name}"):
+    with progress_bar(f"exporting {arguments.bag.name}"), refusals_of(arguments.bag):
         report = export_bag(
             arguments.bag,
             folder,

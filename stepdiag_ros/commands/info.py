@@ -68,6 +68,7 @@ def _print(info: "BagInfo") -> None:
         rows += [("Run", _words_of(run)) for run in info.runs]
     rows += [
         ("State", _state(info)),
+        ("Seal", "none" if info.seal is None else info.seal.text),
         *(("Recording", flaw.sentence) for flaw in info.flaws),
     ]
     if info.intact is not False and info.complete:

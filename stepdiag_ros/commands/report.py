@@ -17,6 +17,7 @@ from stepdiag_ros.commands.output import (
     say,
     warn,
 )
+from stepdiag_ros.intake import refusals_of
 from stepdiag_ros.refusals import sentence
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def run(arguments: Namespace) -> int:
             # Drawing is got ready while the bag is read.
             atelier = stack.enter_context(studio())
         material = _material(arguments, given)
-        with progress_bar("report") as progress:
+        with progress_bar("report") as progress, refusals_of(arguments.bag):
             tell = _counted(progress)
             if isinstance(material, TrackerHandover):
                 document, lead = material.document, material.lead

@@ -11,11 +11,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.passes import TakenLine, completeness_of, taken
 from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
@@ -37,7 +39,7 @@ from stepdiag_ros.report.compensation import CompensationReport
 from stepdiag_ros.report.compensation_build import compensation_of, identified_of
 from stepdiag_ros.report.content import METHODS, Report
 from stepdiag_ros.report.diagnosis import DiagnosisReport
-from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, sha256_of, with_proposal
+from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, with_proposal
 from stepdiag_ros.report.experiment import Experiment, experiment_of
 from stepdiag_ros.report.lead import RunLead, lead_of
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
@@ -154,6 +156,11 @@ class Material:
     def sha256(self) -> str:
         """Return the SHA-256 of the bag; empty where it is a folder."""
         return sha256_of(self.recorded.path) if self.recorded.path.is_file() else ""
+
+    @cached_property
+    def seal(self) -> Seal | None:
+        """Return the seal beside the bag, compared with it; None if there is none."""
+        return read_seal(self.recorded.path)
 
     @cached_property
     def weather(self) -> tuple[SensorValue, ...]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isnan, sqrt
+from math import isinf, isnan, sqrt
 
 import numpy as np
 
@@ -120,6 +120,13 @@ def examine(readings: Sequence[Reading], start: int, end: int) -> Window:
             fault="there are no readings in the window",
         )
     values = np.array([reading.compensated_displacement for reading in readings])
+    # What is not finite, or beyond all measure, gives no mean; ``_fault`` and the plan say so.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return _window(readings, values, start, end)
+
+
+def _window(readings: Sequence[Reading], values: Vector, start: int, end: int) -> Window:
+    count = len(readings)
     # Whole nanoseconds since the window's start, so that an epoch of 1e18 ns costs no precision.
     offsets = np.array([reading.time - start for reading in readings], dtype=np.int64)
     seconds = np.asarray(offsets * 1e-9, dtype=np.float64)
@@ -187,6 +194,8 @@ def _fault(readings: Sequence[Reading], start: int, end: int) -> str:
             return STATUS_WORDS.get(
                 reading.status, f"the interferometer gave the unknown status {reading.status}"
             )
+    if any(isinf(reading.compensated_displacement) for reading in readings):
+        return "a displacement without end was read: the instrument or its driver is at fault"
     if any(isnan(reading.compensated_displacement) for reading in readings):
         return (
             "the air is not known, so the readings are not compensated: check the weather sensors"

@@ -2,13 +2,13 @@
 
 from datetime import datetime, timezone
 
+from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.compensation.applied import Applied, Beyond
 from stepdiag_ros.compensation.control import Control, Layout, checked_files
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.compensation.remaining import remainder
 from stepdiag_ros.report.compensation import CompensationReport
 from stepdiag_ros.report.content import Report
-from stepdiag_ros.report.diagnosis_build import sha256_of
 
 _ANY_DATE = 1e8
 """s since 1970: no run that was recorded is older."""

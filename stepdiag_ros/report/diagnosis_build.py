@@ -1,12 +1,12 @@
 """From a measurement and a model to everything that is shown of their comparison."""
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from threadpoolctl import ThreadpoolController
 
+from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.metrology.discrepancy.extension import (
     Comparison,
     extend,
@@ -25,7 +25,6 @@ from stepdiag_ros.planning.separation import propose_extra
 from stepdiag_ros.report.diagnosis import DiagnosisReport, RunFile
 
 NO_CHAIN = "The machine's kinematic chain is not known: angular errors were not tried."
-_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -39,19 +38,6 @@ class Ask:
 
     conditions: Plan | None = None
     machine: Machine | None = None
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, 64 hexadecimal digits.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
 
 
 def build_diagnosis(

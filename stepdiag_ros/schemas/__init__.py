@@ -41,6 +41,8 @@ VERSIONS = {
     "export": 1,
     "selftest": 1,
     "lead": 1,
+    "seal": 1,
+    "seal_check": 1,
 }
 """Name of every document → version of its schema."""
 

@@ -1,0 +1,62 @@
+"""``stepdiag seal``: a detached signature of a recording."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+
+from stepdiag_ros import schemas
+from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+
+
+def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command to the command line."""
+    parser = subparsers.add_parser(
+        "seal",
+        help="sign a recording, or check its signature",
+        description="Sign a recording (Ed25519), so that everybody who has the public key can tell"
+        " that it is the same since: writes RUN.mcap.sig beside it. 'stepdiag info' and 'stepdiag"
+        " report' say whether a seal is there and right, and 'stepdiag compensate --require-seal'"
+        " refuses without. Without --key the seal that is there is checked.",
+        epilog="examples:\n"
+        "  stepdiag seal --new-key cell.key            makes cell.key (keep it) and cell.key.pub\n"
+        '  stepdiag seal run.mcap --key cell.key --words "A. Dent, acceptance"\n'
+        "  stepdiag seal run.mcap                      is the seal right, and by which key?",
+        formatter_class=HelpFormatter,
+    )
+    parser.add_argument("bag", type=Path, nargs="?", help="the recording (.mcap)")
+    parser.add_argument("--key", type=Path, metavar="FILE", help="private key to sign with")
+    parser.add_argument(
+        "--words", default="", metavar="TEXT", help="who signs, and why; signed as well"
+    )
+    parser.add_argument(
+        "--new-key", type=Path, metavar="FILE", help="make a private key, and FILE.pub beside it"
+    )
+    parser.add_argument("--json", action="store_true", help="print the seal as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Make a key, seal a file, or check its seal; see the module."""
+    from stepdiag_ros.bags.seal import new_key, read_seal, seal, seal_path
+
+    if arguments.new_key is not None:
+        if arguments.bag is not None or arguments.key is not None:
+            raise ValueError("--new-key makes a key and seals nothing: give nothing else with it")
+        public = new_key(arguments.new_key)
+        say(f"{arguments.new_key} is the private key: whoever has it can seal. Give away {public}.")
+        return 0
+    if arguments.bag is None:
+        raise ValueError("give the recording to seal, or --new-key FILE")
+    if arguments.key is not None:
+        with progress_bar(f"sealing {arguments.bag.name}"):
+            seal(arguments.bag, arguments.key, arguments.words)
+    found = read_seal(arguments.bag)
+    if found is None:
+        there = "" if arguments.bag.exists() else "; there is no such file"
+        raise ValueError(f"{arguments.bag} has no seal ({seal_path(arguments.bag).name}){there}")
+    if arguments.json:
+        print(schemas.json_text(schemas.document("seal_check", found.as_dict())))
+    elif found.right:
+        print(f"{seal_path(arguments.bag)}: {found.text}")
+    if not found.right:
+        raise ValueError(f"the seal of {arguments.bag} is wrong: {found.problem}")
+    return 0
