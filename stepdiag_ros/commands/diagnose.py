@@ -204,7 +204,7 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
 
         model, _ = load_model(arguments.model)
         source = str(arguments.model)
-    runs = []
+    runs: list[_Run] = []
     paths = [arguments.bag, *arguments.further]
     for path, run_id in zip(paths, (arguments.run_id, *(None for _ in paths)), strict=False):
         loaded = recorded if recorded is not None and not runs else _loaded(path, run_id)
