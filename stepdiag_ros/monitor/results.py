@@ -201,7 +201,7 @@ class SquarenessSection(_ResultSection):
                 shown.append(
                     {
                         "name": name.removeprefix("positioning "),
-                        "words": "linear positioning at the end of the box",
+                        "words": "positioning",
                         "text": value if value == UNKNOWN else f"{value} µm",
                         "value": drawn(one.value, MICRO),
                     }

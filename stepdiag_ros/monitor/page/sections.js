@@ -123,7 +123,9 @@ function blocks(told) {
 }
 
 function curves(told) {
-  say("curves-method", told.method ? `${told.method}, from ${told.lines} lines; band: U (95 %)` : "no result yet");
+  const by = `${told.method}, from ${told.lines} lines`;
+  const drawn = told.curves.length ? `${by}; band: U (95 %)` : `${by}: it tells no curves`;
+  say("curves-method", told.method ? drawn : "no result yet");
   list("curves-unknown", [...told.not_determined, ...told.remarks].map((text) => [text]));
   at("curves-unknown").parentElement.hidden = !told.not_determined.length && !told.remarks.length;
   drawCurves(told.curves);
