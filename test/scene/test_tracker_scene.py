@@ -1,8 +1,13 @@
 """The picture of a run with a tracker: stations, lines, places, and a beam that follows."""
 
 import numpy as np
-from tracker_runs import BESIDE, STATIONS, tracker_run
+from tracker_runs import BESIDE, STATIONS, tracker_run, write_tracker_run
 
+from stepdiag_ros import topics
+from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.runs import choose_run, records_of
+from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.foxglove_live.recorded_scene import RecordedScene
 from stepdiag_ros.metrology.tracker.run_result import solve_station
 from stepdiag_ros.scene.frames import setup_placements
 from stepdiag_ros.scene.progress_markers import Progress, courses, progress_markers
@@ -70,3 +75,19 @@ def test_the_words_of_a_result_without_curves_are_its_figures():
     text = " ".join(shape.text for shape in drawing.errors(View()))
     assert "C0Y" in text and "positioning E_XX" in text
     assert "unknown" not in text
+
+
+def test_the_scene_of_a_bag_has_stations_and_follows_messages_without_places(tmp_path):
+    plan, lines = tracker_run()
+    bag = write_tracker_run(tmp_path / "run.mcap", plan, lines)
+    with open_bag(bag) as opened:
+        run = choose_run(opened, None)
+        scene = RecordedScene(run.description)
+        for record, message in records_of(opened, run, ["/measurement/line"]):
+            scene.take(topics.LINE, message if message is not None else opened.decode(record))
+        drawn = scene.drawn(0)
+    types = own_types()
+    markers = types.decode(topics.RUN_MARKERS.type_name, drawn[topics.RUN_MARKERS]).markers
+    assert "station 1" in [marker.text for marker in markers]
+    assert "1:xyz  4/4" in "\n".join(marker.text for marker in markers)
+    assert topics.FIXED_FRAMES in drawn
