@@ -62,6 +62,7 @@ def test_plan_shows_the_lines_and_writes_places_program_and_picture(tmp_path, ca
     assert code == 0
     assert {path.name for path in (tmp_path / "p").iterdir()} == {
         "places.csv",
+        "plan.yaml",
         "station_1.nc",
         "places.png",
     }
