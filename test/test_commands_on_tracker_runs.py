@@ -6,7 +6,9 @@ import pytest
 from standard_runs import write_bag
 from tracker_runs import tracker_run, write_tracker_run
 
-from stepdiag_ros import cli, notebook, open_run
+from stepdiag_ros import cli, notebook, open_run, plots
+from stepdiag_ros.commands import measure
+from stepdiag_ros.session.following import Measured, Outcome
 
 SERVED = {
     "info": ["info", "BAG"],
@@ -114,3 +116,27 @@ def test_commands_that_take_a_plan_name_the_file_and_the_tracker(bag, capsys, tm
         code, _, err = called(arguments, bag, capsys)
         assert code == 1
         assert "plan.yaml" in err and "tracker" in err
+
+
+def test_a_plan_with_a_tracker_is_drawn_with_stations_lines_and_places():
+    figure = plots.plan(tracker_run()[0])
+    (panel,) = figure.axes
+    labels = panel.get_legend_handles_labels()[1] or [
+        text.get_text() for legend in figure.legends for text in legend.get_texts()
+    ]
+    assert {f"line {name}" for name in ("x", "z", "xy", "xz", "yz", "xyz")} <= set(labels)
+    assert "tracker" in labels
+
+
+def test_a_line_of_a_tracker_that_was_left_keeps_its_name():
+    plan, _ = tracker_run()
+    line = str(plan.lines[3])
+    measured = Measured(
+        Outcome.FINISHED,
+        "all lines are measured",
+        "run",
+        *(10, 12),
+        (f"{line}: stop 2 was rejected: the reading drifts",),
+        *("", "", None, True, ""),
+    )
+    assert measure._lead(measured).passes.missing == (line,)

@@ -72,15 +72,11 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.hand_run import lines_of_recordings, measure_by_hand, write_hand_run
     from stepdiag_ros.bags.recording import one_after_another, read_recording
     from stepdiag_ros.configuration import load_machine, load_plan
-    from stepdiag_ros.metrology.by_hand import plan_by_hand
+    from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
     from stepdiag_ros.planning.plan_text import plan_text
 
     plan, text = load_plan(arguments.plan)
-    if plan.tracker is not None:
-        raise ValueError(
-            f"{arguments.plan} is a plan with a tracker; stops are found by hand along a standing"
-            " beam: read the tracker's places with 'stepdiag import'"
-        )
+    require_standing_beam(plan, str(arguments.plan))
     warn_of_undetermined(plan)
     if arguments.lines is None:
         lines = lines_of_recordings(plan, len(arguments.recordings))

@@ -136,7 +136,8 @@ def _lead(measured: "Measured") -> "RunLead":
     from stepdiag_ros.run.conclusion import UNKNOWN
 
     name = NOT_DIAGNOSED if measured.verdict == UNKNOWN else measured.verdict
-    missing = tuple(line.partition(":")[0] for line in measured.incomplete)
+    # The name of a tracker's line has a colon in it too, and no space behind that.
+    missing = tuple(line.partition(": ")[0] for line in measured.incomplete)
     return RunLead(
         Verdict(name, measured.sentence),
         Completeness(

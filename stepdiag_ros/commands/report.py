@@ -107,7 +107,6 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.handover.build import FORMATS, prepare, report_document_of, write
     from stepdiag_ros.handover.lead import lead_of
     from stepdiag_ros.handover.pictures import studio
-    from stepdiag_ros.handover.tracker_page import TrackerHandover
 
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
@@ -118,6 +117,9 @@ def run(arguments: Namespace) -> int:
             # Drawing is got ready while the bag is read.
             atelier = stack.enter_context(studio())
         material = _material(arguments, given)
+        # Not before: drawing is to be got ready without delay.
+        from stepdiag_ros.handover.tracker_page import TrackerHandover
+
         with progress_bar("report") as progress, refusals_of(arguments.bag):
             tell = _counted(progress)
             if isinstance(material, TrackerHandover):

@@ -70,6 +70,23 @@ def plan_by_hand(plan: Plan) -> Plan:
     return replace(plan, sampling=replace(sampling, longest_wait=sampling.settle + sampling.window))
 
 
+def require_standing_beam(plan: Plan, source: str) -> None:
+    """Refuse a plan with a tracker: rests are told by the way along a beam that stands still.
+
+    Args:
+        plan: that is to be measured by hand.
+        source: what the user calls it.
+
+    Raises:
+        ValueError: the plan has a tracker.
+    """
+    if plan.tracker is not None:
+        raise ValueError(
+            f"{source} is a plan with a tracker; stops are found by hand along a standing beam"
+            " only: read a table of the tracker's lengths with 'stepdiag import'"
+        )
+
+
 def objection_to(plan: Plan, readings: Sequence[Reading]) -> str:
     """Say why a recording cannot be evaluated with a plan at all; empty if it can."""
     if len(readings) < FEWEST_READINGS:

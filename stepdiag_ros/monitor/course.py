@@ -7,6 +7,8 @@ import numpy as np
 from stepdiag_ros import topics
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.tracker.tracked_line import station_of
 from stepdiag_ros.monitor.contact import QUIET_AFTER, Contact
 from stepdiag_ros.monitor.control import LEADERS
 from stepdiag_ros.monitor.items import MachineStatus, Place, RunBegin, RunStatus
@@ -68,9 +70,12 @@ class RunSection(Section):
         }
         if status is None:
             return document
+        if plan and plan.tracker is not None and status.state is State.WAITING_FOR_SETUP:
+            document["words"] = "waits for the tracker to be set up"
         under_way = status.run_id != "" and status.state not in ENDED
         block = block_count = 0
-        if plan and status.line_index < len(plan.lines):
+        tracked = plan is not None and plan.tracker is not None
+        if plan and not tracked and status.line_index < len(plan.lines):
             line = plan.lines[status.line_index]
             block, block_count = line.block_of(status.stop), plan.volume.blocks
         total = status.stops_total
@@ -120,7 +125,7 @@ class VolumeSection(Section):
     def document(self) -> dict[str, Any]:
         """Return corners and lines, in mm of the machine's coordinates."""
         if self._run is None:
-            return {"box": None, "courses": []}
+            return {"box": None, "courses": [], "stations": []}
         plan = self._run.plan
         volume = plan.volume
         corners = np.array([[volume.nodes(axis)[end] for axis in range(3)] for end in (0, -1)])
@@ -130,10 +135,12 @@ class VolumeSection(Section):
                 {
                     "name": course.name,
                     "passes": len(course.passes),
-                    "path": _millimetres(_path(course.line.stops(volume))),
+                    "path": _millimetres(_path(course, volume)),
+                    "places": not course.along_a_line,
                 }
                 for course in courses(plan)
             ],
+            "stations": _stations(plan),
         }
 
 
@@ -189,8 +196,10 @@ class ProgressSection(Section):
         if self._plan is None or self._present is None:
             return None
         line_index, stop = self._present
-        stops = self._plan.lines[line_index].stops(self._plan.volume)
-        if not 0 < stop < len(stops):
+        line = self._plan.lines[line_index]
+        stops = line.stops(self._plan.volume)
+        straight = line.tracked is None or line.tracked.straight
+        if not straight or not 0 < stop < len(stops):
             return None
         return _millimetres(stops[stop - 1 : stop + 1])
 
@@ -247,8 +256,21 @@ def _silence(contact: Contact) -> str:
     return ""
 
 
-def _path(stops: Vector) -> Vector:
-    return stops if len(stops) <= _POINTS else stops[[0, -1]]
+def _path(course: Course, volume: Volume) -> Vector:
+    stops = course.line.stops(volume)
+    return stops if len(stops) <= _POINTS or not course.along_a_line else stops[[0, -1]]
+
+
+def _stations(plan: Plan) -> list[dict[str, Any]]:
+    """Return name and place of each station of a tracker, mm; nothing of other plans."""
+    places = {
+        station_of(line.name): line.tracked.station
+        for line in plan.lines
+        if line.tracked is not None
+    }
+    return [
+        {"name": name, "at": _millimetres(np.array([place]))[0]} for name, place in places.items()
+    ]
 
 
 def _millimetres(points: Vector) -> list[list[float]]:

@@ -61,6 +61,8 @@ def _by_result(
     chain: str,
     places: tuple[Vector, Vector],
 ) -> float:
+    if line.tracked is not None:
+        return float("nan")  # until all its readings are evaluated, the tracker's place is rough
     beam = beam_direction(line.name, np.asarray(volume.step))
     tilt = np.zeros(3)
     if line.kind == STEP_DIAGONAL:

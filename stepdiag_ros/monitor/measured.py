@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, SettledStop
 from stepdiag_ros.metrology.plan import FORWARD, Line
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
 from stepdiag_ros.monitor.contact import QUIET_AFTER, Contact
 from stepdiag_ros.monitor.expectation import expected_displacement, nominal_displacement
 from stepdiag_ros.monitor.items import RunBegin
@@ -21,6 +22,10 @@ from stepdiag_ros.report.numbers import UNKNOWN
 from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
 from stepdiag_ros.scene.error_markers import chosen_results
 
+_ROUGH = (
+    "The tracker's place is known roughly until its readings are evaluated, and so is the nominal"
+    " length."
+)
 _KEPT_STOPS = 120
 """Stops of which the page draws how far they are from what was expected."""
 _KEPT_BLOCKS = 400
@@ -84,7 +89,9 @@ class StopSection(Section):
     """The last stop: what was measured against a perfect machine and against the model.
 
     Both are counted from the first settled stop of the setup, at which the reading is zeroed. Where
-    that was not heard, how far a stop is from it is not known.
+    that was not heard, how far a stop is from it is not known. A tracker's place is known only
+    roughly until its readings are evaluated, so neither a perfect machine's reading nor the model's
+    is known to better than millimetres: how far a stop is off is then unknown.
     """
 
     name: ClassVar[str] = "stop"
@@ -131,16 +138,19 @@ class StopSection(Section):
         first = self._first.setdefault(command.setup, stop)
         displacement = nominal = expected = math.nan
         method = ""
+        tracked = self._line(stop).tracked is not None
         if known:
             displacement = stop.displacement - first.displacement
             nominal, expected, method = self._expected(first, stop)
-        from_nominal, from_expected = displacement - nominal, displacement - expected
+        from_nominal = math.nan if tracked else displacement - nominal
+        from_expected = displacement - expected
         # The zero has an uncertainty of its own, and is no stop against itself.
         uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
         uncertainty = 0.0 if stop is first else uncertainty
         self._trace.append([self._number, drawn(from_nominal, MICRO), drawn(from_expected, MICRO)])
         return told | {
             "zero_known": known,
+            "note": _ROUGH if tracked else "",
             "displacement_m": displacement if known else None,
             "displacement": measured(displacement, "mm", 5, MILLI),
             "nominal": measured(nominal, "mm", 5, MILLI),
@@ -149,6 +159,13 @@ class StopSection(Section):
             "from_expected": micrometres(from_expected, uncertainty),
             "expected_by": short_title(method) if method else "",
         }
+
+    def _line(self, stop: SettledStop) -> Line:
+        """Return a stop's line as the plan has it: a message does not tell a tracker's places."""
+        assert self._run is not None
+        lines = self._run.plan.lines
+        index = stop.command.line_index
+        return lines[index] if index < len(lines) else stop.line
 
     def _begins_setup(self, stop: SettledStop) -> bool:
         """Say whether a stop is the first of its setup, as far as the plan tells."""
@@ -162,10 +179,11 @@ class StopSection(Section):
         assert self._run is not None
         volume = self._run.plan.volume
         start, end = np.array(first.command.target), np.array(stop.command.target)
-        nominal = nominal_displacement(stop.line, volume, start, end)
+        line = self._line(stop)
+        nominal = nominal_displacement(line, volume, start, end)
         best_first = reversed(chosen_results(self._results, "all"))
         expected, method = expected_displacement(
-            best_first, stop.line, stop.command.setup, volume, self._run.chain, (start, end)
+            best_first, line, stop.command.setup, volume, self._run.chain, (start, end)
         )
         return nominal, expected, method
 
@@ -177,7 +195,7 @@ class BlockSection(Section):
 
     def begin(self, run: RunBegin | None) -> None:
         """Know no block."""
-        self._volume = run.plan.volume if run else None
+        self._plan = run.plan if run else None
         self._key: tuple[int, int] | None = None
         self._line: Line | None = None
         self._last_stop = 0
@@ -192,14 +210,23 @@ class BlockSection(Section):
         key = (item.line_index, item.attempt)
         if key != self._key:
             # Refused here, if there is no such line, and not when the page is written.
-            last_stop = len(item.line.stops(self._volume)) - 1 if self._volume else 0
-            again = self._line is not None and self._line.setup == item.line.setup
+            last_stop = self._last_of(item) if self._plan else 0
+            # All lines of a tracker's station are of one setup.
+            same = (item.line.setup, item.line.name)
+            again = self._line is not None and (self._line.setup, self._line.name) == same
             self._before = tuple(self._blocks) if again else ()
             self._key, self._line, self._last_stop = key, item.line, last_stop
             self._blocks.clear()
         self._blocks.append(item)
         self._count += 1
         return True
+
+    def _last_of(self, block: BlockDisplacement) -> int:
+        """Return the number of the last stop of a block's line; a tracker's only the plan has."""
+        assert self._plan is not None
+        tracked = self._plan.tracker is not None and block.line_index < len(self._plan.lines)
+        line = self._plan.lines[block.line_index] if tracked else block.line
+        return len(line.stops(self._plan.volume)) - 1
 
     def document(self) -> dict[str, Any]:
         """Return displacement less nominal of each, in µm, with U (95 %), counted forward."""
@@ -239,6 +266,8 @@ def _forward(block: BlockDisplacement) -> float:
 
 
 def _deviation(block: BlockDisplacement) -> float:
+    if block.line.kind == TRACKER:
+        return math.nan  # its nominal displacement is from a rough place of the tracker
     return _forward(block) * (block.displacement - block.nominal_displacement)
 
 

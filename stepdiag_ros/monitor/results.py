@@ -78,7 +78,8 @@ class CurveSection(_ResultSection):
         return {
             "method": short_title(result.method),
             "lines": result.lines,
-            "curves": [self._curve(result, name) for name in TRANSLATIONS],
+            # Of a tracker's seven lines there are figures and no curves.
+            "curves": [self._curve(result, name) for name in TRANSLATIONS if result.curves],
             "not_determined": list(result.not_determined),
             "remarks": list(result.remarks),
         }
@@ -170,12 +171,12 @@ def _known(values: Vector | None, spread: Vector | None) -> str:
 
 
 class SquarenessSection(_ResultSection):
-    """Squareness of the three pairs of axes."""
+    """Squareness of the three pairs of axes, and of a tracker's seven lines positioning."""
 
     name: ClassVar[str] = "squareness"
 
     def document(self) -> dict[str, Any]:
-        """Return each with U (95 %), in µm/m, as a right-handed rotation."""
+        """Return each with U (95 %): squareness as a right-handed rotation, in µm/m."""
         result = self.result
         figures = {figure.name: figure for figure in result.figures} if result else {}
         shown = []
@@ -193,6 +194,18 @@ class SquarenessSection(_ResultSection):
                     "value": drawn(figure.value, MICRO) if figure else None,
                 }
             )
+        for name in (f"positioning E_{axis}{axis}" for axis in AXES):
+            if result is not None and not result.curves and name in figures:
+                one = figures[name]
+                value = plus_minus(one.value, one.standard_uncertainty, MICRO)
+                shown.append(
+                    {
+                        "name": name.removeprefix("positioning "),
+                        "words": "positioning",
+                        "text": value if value == UNKNOWN else f"{value} µm",
+                        "value": drawn(one.value, MICRO),
+                    }
+                )
         return {"figures": shown, "method": short_title(result.method) if result else ""}
 
 

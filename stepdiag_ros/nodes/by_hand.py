@@ -16,7 +16,7 @@ from stepdiag_ros.conversion import (
     set_header,
     to_reading,
 )
-from stepdiag_ros.metrology.by_hand import plan_by_hand
+from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
 from stepdiag_ros.metrology.measurement import Arrival, StopCommand
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
@@ -40,6 +40,12 @@ MOVERS = ("cnc_bridge", "sequencer")
 """Roles that command a machine; where one of them is, nothing is measured by hand."""
 
 
+def _plan_given(given: str) -> tuple[Plan, str]:
+    chosen = plan_given(given)
+    require_standing_beam(chosen[0], "the plan")
+    return chosen
+
+
 class ByHandNode(StepdiagNode):
     """Says which stop the machine stands at, as the readings show it, in place of the sequencer.
 
@@ -54,8 +60,8 @@ class ByHandNode(StepdiagNode):
     def __init__(self) -> None:
         super().__init__("by_hand")
         self._machine_text = load_machine(self.parameter("machine"))[1]
-        self._set_plan(plan_given(self.parameter("plan")))
-        self.on_change("plan", self._set_plan, plan_given)
+        self._set_plan(_plan_given(self.parameter("plan")))
+        self.on_change("plan", self._set_plan, _plan_given)
         self._course: HandCourse | None = None
         self._waiting_since: float | None = None
         self._published: Progress | None = None

@@ -30,9 +30,15 @@ METHODS = tuple(METHOD_TITLES)
 """In the order in which they are shown; the last is the one to rely on."""
 
 
+_TRACKER_TITLES = {
+    "seven_lines": "Seven lines (tracker)",
+    "multilateration": "Multilateration (tracker)",
+}
+
+
 def method_title(method: str) -> str:
     """Return the name of a method for people."""
-    return METHOD_TITLES.get(method, method)
+    return METHOD_TITLES.get(method) or _TRACKER_TITLES.get(method, method)
 
 
 def short_title(method: str) -> str:

@@ -1,16 +1,18 @@
 """The picture of a measurement while it goes on: lines, laser, beam and mirror.
 
-Groups: ``lines``, ``line_names``, ``laser``, ``beam``, ``mirror``. A line keeps its number, the
-order in which the plan first comes to it, through the whole run.
+Groups: ``lines``, ``line_names``, ``stations`` (places of a tracker), ``laser``, ``beam``,
+``mirror``. Places of a tracker that do not follow each other are crosses. A line keeps its number,
+the order in which the plan first comes to it, through the whole run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Plan, Volume
+from stepdiag_ros.metrology.tracker.tracked_line import station_of
 from stepdiag_ros.scene.frames import (
     LASER,
     MIRROR,
@@ -49,6 +51,11 @@ class Course:
     def name(self) -> str:
         """Return its name with the order of moves, as people say it."""
         return f"{self.line.name} {self.line.order}".strip()
+
+    @property
+    def along_a_line(self) -> bool:
+        """Say whether its stops follow each other; single places of a tracker do not."""
+        return self.line.tracked is None or self.line.tracked.straight
 
 
 def courses(plan: Plan) -> tuple[Course, ...]:
@@ -89,16 +96,22 @@ def progress_markers(plan: Plan, progress: Progress) -> tuple[Shape, ...]:
         progress: how far.
     """
     edge = min(plan.volume.step) * plan.volume.blocks
-    shapes: list[Shape] = []
+    shapes: list[Shape] = list(_stations(plan, edge, progress.mirror_offset))
     ends: dict[Triple, list[str]] = {}
     for number, course in enumerate(courses(plan)):
         stops = course.line.stops(plan.volume)
         done = [one for one in course.passes if one in progress.measured]
         shade, width = _look(course, progress)
-        shapes.append(Shape("lines", number, Kind.PATH, stops, (width * edge, 0.0, 0.0), shade))
-        first = first_stop(course.line, plan.volume)
-        last = stops[0] if np.array_equal(stops[-1], first) else stops[-1]
-        beyond = last + 0.06 * edge * (last - first) / float(np.linalg.norm(last - first))
+        size = (width * edge, 0.0, 0.0)
+        if course.along_a_line:
+            shapes.append(Shape("lines", number, Kind.PATH, stops, size, shade))
+            first = first_stop(course.line, plan.volume)
+            last = stops[0] if np.array_equal(stops[-1], first) else stops[-1]
+            beyond = last + 0.06 * edge * (last - first) / float(np.linalg.norm(last - first))
+        else:
+            crosses = _crosses(stops, 0.02 * edge)
+            shapes.append(Shape("lines", number, Kind.LINES, crosses, size, shade))
+            beyond = stops[0] + np.array([0.0, 0.0, 0.06 * edge])
         x, y, z = (float(part) for part in beyond)
         label = f"{course.name}  {len(done)}/{len(course.passes)}"
         ends.setdefault((x, y, z), []).append(label)
@@ -111,8 +124,33 @@ def progress_markers(plan: Plan, progress: Progress) -> tuple[Shape, ...]:
         laser, _ = setup_placements(
             line, plan.volume, progress.laser_distance, progress.mirror_offset
         )
-        shapes.extend(_optics(laser, plan.volume, progress))
+        station = None if line.tracked is None else np.array(line.tracked.station)
+        shapes.extend(_optics(laser, plan.volume, progress, station))
     return tuple(shapes)
+
+
+def _stations(plan: Plan, edge: float, offset: Triple) -> Iterator[Shape]:
+    """Yield a box and a name for each place of a tracker; nothing of other plans."""
+    # A station is where the axes would stand if the reflector met the tracker.
+    places = {
+        station_of(line.name): np.array([line.tracked.station]) + np.array(offset)
+        for line in plan.lines
+        if line.tracked is not None
+    }
+    body, name = (0.1 * edge, 0.1 * edge, 0.1 * edge), (0.0, 0.0, 0.035 * edge)
+    for number, (station, place) in enumerate(places.items()):
+        yield Shape("stations", 2 * number, Kind.BOX, place, body, GREY)
+        above = place + np.array([0.0, 0.0, 0.1 * edge])
+        text = f"station {station}"
+        yield Shape("stations", 2 * number + 1, Kind.TEXT, above, name, WHITE, text)
+
+
+def _crosses(places: Vector, arm: float) -> Vector:
+    """Return a small cross along X, Y and Z at each place as pairs of points, m, shape (6n, 3)."""
+    arms = arm * np.eye(3)
+    ends = np.stack((places[:, None] - arms, places[:, None] + arms), axis=2)
+    pairs: Vector = ends.reshape(-1, 3)
+    return pairs
 
 
 def _look(course: Course, progress: Progress) -> tuple[Vector, float]:
@@ -127,7 +165,18 @@ def _look(course: Course, progress: Progress) -> tuple[Vector, float]:
     return GREY, 0.005
 
 
-def _optics(laser: Placement, volume: Volume, progress: Progress) -> tuple[Shape, ...]:
+def _optics(
+    laser: Placement, volume: Volume, progress: Progress, station: Vector | None
+) -> tuple[Shape, ...]:
+    """Return laser, mirror and beam.
+
+    Args:
+        laser: where it is.
+        volume: the measured box.
+        progress: how far the measurement is.
+        station: of a tracker, whose beam follows the reflector, m, shape (3,); None: the beam
+            stands still.
+    """
     edge = min(volume.step) * volume.blocks
     origin = np.zeros((1, 3))
     body = np.array([[-0.1 * edge, 0.0, 0.0]])
@@ -151,10 +200,15 @@ def _optics(laser: Placement, volume: Volume, progress: Progress) -> tuple[Shape
             frame=MIRROR,
         ),
     ]
-    if progress.position is not None:
+    size = (0.006 * edge, 0.0, 0.0)
+    if progress.position is not None and station is not None:
+        ends = np.stack((station, np.asarray(progress.position)))
+        shapes.append(
+            Shape("beam", 0, Kind.LINES, ends + np.asarray(progress.mirror_offset), size, PURPLE)
+        )
+    elif progress.position is not None:
         # The mirror's plane sends the beam back on itself wherever the mirror has moved sideways.
         reach = beam_length(laser, progress.position, progress.mirror_offset)
         beam = np.array([[0.0, 0.0, 0.0], [reach, 0.0, 0.0]])
-        size = (0.006 * edge, 0.0, 0.0)
         shapes.append(Shape("beam", 0, Kind.LINES, beam, size, PURPLE, frame=LASER))
     return tuple(shapes)

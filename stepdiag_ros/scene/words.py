@@ -9,7 +9,14 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.report.content import short_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.report.numbers import (
+    COVERAGE_FACTOR,
+    MICRO,
+    UNKNOWN,
+    plain,
+    plus_minus,
+    with_uncertainty,
+)
 from stepdiag_ros.scene.error_map import Extremes
 
 WIDTH = 72
@@ -51,6 +58,13 @@ def statement(
         angles: by which rotations are drawn larger than they are; 0 if none is drawn.
     """
     lines = [f"{short_title(result.method)}, from {result.lines} lines"]
+    if not result.curves:
+        # Of a tracker's seven lines there are figures alone, and no error map.
+        lines += [
+            f"{one.name} {plus_minus(one.value, one.standard_uncertainty, MICRO)} µ{one.unit}"
+            for one in result.figures
+        ]
+        return _wrapped([*lines, f"frame: {result.frame}"])
     if exaggeration:
         lines[0] += f": errors drawn {exaggeration:,.0f} times as long".replace(",", " ")
     partly = exaggeration and not isfinite(found.accuracy.value)
@@ -69,6 +83,10 @@ def statement(
         lines.append("angular errors not estimated, not in it")
     lines.append("tool relative to the workpiece, zero at the first corner of the box")
     lines.append(f"frame: {result.frame}")
+    return _wrapped(lines)
+
+
+def _wrapped(lines: Sequence[str]) -> str:
     wrapped = [part for line in lines for part in textwrap.wrap(line, WIDTH)]
     return "\n".join(wrapped).replace(_TIED, " ")
 

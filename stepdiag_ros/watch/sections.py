@@ -119,6 +119,10 @@ def stop_lines(stop: Document, width: int) -> Lines:
             Text("off by: unknown, the setup's first"),
             Text("stop was not heard"),
         ]
+    if last["note"]:
+        # How far it is off is not known, which the note says.
+        reading = f"length change {last['displacement']}"
+        return [title, Text(last["line"]), Text(reading), Text(last["note"])]
     model = f"off model   {last['from_expected']}"
     by = f"{model} ({last['expected_by']})"
     return [
@@ -176,7 +180,8 @@ def weather_lines(weather: Document) -> Lines:
 def curve_lines(curves: Document, width: int, signs: Glyphs) -> Lines:
     """Return the largest value of each curve with U, where it is, and whether it grows."""
     if not curves["curves"]:
-        return [titled("Worst errors: ", "no result yet")]
+        told = f"{curves['method']} tells no curves" if curves["method"] else "no result yet"
+        return [titled("Worst errors: ", told)]
     of = f", {curves['method']}, {of_lines(curves['lines'])}"
     lines = [titled("Worst (U 95 %)", of)]
     room = width - _FIGURES - 1

@@ -53,7 +53,8 @@ function run(told) {
   say("run-stops", told.stops_total ? `${told.stops_done} of ${told.stops_total} stops` : "");
   say("run-remaining", told.remaining || "–");
   say("run-line", told.line ? `${told.line} (${told.line_number} of ${told.line_count})` : "–");
-  const where = `block ${told.block} of ${told.block_count}, stop ${told.stop} of ${told.stop_count - 1}`;
+  const block = told.block_count ? `block ${told.block} of ${told.block_count}, ` : "";
+  const where = `${block}stop ${told.stop} of ${told.stop_count - 1}`;
   say("run-block", told.line ? where : "–");
   say("run-plan", told.plan + (told.simulated ? " (simulated machine)" : ""));
   say("run-id", told.run_id);
@@ -106,6 +107,8 @@ function stop(told) {
   }
   say("stop-by", last?.zero_known === false
     ? "The first stop of this setup was not heard: what is counted from it is not known."
+    : last?.note
+    ? `${last.note} Counted from the first stop of the station.`
     : last?.expected_by
     ? `Expected by ${last.expected_by} from the lines so far. Counted from the first stop of the setup.`
     : "The lines so far do not tell what to expect here. Counted from the first stop of the setup.");
@@ -120,7 +123,9 @@ function blocks(told) {
 }
 
 function curves(told) {
-  say("curves-method", told.method ? `${told.method}, from ${told.lines} lines; band: U (95 %)` : "no result yet");
+  const by = `${told.method}, from ${told.lines} lines`;
+  const drawn = told.curves.length ? `${by}; band: U (95 %)` : `${by}: it tells no curves`;
+  say("curves-method", told.method ? drawn : "no result yet");
   list("curves-unknown", [...told.not_determined, ...told.remarks].map((text) => [text]));
   at("curves-unknown").parentElement.hidden = !told.not_determined.length && !told.remarks.length;
   drawCurves(told.curves);

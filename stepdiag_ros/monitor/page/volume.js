@@ -18,11 +18,14 @@ function make(name, className, parent = svg) {
 
 const path = (points) => "M" + points.map((one) => project(one).map((v) => v.toFixed(1)).join(" ")).join("L");
 
+// Places that do not follow each other: a short stroke each.
+const dots = (points) => points.map((one) => project(one)).map(([x, y]) => `M${x - 1.5} ${y}L${x + 1.5} ${y}`).join("");
+
 // X to the right, Y away to the upper right, Z up.
 const flat = ([x, y, z]) => [x + 0.55 * y, -z - 0.4 * y];
 
-function fit(box) {
-  const corners = [];
+function fit(box, stations) {
+  const corners = stations.map((one) => flat(one.at));
   for (let i = 0; i < 8; i += 1) corners.push(flat([box[i & 1][0], box[(i >> 1) & 1][1], box[i >> 2][2]]));
   const [xs, ys] = [corners.map((c) => c[0]), corners.map((c) => c[1])];
   const [left, top] = [Math.min(...xs), Math.min(...ys)];
@@ -43,7 +46,8 @@ export function drawVolume(told) {
   document.getElementById("course-list").replaceChildren();
   if (!told.box) return;
   const box = told.box;
-  project = fit(box);
+  const stations = told.stations ?? [];
+  project = fit(box, stations);
   const corner = (i) => [box[i & 1][0], box[(i >> 1) & 1][1], box[i >> 2][2]];
   for (let i = 0; i < 8; i += 1) {
     for (const bit of [1, 2, 4]) {
@@ -59,9 +63,17 @@ export function drawVolume(told) {
   });
   lines = courses.map((course) => {
     const line = make("path", "course left");
-    line.setAttribute("d", path(course.path));
+    line.setAttribute("d", course.places ? dots(course.path) : path(course.path));
     return line;
   });
+  for (const station of stations) {
+    const [x, y] = project(station.at);
+    make("path", "station").setAttribute("d", `M${x} ${y - 6}L${x + 6} ${y + 5}L${x - 6} ${y + 5}Z`);
+    const label = make("text", "");
+    label.setAttribute("x", x + 8);
+    label.setAttribute("y", y + 4);
+    label.textContent = station.name;
+  }
   block = make("path", "present-block");
   tool = make("circle", "tool");
   tool.setAttribute("r", 5);
