@@ -7,6 +7,7 @@ own while this one goes on.
 
 import base64
 import signal
+import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -124,7 +125,7 @@ class Studio:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
+def interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C back while a process is started, which then never gets it.
 
     A terminal sends it to both. The other process ends when this one ends the pool; by itself it
@@ -132,10 +133,20 @@ def _interrupts_held() -> Iterator[None]:
     instruction on, which no function that it runs could bring about.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # A thread of a numerical library may take the signal in spite of that, and Python would then
+    # raise it here, with the new process half begun.
+    come: list[int] = []
+    handler = None
+    if threading.current_thread() is threading.main_thread():
+        handler = signal.signal(signal.SIGINT, lambda number, _: come.append(number))
     try:
         yield
     finally:
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    if come:
+        signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
@@ -150,7 +161,7 @@ def studio(beside: bool = True) -> Iterator[Studio]:
         return
     # A new interpreter: what was forked from a process with threads may hang.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        with _interrupts_held():
+        with interrupts_held():
             pool.submit(_get_ready)
         try:
             yield Studio(pool)

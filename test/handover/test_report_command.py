@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
@@ -230,6 +231,48 @@ def test_ctrl_c_ends_the_command_in_one_line_and_leaves_nothing(tmp_path):
     assert process.returncode == 130
     assert not Path(f"/proc/{child}").exists()
     assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_waits_until_the_process_that_draws_is_begun():
+    """A thread that does not block it, as numerical libraries have them, takes the signal."""
+    over = threading.Event()
+    other = threading.Thread(target=over.wait)
+    other.start()
+    begun = False
+    try:
+        with pytest.raises(KeyboardInterrupt), pictures.interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.05)
+            begun = True
+    finally:
+        over.set()
+        other.join()
+    assert begun
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="looks for masks in /proc")
+def test_the_process_that_draws_never_gets_ctrl_c(tmp_path):
+    """From its first instruction on: in an interpreter that has started no other process before."""
+    asked = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from stepdiag_ros.handover.pictures import studio\n"
+        "def blocked(child):\n"
+        "    lines = Path(f'/proc/{child}/status').read_text().splitlines()\n"
+        "    return int(next(line for line in lines if line.startswith('SigBlk')).split()[1], 16)\n"
+        "if __name__ == '__main__':\n"
+        "    with studio():\n"
+        "        children = Path('/proc/self/task').glob('*/children')\n"
+        "        found = [c for path in children for c in path.read_text().split()]\n"
+        "        drawing = [c for c in found\n"
+        "                   if b'spawn_main' in Path(f'/proc/{c}/cmdline').read_bytes()]\n"
+        "        print(len(drawing), all(blocked(c) & 2 for c in drawing))\n"
+    )
+    (tmp_path / "asked.py").write_text(asked, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "asked.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "1 True\n", done.stderr
 
 
 def test_what_the_user_told_is_text_never_markup(page, folder):
