@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Changes bags by structure and content, and counts what commands make of them.
 
-    python test/hostile/attack.py --cases 2000 --seed 1 --write docs/security.md
+    python test/hostile/attack.py --cases 2000 --seed 1
 
 Case N of a seed is always the same bag. Exit code 1 if a single case ends in a traceback, a hang,
 too much memory, or other numbers without a word.
 """
 
 import argparse
+import contextlib
 import copy
 import random
 import sys
@@ -127,11 +128,13 @@ def main() -> int:
         (Path(folder) / "whole").mkdir()
         attack = Attack(Path(folder))
         numbers = range(arguments.cases) if arguments.only is None else (arguments.only,)
-        for number in numbers:
-            found = len(tally.faults)
-            attack.run(arguments.seed, number, tally)
-            for fault in tally.faults[found:]:
-                print(fault, flush=True)
+        # Ctrl-C ends it early, with what was found until then.
+        with contextlib.suppress(KeyboardInterrupt):
+            for number in numbers:
+                found = len(tally.faults)
+                attack.run(arguments.seed, number, tally)
+                for fault in tally.faults[found:]:
+                    print(fault, flush=True)
     print(
         f"{tally.cases} cases in {time.monotonic() - begin:.0f} s, {len(tally.faults)} failed; "
         f"slowest {tally.seconds:.1f} s of processor, most memory {tally.memory / 1e6:.0f} MB"

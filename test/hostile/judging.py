@@ -68,9 +68,11 @@ def examined(path: Path, folder: Path, commands: Sequence[str]) -> Case:
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        os.close(reading)
-        _work(path, folder, commands, writing)
-        os._exit(0)
+        try:
+            os.close(reading)
+            _work(path, folder, commands, writing)
+        finally:
+            os._exit(0)  # whatever happens, a child does not go on with what its parent does
     os.close(writing)
     before, content, hung = _heard(reading, len(commands))
     if hung:
