@@ -44,6 +44,7 @@ class Recorded:
     """A run of which the recording has only so much."""
 
     path, begun_late, commands, arrivals = "run.mcap", False, ("a command",), ()
+    flaws = ()
 
     def __init__(self, **known):
         self.__dict__.update(known)

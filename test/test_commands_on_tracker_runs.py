@@ -34,8 +34,8 @@ REFUSED = {
     "diagnose and propose": ["diagnose", "BAG", "--propose", "out", "--pictures", "none"],
     "diagnose after another": ["diagnose", "plain.mcap", "BAG", "--output", "out"],
 }
-ELSEWHERE = {"monitor", "watch", "foxglove", "replay", "by-hand", "import", "selftest", "air"}
-"""Look at a live run too, and have tests of their own, or take no run."""
+ELSEWHERE = {"monitor", "watch", "foxglove", "replay", "by-hand", "import", "selftest", "air", "seal"}
+"""Look at a live run too and have tests of their own, take no run, or sign any bag."""
 
 
 @pytest.fixture
