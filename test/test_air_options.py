@@ -1,6 +1,7 @@
 """The options that compensate a recorded run for the air anew: what they refuse, and how."""
 
 from argparse import ArgumentParser
+from pathlib import Path
 
 import pytest
 
@@ -43,7 +44,7 @@ def test_values_out_of_range_are_refused(words, capsys):
 class Recorded:
     """A run of which the recording has only so much."""
 
-    path, begun_late, commands, arrivals = "run.mcap", False, ("a command",), ()
+    path, begun_late, commands, arrivals = Path("run.mcap"), False, ("a command",), ()
     flaws = ()
 
     def __init__(self, **known):

@@ -34,7 +34,17 @@ REFUSED = {
     "diagnose and propose": ["diagnose", "BAG", "--propose", "out", "--pictures", "none"],
     "diagnose after another": ["diagnose", "plain.mcap", "BAG", "--output", "out"],
 }
-ELSEWHERE = {"monitor", "watch", "foxglove", "replay", "by-hand", "import", "selftest", "air", "seal"}
+ELSEWHERE = {
+    "monitor",
+    "watch",
+    "foxglove",
+    "replay",
+    "by-hand",
+    "import",
+    "selftest",
+    "air",
+    "seal",
+}
 """Look at a live run too and have tests of their own, take no run, or sign any bag."""
 
 
