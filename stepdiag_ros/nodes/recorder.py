@@ -28,7 +28,7 @@ from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
 from stepdiag_ros.run.health import Finding, Gaps
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import STORE_LIMIT
-from stepdiag_ros.run.supervision import BY_HAND_ROLE, HEARD_UNTIL, fact_of_run
+from stepdiag_ros.run.supervision import BY_HAND_ROLE, GETTING_READY, HEARD_UNTIL, fact_of_run
 from stepdiag_ros.run.work_health import Arrival, Storage, judge_recording
 from stepdiag_ros.topics import Topic
 
@@ -116,7 +116,7 @@ class RecorderNode(StepdiagNode):
         writer = BagWriter(self._free_path(description.run_id), header)
         self._writer, self._close_at, self._failure = writer, None, ""
         # Whoever joins just now, such as the operator who has started the run, is not waited for.
-        self.ready()
+        self._say_ready()
         self._bag_run = description.run_id
         for fact in (BAG_CLOSED, BAG_FAILURE):
             self.facts.pop(fact, None)
@@ -260,9 +260,14 @@ class RecorderNode(StepdiagNode):
         for name, peer in self.watch.peers.items():
             self._collector.ask(name, peer.session, self.real_time())
         if self.run_over and self._collector.waiting(self.real_time()):
+            self.facts[GETTING_READY] = "yes"
             self.not_ready("asking the other nodes for their parameters")
         else:
-            self.ready()
+            self._say_ready()
+
+    def _say_ready(self) -> None:
+        self.facts.pop(GETTING_READY, None)
+        self.ready()
 
 
 def main() -> int:

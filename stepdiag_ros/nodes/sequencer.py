@@ -35,7 +35,7 @@ from stepdiag_ros.run.sequence import (
     Sequence,
     State,
 )
-from stepdiag_ros.run.supervision import Peer, said_of_run
+from stepdiag_ros.run.supervision import GETTING_READY, Peer, said_of_run
 from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 
@@ -244,14 +244,15 @@ class SequencerNode(StepdiagNode):
     def _may_be_starting(self, needed: tuple[str, ...]) -> bool:
         """Say whether what a run needs may only be starting still.
 
-        That may be a node that was not heard at all, and while this node is young itself, one that
-        was never ready.
+        That may be a node that was not heard at all, one that says that it is getting ready, and
+        while this node is young itself, one that was never ready.
         """
         young = self.real_time() - self._made < START_PATIENCE
         for role in needed:
             peers = [peer for peer in self.watch.peers.values() if peer.role == role]
             were_ready = any(peer.session in self._were_ready for peer in peers)
-            if not peers or (young and not were_ready):
+            getting_ready = any(GETTING_READY in peer.facts for peer in peers)
+            if not peers or getting_ready or (young and not were_ready):
                 return True
         return self._machine_state is None
 

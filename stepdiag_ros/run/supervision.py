@@ -19,6 +19,8 @@ LONGEST_LOOK = 0.5
 """Real seconds between two looks at the silence of others that count in full."""
 WORK_LEFT = "work_left"
 """Fact by which a node says how many results it still owes to what it has heard."""
+GETTING_READY = "getting_ready"
+"""Fact by which a node says that it will be ready in a moment, by itself."""
 WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is no loss."""

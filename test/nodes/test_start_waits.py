@@ -20,8 +20,8 @@ def sequencer():
     rclpy.try_shutdown()
 
 
-def hear(node, role, faulty=False, text="ready"):
-    peer = Peer(role, node.real_time(), f"session of {role}", "", text, faulty)
+def hear(node, role, faulty=False, text="ready", **facts):
+    peer = Peer(role, node.real_time(), f"session of {role}", "", text, faulty, facts)
     node.watch.heard(f"/{role}", peer)
     node.on_heartbeat(peer)
 
@@ -62,6 +62,18 @@ def test_only_what_was_never_ready_may_still_come(sequencer):
     sequencer.watch.lost["/recorder"] = "recorder node /recorder is silent for 2.1 s"
     said = refusal(sequencer)
     assert said.type is ValueError and "recorder is silent" in str(said.value)
+
+
+def test_a_node_that_asks_one_that_has_joined_is_waited_for_though_it_was_ready(sequencer):
+    """Whoever starts a run just when a node joins must not be refused for that."""
+    stand(sequencer)
+    for role in REQUIRED:
+        hear(sequencer, role)
+    sequencer._made -= START_PATIENCE
+    hear(sequencer, "recorder", faulty=True, text="asking a new node", getting_ready="yes")
+    assert refusal(sequencer).type is NotReadyYet
+    hear(sequencer, "recorder")
+    assert sequencer.start()
 
 
 def test_a_bridge_that_has_not_said_where_the_machine_stands_may_still_do_so(sequencer):
