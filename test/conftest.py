@@ -32,12 +32,23 @@ are processors.
 """
 
 
+SLOW = (
+    "campaign/test_fault_campaign.py",
+    "linuxcnc/test_closed_loop.py",
+    "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments",
+)
+"""Beginnings of the names of live tests that take a minute or two each."""
+
+
 def pytest_collection_modifyitems(items):
-    """Mark live tests by where they are."""
-    places = [Path(__file__).parent / place for place in LIVE]
+    """Mark live tests by where they are, and slow ones by their names."""
+    here = Path(__file__).parent
+    places = [here / place for place in LIVE]
     for item in items:
         if any(item.path.is_relative_to(place) for place in places):
             item.add_marker("live")
+        if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="session", autouse=True)
