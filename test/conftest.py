@@ -1,4 +1,4 @@
-"""Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
+"""Which tests are live or slow, and what holds around every test: ROS domain, threads, JSON."""
 
 import signal
 from pathlib import Path
@@ -6,32 +6,26 @@ from pathlib import Path
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+from domains import own_domain
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import schemas
 
 LIVE = (
     "campaign",
-    "conformance",
-    "devices/cnc_peers",
-    "embedded",
-    "foxglove_live",
-    "interoperability",
     "linuxcnc",
+    "devices/cnc_peers",
+    "foxglove_live",
     "monitor_live",
+    "watch_live",
     "nodes",
+    "conformance",
+    "embedded",
+    "interoperability",
     "test_example_node.py",
     "test_outside_effect.py",
-    "watch_live",
 )
-"""Where tests run nodes, controllers or peers in real time.
-
-Those want a computer that does nothing else: the system under test stops a machine whose nodes
-are silent for two seconds. All others may run beside each other, in as many processes as there
-are processors.
-"""
-
-
+"""Where tests run nodes, controllers or peers in real time, each with a ROS domain of its own."""
 SLOW = (
     "campaign/test_fault_campaign.py",
     "linuxcnc/test_closed_loop.py",
@@ -40,14 +34,20 @@ SLOW = (
 """Beginnings of the names of live tests that take a minute or two each."""
 
 
+HERE = Path(__file__).parent
+
+
+def is_in(path, places):
+    """Return whether a file is one of these places in this folder, or in one of them."""
+    return any(path.is_relative_to(HERE / place) for place in places)
+
+
 def pytest_collection_modifyitems(items):
     """Mark live tests by where they are, and slow ones by their names."""
-    here = Path(__file__).parent
-    places = [here / place for place in LIVE]
     for item in items:
-        if any(item.path.is_relative_to(place) for place in places):
+        if is_in(item.path, LIVE):
             item.add_marker("live")
-        if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
+        if f"{item.path.relative_to(HERE).as_posix()}::{item.name}".startswith(SLOW):
             item.add_marker("slow")
 
 
@@ -60,6 +60,16 @@ def one_thread():
     """
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain_of_the_module(request):
+    """Give a live module a ROS domain, in which is what its tests share."""
+    if not is_in(request.path, LIVE):
+        yield None
+        return
+    with own_domain() as number:
+        yield number
 
 
 @pytest.fixture(scope="session", autouse=True)

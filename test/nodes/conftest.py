@@ -1,18 +1,15 @@
 """A simulated cell of real node processes, watched by an operator in the test."""
 
-import itertools
-import os
 import time
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from domains import own_domain
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.sequence import State
-
-_domains = itertools.count(os.getpid())
 
 
 @pytest.fixture(autouse=True)
@@ -23,9 +20,6 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """
     from rclpy.node import Node
 
-    number = next(_domains) % 80 + 101
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     made: list[weakref.ref[Node]] = []
     begin = Node.__init__
 
@@ -34,7 +28,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         made.append(weakref.ref(self))
 
     monkeypatch.setattr(Node, "__init__", noted)
-    yield number
+    with own_domain() as number:
+        yield number
     for one in made:
         node = one()
         if node is not None:
