@@ -1,12 +1,15 @@
-"""Which tests are live or slow, and what holds around every test: ROS domain, threads, JSON."""
+"""Which tests are live or slow, how they are spread, and what holds around every test."""
 
 import signal
+import subprocess
 from pathlib import Path
+from unittest import mock
 
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
 from domains import own_domain
+from forked import ForkedPopen
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import schemas
@@ -25,7 +28,22 @@ LIVE = (
     "test_example_node.py",
     "test_outside_effect.py",
 )
-"""Where tests run nodes, controllers or peers in real time, each with a ROS domain of its own."""
+"""Where tests run nodes, controllers or peers in real time, in the order in which they begin."""
+LONGEST = (
+    "site",
+    "blind",
+    "test_house.py",
+    "hostile",
+    "test_document_figures.py",
+    "metrology/test_coverage.py",
+    "metrology/tracker",
+    "bags",
+    "bands",
+)
+"""Where tests calculate for long; those begin before all others that calculate."""
+SPREAD = ("nodes", "metrology/test_coverage.py", "test_document_figures.py", "test_house.py")
+"""Where tests of a file may run in several processes, except those with a fixture in common."""
+
 SLOW = (
     "campaign/test_fault_campaign.py",
     "linuxcnc/test_closed_loop.py",
@@ -42,13 +60,34 @@ def is_in(path, places):
     return any(path.is_relative_to(HERE / place) for place in places)
 
 
-def pytest_collection_modifyitems(items):
-    """Mark live tests by where they are, and slow ones by their names."""
+def pytest_configure(config):
+    """Hand out tests in the order of ``pytest_collection_modifyitems``."""
+    config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Mark live tests by where they are and slow ones by their names; begin with what takes long.
+
+    Where tests are spread by groups, a group is what shares a fixture, or else a file.
+    """
     for item in items:
         if is_in(item.path, LIVE):
             item.add_marker("live")
         if f"{item.path.relative_to(HERE).as_posix()}::{item.name}".startswith(SLOW):
             item.add_marker("slow")
+        alone = is_in(item.path, SPREAD) and not shares_a_fixture(item)
+        if getattr(config.option, "loadgroup", False) and not alone:
+            item.add_marker(pytest.mark.xdist_group(item.path.relative_to(HERE).as_posix()))
+    order = (*LIVE, *LONGEST, ".")
+    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
+
+
+def shares_a_fixture(item):
+    """Return whether a test has a fixture that is made once for its file."""
+    found = item._fixtureinfo.name2fixturedefs
+    shared = {name for name, given in found.items() if given[-1].scope in ("module", "class")}
+    return bool(shared - {"domain_of_the_module"})
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -64,11 +103,11 @@ def one_thread():
 
 @pytest.fixture(scope="module", autouse=True)
 def domain_of_the_module(request):
-    """Give a live module a ROS domain, in which is what its tests share."""
+    """Give a live module a ROS domain, in which is what its tests share, and quick processes."""
     if not is_in(request.path, LIVE):
         yield None
         return
-    with own_domain() as number:
+    with own_domain() as number, mock.patch.object(subprocess, "Popen", ForkedPopen):
         yield number
 
 
