@@ -9,7 +9,7 @@ to one that comes late when it subscribes.
 """
 
 import logging
-from collections import deque
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from stepdiag_ros.bags.writer import MESSAGE_ENCODING, SCHEMA_ENCODING
 from stepdiag_ros.foxglove_live.holding import Holding
 from stepdiag_ros.monitor.access import is_loopback
+from stepdiag_ros.sparing import Handler, Sparing
 from stepdiag_ros.topics import RUN_DESCRIPTION, Topic
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ class FoxgloveServer:
         self._feeds: dict[str, _Feed] = {}
         self._listener = _Listener(playback)
         self._server: WebSocketServer | None = None
-        self._log_handler = _Told(log)
+        self._log_handler = Handler(Sparing(log), "Foxglove")
 
     def offer(
         self, name: str, type_name: str, schema: str, decode: Decode, topic: Topic | None
@@ -252,12 +253,11 @@ class FoxgloveServer:
             Whether somebody has come.
         """
         somebody = False
-        while self._listener.news:
-            viewer, name, came = self._listener.news.popleft()
+        for (viewer, name), (went, came) in self._listener.news().items():
             feed = self._feeds[name]
-            if not came:
+            if went:
                 feed.viewers = [one for one in feed.viewers if one != viewer]
-            elif viewer not in feed.viewers:
+            if came and viewer not in feed.viewers:
                 feed.viewers.append(viewer)
                 somebody = True
                 if feed.holding is not None:
@@ -324,20 +324,32 @@ class FoxgloveServer:
 class _Listener:
     """Takes note, in the library's threads, of what viewers ask for (``foxglove.ServerListener``).
 
-    Deques may be used by several threads. ``Client.id`` is also the number by which the library
-    sends to that viewer alone: it counts viewers and their outlets alike, from 1 on, and nothing
-    else in this process has an outlet. Newer versions have a name for it.
+    However often a viewer comes and goes, only where it is in the end counts. ``Client.id`` is also
+    the number by which the library sends to that viewer alone: it counts viewers and their outlets
+    alike, from 1 on, and nothing else in this process has an outlet. Newer versions have a name for
+    it.
     """
 
     def __init__(self, playback: Playback | None) -> None:
-        self.news: deque[tuple[int, str, bool]] = deque()
+        self._lock = threading.Lock()
+        self._news: dict[tuple[int, str], tuple[bool, bool]] = {}
         self._playback = playback
 
+    def news(self) -> dict[tuple[int, str], tuple[bool, bool]]:
+        """Return what is new since the last call: (viewer, topic) → (it went, it came last)."""
+        with self._lock:
+            news, self._news = self._news, {}
+        return news
+
     def on_subscribe(self, client: "Client", channel: "ChannelView") -> None:
-        self.news.append((_outlet(client), channel.topic, True))
+        key = _outlet(client), channel.topic
+        with self._lock:
+            went, _ = self._news.get(key, (False, True))
+            self._news[key] = (went, True)
 
     def on_unsubscribe(self, client: "Client", channel: "ChannelView") -> None:
-        self.news.append((_outlet(client), channel.topic, False))
+        with self._lock:
+            self._news[_outlet(client), channel.topic] = (True, False)
 
     def on_playback_control_request(
         self, request: "PlaybackControlRequest"
@@ -359,14 +371,3 @@ def _state(at: Playing, request: str) -> "PlaybackState":
 
 def _outlet(client: "Client") -> int:
     return int(getattr(client, "sink_id", client.id))
-
-
-class _Told(logging.Handler):
-    """Passes on what the library says of viewers that were turned away."""
-
-    def __init__(self, log: Callable[[str], None]) -> None:
-        super().__init__(logging.WARNING)
-        self._log = log
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._log(f"Foxglove: {record.getMessage()}")

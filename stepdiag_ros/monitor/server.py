@@ -3,11 +3,13 @@
 A viewer gets all sections when it comes, and then those that have changed, at most ``RATE`` times a
 second. It says of each update that it has taken it, and only then gets the next, with what is the
 newest by then: whoever is slow skips what is old, and nothing piles up for it anywhere. Who takes
-nothing for ``STALL_LIMIT`` is cut off. No viewer is ever waited for by a node or another viewer.
+nothing for ``STALL_LIMIT``, or talks more than that, is cut off; so is who connects and asks for
+nothing. No viewer is ever waited for by a node or another viewer.
 """
 
 import asyncio
 import json
+import logging
 import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
@@ -20,6 +22,7 @@ from stepdiag_ros.intake import parse_json
 from stepdiag_ros.monitor.access import Access
 from stepdiag_ros.monitor.control import ACTIONS, Answer, Ask
 from stepdiag_ros.monitor.state import State
+from stepdiag_ros.sparing import Handler, Sparing
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -36,8 +39,16 @@ ANSWER_LIMIT = 8.0
 """Real seconds that a request for control may take."""
 MOST_VIEWERS = 32
 """Viewers at the same time; more are turned away."""
+MOST_CONNECTIONS = 128
+"""Connections at the same time, of viewers and of who has not asked for anything yet."""
+REQUEST_LIMIT = 5.0
+"""Real seconds within which who has connected must have asked for something."""
+MOST_SURPLUS = 20
+"""Messages of a viewer in a row that are no answer to an update."""
 START_LIMIT = 60.0
 """Real seconds in which the server must have begun, or ended."""
+CLOSING = 1.0
+"""Real seconds that viewers have to go when the server ends."""
 _LONGEST_MESSAGE = 4096
 _TOKEN_HEADER = "X-Stepdiag-Token"
 _PAGE = {
@@ -96,6 +107,9 @@ class MonitorServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
         self._end: asyncio.Event | None = None
+        self._refused = Sparing(offer.log)
+        # Connections on which something was asked for.
+        self._asked: set[Any] = set()
         self.port = 0
         self.viewers = 0
         self._files = _read_page()
@@ -165,15 +179,44 @@ class MonitorServer:
         application.router.add_get("/live", self._live)
         application.router.add_post("/control/{action}", self._control)
         application.router.add_get("/{name:[A-Za-z.]*}", self._file)
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
+        logger = logging.Logger("page")
+        logger.addHandler(Handler(self._refused, "the page"))
+        runner = web.AppRunner(application, access_log=None, logger=logger)
         await runner.setup()
+        served = runner.server
+        assert served is not None
+        place = self._offer.access.address, self._wanted_port
         try:
-            site = web.TCPSite(runner, self._offer.access.address, self._wanted_port)
-            await site.start()
-            begun.set_result(runner.addresses[0][1])
+            door = await self._loop.create_server(lambda: self._let_in(served), *place)
+            begun.set_result(door.sockets[0].getsockname()[1])
+            looking = asyncio.ensure_future(self._turn_out(served))
             await self._end.wait()
+            looking.cancel()
+            door.close()
+            await served.shutdown(CLOSING)
         finally:
             await runner.cleanup()
+
+    def _let_in(self, served: "web.Server") -> asyncio.Protocol:
+        """Return who talks to a client that has just connected."""
+        if len(served.connections) < MOST_CONNECTIONS:
+            return served()
+        self._refused(f"more than {MOST_CONNECTIONS} connections: another one is refused")
+        return _Refusal()
+
+    async def _turn_out(self, served: "web.Server") -> None:
+        """Cut off, again and again, who has connected and asks for nothing."""
+        since: dict[Any, float] = {}
+        while True:
+            now = asyncio.get_running_loop().time()
+            self._asked.intersection_update(served.connections)
+            silent = [one for one in served.connections if one not in self._asked]
+            since = {one: since.get(one, now) for one in silent}
+            for connection, first in since.items():
+                if now - first > REQUEST_LIMIT and connection.transport is not None:
+                    self._refused(f"who connected asked for nothing in {REQUEST_LIMIT:g} s")
+                    connection.transport.abort()
+            await asyncio.sleep(1.0)
 
     @property
     def _guard(self) -> Any:
@@ -186,9 +229,10 @@ class MonitorServer:
         async def guard(
             request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
         ) -> web.StreamResponse:
+            self._asked.add(request.protocol)
             host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
             if access.refuses_host(host) or access.refuses_origin(origin, host):
-                self._offer.log(f"a request from {request.remote} to {host!r} was refused")
+                self._refused(f"a request from {request.remote} to {host!r} was refused")
                 raise web.HTTPForbidden(text="this page is not served under that name")
             return await handler(request)
 
@@ -207,11 +251,11 @@ class MonitorServer:
         from aiohttp import web
 
         offer, action = self._offer, request.match_info["action"]
-        if not offer.access.knows(request.headers.get(_TOKEN_HEADER, "")):
-            offer.log(f"{request.remote} asked to {action} without the token: refused")
-            return _told(Answer(False, "control needs the token"), 403)
         if action not in ACTIONS:
             raise web.HTTPNotFound
+        if not offer.access.knows(request.headers.get(_TOKEN_HEADER, "")):
+            self._refused(f"{request.remote} asked to {action} without the token: refused")
+            return _told(Answer(False, "control needs the token"), 403)
         if offer.ask is None:
             return _told(Answer(False, "a recording cannot be controlled"), 409)
         offer.log(f"{request.remote} asks to {action} the run")
@@ -247,11 +291,13 @@ class MonitorServer:
             text = await asyncio.wait_for(socket.receive_str(), TOKEN_LIMIT)
             first = parse_json(text, "what the page has sent")
             token = str(first.get("token", "")) if isinstance(first, dict) else ""
-        except (asyncio.TimeoutError, TypeError, ValueError):
+        except (asyncio.TimeoutError, TypeError, ValueError) as error:
+            why = str(error) if isinstance(error, ValueError) else "it sent no text in time"
+            self._refused(f"{request.remote} is no viewer, and is cut off: {why}")
             await socket.close()
             return
         if not offer.access.may_view(token):
-            offer.log(f"{request.remote} wanted to look on without the token: refused")
+            self._refused(f"{request.remote} wanted to look on without the token: refused")
             await socket.send_str(json.dumps({"refused": "this page needs the token"}))
             await socket.close()
             return
@@ -261,7 +307,9 @@ class MonitorServer:
         listening = asyncio.ensure_future(_listen(socket, taken))
         try:
             await self._updates(socket, taken, listening, json.dumps(hello))
-        except (asyncio.TimeoutError, ConnectionError):
+        except (asyncio.TimeoutError, ConnectionError, _TooTalkative) as error:
+            if isinstance(error, _TooTalkative):
+                self._refused(f"{request.remote} talks too much, and is cut off")
             # Closing in order would wait for the viewer, which does not listen.
             if request.transport is not None:
                 request.transport.abort()
@@ -286,14 +334,36 @@ class MonitorServer:
                 await asyncio.wait_for(taken.wait(), STALL_LIMIT)
             await asyncio.sleep(1.0 / RATE)
             quiet += 1.0 / RATE
+        listening.result()
+
+
+class _TooTalkative(Exception):
+    """A viewer sends more than answers to updates."""
+
+
+class _Refusal(asyncio.Protocol):
+    """Lets a client go as soon as it has come."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.close()
 
 
 async def _listen(socket: "web.WebSocketResponse", taken: asyncio.Event) -> None:
-    """Take note of what the viewer has taken, until it goes."""
-    async for _ in socket:
+    """Take note of what the viewer has taken, until it goes.
+
+    Raises:
+        _TooTalkative: it sends far more than that.
+    """
+    surplus = 0
+    try:
+        async for _ in socket:
+            surplus = surplus + 1 if taken.is_set() else 0
+            if surplus > MOST_SURPLUS:
+                raise _TooTalkative
+            taken.set()
+    finally:
+        # Whoever waits for it is to see that it has gone.
         taken.set()
-    # Whoever waits for it is to see that it has gone.
-    taken.set()
 
 
 def _told(answer: Answer, status: int) -> "web.Response":
