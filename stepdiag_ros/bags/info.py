@@ -35,7 +35,8 @@ class SequenceGap:
     def missing(self) -> int:
         """Return how many readings are missing for certain; 0 if the count went back.
 
-        An instrument that was started again counts from 1: how many it missed, nobody knows.
+        The count goes back when the instrument starts again or readings are doubled. How many are
+        missing there is unknown.
         """
         return max(self.before - self.after - 1, 0)
 

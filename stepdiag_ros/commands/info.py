@@ -137,8 +137,8 @@ def _gaps(info: "BagInfo") -> str:
     restarts = [gap for gap in info.gaps if not gap.missing]
     if restarts:
         found.append(
-            f"the count went back {len(restarts)} times ({_listed(restarts)}): the instrument was"
-            " started again, and how many readings are missing there is unknown"
+            f"the count went back {len(restarts)} times ({_listed(restarts)}); how many readings"
+            " are missing there is unknown"
         )
     return "; ".join(found)
 
