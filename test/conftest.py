@@ -22,26 +22,30 @@ LIVE = (
     "monitor_live",
     "watch_live",
     "nodes",
+<<<<<<< HEAD
     "conformance",
     "embedded",
     "interoperability",
     "test_example_node.py",
     "test_outside_effect.py",
+=======
+    "watch_live",
+>>>>>>> main
 )
 """Where tests run nodes, controllers or peers in real time, in the order in which they begin."""
 LONGEST = (
     "site",
     "blind",
-    "test_house.py",
+    "house",
     "hostile",
-    "test_document_figures.py",
+    "documents",
     "metrology/test_coverage.py",
     "metrology/tracker",
     "bags",
     "bands",
 )
 """Where tests calculate for long; those begin before all others that calculate."""
-SPREAD = ("nodes", "metrology/test_coverage.py", "test_document_figures.py", "test_house.py")
+SPREAD = ("nodes", "metrology/test_coverage.py", "documents", "house")
 """Where tests of a file may run in several processes, except those with a fixture in common."""
 
 SLOW = (
