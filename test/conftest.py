@@ -22,15 +22,10 @@ LIVE = (
     "monitor_live",
     "watch_live",
     "nodes",
-<<<<<<< HEAD
     "conformance",
     "embedded",
     "interoperability",
-    "test_example_node.py",
-    "test_outside_effect.py",
-=======
-    "watch_live",
->>>>>>> main
+    "examples",
 )
 """Where tests run nodes, controllers or peers in real time, in the order in which they begin."""
 LONGEST = (
