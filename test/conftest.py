@@ -6,9 +6,14 @@ from pathlib import Path
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+from hypothesis import settings
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import schemas
+
+# How long an example takes says how busy the computer is.
+settings.register_profile("any computer", deadline=None)
+settings.load_profile("any computer")
 
 LIVE = (
     "campaign",

@@ -523,7 +523,7 @@ def test_the_troubled_run_has_all_kinds_of_trouble():
     assert len(lines_of(events_of(TROUBLED))) == 4
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.sampled_from("car"), st.integers(1, 400)),
