@@ -1,5 +1,6 @@
 """The driver of LinuxCNC, polled as the bridge does it."""
 
+import errno
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,9 +16,18 @@ class Watched:
 
     def __init__(self, path: Path, dead_man: float = 2.0) -> None:
         settings = {"socket": str(path), "dead_man_s": dead_man}
-        machine = load_machine("demo")[0]
-        self.driver: LinuxCnc = prepare("cnc", "linuxcnc", settings, Surroundings(machine))(0)
+        make = prepare("cnc", "linuxcnc", settings, Surroundings(load_machine("demo")[0]))
         self.events: list[CncEvent] = []
+        end = time.monotonic() + 10.0
+        while True:
+            try:
+                self.driver: LinuxCnc = make(0)
+                return
+            except OSError as error:
+                # The agent may not have seen yet that the last client has gone.
+                if error.errno != errno.EBUSY or time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
 
     def until(self, condition: Callable[[], bool], limit: float = 10.0) -> "Watched":
         end = time.monotonic() + limit
