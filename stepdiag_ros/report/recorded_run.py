@@ -69,7 +69,7 @@ def report_of_run(
         with_visibility: say of each error whether these lines tell it.
         air: compensate the readings for the air anew; None: as it was done in the run.
         warn: told in a sentence if the lines are not those that were recorded, and before solving
-            what is left out of a run of very many blocks.
+            what is left out of a very large run.
         with_verdict: diagnose the lines that are solved.
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
@@ -106,9 +106,10 @@ def _report_of_run(
         plausible = replace(measurement.plausible, rotation=rotation)
         measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
-    blocks = measurement.volume.blocks
+    blocks, stops = measurement.volume.blocks, measurement.stop_count
     asked = (*SOLVERS, DIAGNOSIS) if with_verdict else tuple(SOLVERS)
-    sentence = left_out_sentence(blocks, (*asked, VISIBILITY) if with_visibility else asked)
+    asked = (*asked, VISIBILITY) if with_visibility else asked
+    sentence = left_out_sentence(blocks, stops, asked)
     if sentence:
         warn(sentence)
     return build_report(
