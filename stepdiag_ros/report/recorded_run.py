@@ -56,6 +56,7 @@ def report_of_run(
     with_verdict: bool = False,
     direct: DirectMeasurement | None = None,
     rotation: float | None = None,
+    further: tuple[str, ...] = (),
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -74,6 +75,7 @@ def report_of_run(
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
         rotation: plausible size of the axes' rotations, rad; None: as the machine's file tells.
+        further: evaluations that are to follow, named too where they will be left out.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
@@ -82,7 +84,7 @@ def report_of_run(
     with refusals_of(recorded.path):
         return _report_of_run(
             *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
-            *(with_verdict, direct, rotation),
+            *(with_verdict, direct, rotation, further),
         )
 
 
@@ -98,6 +100,7 @@ def _report_of_run(
     with_verdict: bool,
     direct: DirectMeasurement | None,
     rotation: float | None,
+    further: tuple[str, ...],
 ) -> Report:
     measured, remark, flaws = _measured(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
@@ -107,8 +110,8 @@ def _report_of_run(
         measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
     blocks, stops = measurement.volume.blocks, measurement.stop_count
-    asked = (*SOLVERS, DIAGNOSIS) if with_verdict else tuple(SOLVERS)
-    asked = (*asked, VISIBILITY) if with_visibility else asked
+    asked = (*SOLVERS, *further)
+    asked += (DIAGNOSIS,) * with_verdict + (VISIBILITY,) * with_visibility
     sentence = left_out_sentence(blocks, stops, asked)
     if sentence:
         warn(sentence)

@@ -20,6 +20,7 @@ from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import limits, linear, solve, solve_all
 from stepdiag_ros.metrology.solvers.limits import (
+    BUDGET,
     DIAGNOSIS,
     MOST_STOPS,
     MOST_VALUES,
@@ -28,6 +29,8 @@ from stepdiag_ros.metrology.solvers.limits import (
     left_out,
     left_out_sentence,
 )
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
 
 @pytest.fixture(scope="module")
@@ -121,12 +124,14 @@ def test_what_is_left_out_of_a_large_box_is_said_with_the_number_that_is_not():
     assert list(results) == ["least_squares"]
     why = left_out(blocks)
     assert {name: reasons[name] for name in why if name in reasons} == {
-        name: words for name, words in why.items() if name not in (DIAGNOSIS, VISIBILITY)
+        name: words for name, words in why.items() if name not in (BUDGET, DIAGNOSIS, VISIBILITY)
     }
     assert str(blocks - 1) in why["conventional"]
     assert str(MOST_VALUES // 18 - 1) in why["rigid_body"]
     verdict = verdict_on(run)
     assert verdict.name == NOT_DIAGNOSED and str(blocks - 1) in verdict.sentence
+    with pytest.raises(TooLarge, match=str(blocks - 1)):
+        make_budget(run, Instrument())
     said = left_out_sentence(blocks, 1000, ("least_squares", "conventional", DIAGNOSIS))
     assert "conventional" in said and DIAGNOSIS in said and "rigid_body" not in said
 
@@ -138,6 +143,7 @@ def test_a_run_of_too_many_stops_is_solved_and_not_diagnosed(monkeypatch):
         diagnose(run)
     verdict = verdict_on(run)
     assert verdict.name == NOT_DIAGNOSED and str(run.stop_count) in verdict.sentence
+    assert make_budget(run, Instrument()).sources
     results, _ = solve_all(run)
     assert "least_squares" in results and "rigid_body" in results
 

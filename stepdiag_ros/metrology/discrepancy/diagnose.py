@@ -52,7 +52,7 @@ from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVE
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, TooLarge, left_out
+from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, require_size_for
 
 _GROSS_LEVEL = 1e-6
 """A line under a wrong name is far off."""
@@ -112,9 +112,7 @@ def diagnose(
         ValueError: lines that contradict the volume or each other, or a known effect that the run
             lacks the data for.
     """
-    too_large = left_out(measurement.volume.blocks, measurement.stop_count)
-    if DIAGNOSIS in too_large:
-        raise TooLarge(f"the diagnosis is {too_large[DIAGNOSIS]}")
+    require_size_for(DIAGNOSIS, measurement.volume.blocks, measurement.stop_count)
     tell = progress or (lambda _: None)
     stops = steadied(stops_of(measurement))
     gross = gross_errors(measurement)

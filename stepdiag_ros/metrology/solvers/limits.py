@@ -16,6 +16,7 @@ MOST_STOPS = 10_000
 _MOST_STOPS_TIMES_BLOCKS = 500_000
 """The same where there are many places to compare: 80 blocks, half a minute and 0.7 GB."""
 DIAGNOSIS = "diagnosis"
+BUDGET = "uncertainty budget"
 VISIBILITY = "visibility"
 _CURVES = {
     "conventional": len(TRANSLATIONS),
@@ -23,6 +24,7 @@ _CURVES = {
     "alternative": len(TRANSLATIONS),
     "rigid_body": len(CURVES),
     DIAGNOSIS: len(TRANSLATIONS),
+    BUDGET: len(TRANSLATIONS),
     VISIBILITY: len(CURVES),
 }
 """Evaluation → number of curves of which each value is free."""
@@ -40,7 +42,7 @@ def left_out(blocks: int, stops: int = 0) -> dict[str, str]:
         stops: of all lines; 0 if not known.
 
     Returns:
-        method, ``DIAGNOSIS`` or ``VISIBILITY`` → why; empty where nothing is.
+        method, ``DIAGNOSIS``, ``BUDGET`` or ``VISIBILITY`` → why; empty where nothing is.
     """
     reasons = {
         name: (
@@ -57,6 +59,22 @@ def left_out(blocks: int, stops: int = 0) -> dict[str, str]:
             f" {most:,} stops are evaluated"
         )
     return reasons
+
+
+def require_size_for(evaluation: str, blocks: int, stops: int) -> None:
+    """Refuse a run that is too large for an evaluation.
+
+    Args:
+        evaluation: ``DIAGNOSIS`` or ``BUDGET``.
+        blocks: of the measured box.
+        stops: of all lines.
+
+    Raises:
+        TooLarge: it is.
+    """
+    why = left_out(blocks, stops).get(evaluation)
+    if why is not None:
+        raise TooLarge(f"the {evaluation} is {why}")
 
 
 def left_out_sentence(blocks: int, stops: int, asked: tuple[str, ...]) -> str:
