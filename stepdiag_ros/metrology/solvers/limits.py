@@ -22,6 +22,7 @@ _CURVES = {
     "conventional": len(TRANSLATIONS),
     "setup_robust": len(TRANSLATIONS),
     "alternative": len(TRANSLATIONS),
+    "soons": 5,
     "rigid_body": len(CURVES),
     DIAGNOSIS: len(TRANSLATIONS),
     BUDGET: len(TRANSLATIONS),
