@@ -34,6 +34,7 @@ _TRAVEL = 0.36
 def make_bag(path, blocks, passes, orders=1):
     """Write the bag of a simulated measurement; return its number of stops."""
     from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
+    from stepdiag_ros.configuration import load_machine
     from stepdiag_ros.metrology.cell import SimulatedCell
     from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
     from stepdiag_ros.metrology.plan import Plan
@@ -64,12 +65,14 @@ def make_bag(path, blocks, passes, orders=1):
     measured = simulate(
         Plan.from_mapping(plan, "benchmark"), SimulatedCell.from_mapping(cell, "benchmark")
     )
+    machine = yaml.safe_load(load_machine("demo")[1])
+    machine.update(chain="YXZ", travel_low_m=[0.0] * 3, travel_high_m=[_TRAVEL] * 3)
     content = ToWrite(
         run_id=path.stem,
         plan_name="benchmark",
         middleware="none: simulated",
         plan=yaml.safe_dump(plan),
-        machine=yaml.safe_dump({"chain": ["Y", "X", "Z"]}),
+        machine=yaml.safe_dump(machine),
         lines=measured.lines,
     )
     write_bag(path, content)
