@@ -15,7 +15,8 @@ CORES = os.sysconf("SC_NPROCESSORS_ONLN")
 ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process that calculates in one thread."""
 ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "YXZ", "ZYX")
-_TRAVEL = 0.36
+TRAVEL = 0.36
+"""Of each axis of the simulated machine, m."""
 
 
 def simulated(
@@ -34,7 +35,7 @@ def simulated(
 
     names, told = list(BODY_DIAGONALS), list(ORDERS[:orders])
     plan = {
-        "step_m": [_TRAVEL / blocks] * 3,
+        "step_m": [TRAVEL / blocks] * 3,
         "blocks": blocks,
         "feed_m_per_s": 0.05,
         "repeats": passes,
@@ -45,7 +46,7 @@ def simulated(
     }
     errors = {
         "travel_low_m": [0.0] * 3,
-        "travel_high_m": [_TRAVEL] * 3,
+        "travel_high_m": [TRAVEL] * 3,
         "positioning_m": 2e-6,
         "straightness_m": 1e-6,
     }

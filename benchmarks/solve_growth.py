@@ -22,7 +22,7 @@ import tempfile
 from pathlib import Path
 
 import yaml
-from shared import ONE_CORE, simulated
+from shared import ONE_CORE, TRAVEL, simulated
 
 PLANS = "12x1,25x1,50x1,100x1,200x1,12x10x3"
 MOST_MEMORY = 300.0
@@ -32,14 +32,17 @@ MOST_MEMORY = 300.0
 def make_bag(path, blocks, passes, orders=1):
     """Write the bag of a simulated measurement; return its number of stops."""
     from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
+    from stepdiag_ros.configuration import load_machine
 
     plan, measured = simulated(blocks, passes, orders)
+    machine = yaml.safe_load(load_machine("demo")[1])
+    machine.update(chain="YXZ", travel_low_m=[0.0] * 3, travel_high_m=[TRAVEL] * 3)
     content = ToWrite(
         run_id=path.stem,
         plan_name="benchmark",
         middleware="none: simulated",
         plan=yaml.safe_dump(plan),
-        machine=yaml.safe_dump({"chain": ["Y", "X", "Z"]}),
+        machine=yaml.safe_dump(machine),
         lines=measured.lines,
     )
     write_bag(path, content)

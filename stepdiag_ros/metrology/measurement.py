@@ -189,6 +189,11 @@ class Measurement:
     plausible: Plausible = ORDINARY
     direct: DirectMeasurement | None = None
 
+    @property
+    def stop_count(self) -> int:
+        """Return the number of stops of all lines."""
+        return sum(len(line.displacement) for line in self.lines)
+
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:
     """Return the last attempt at each line of the plan, in the order of the plan."""
