@@ -33,11 +33,10 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
 
 PROTOCOL = 1
+ANSWER_LIMIT = 0.25
+"""Real seconds within which the agent answers a move; 5 ms is usual."""
 SILENCE_LIMIT = 1.0
-"""Real seconds without any word of the agent, or an answer, after which it counts as dead.
-
-An answer takes 5 ms, on a computer that is busy otherwise some tenths of a second.
-"""
+"""Real seconds without any word of the agent, after which it counts as dead."""
 ALIVE_PERIOD = 0.05
 """Real seconds between two signs of life, if the dead-man does not need them more often."""
 _LONGEST_LINE = 65536
@@ -189,13 +188,13 @@ class LinuxCnc:
     def _ask(self, op: str, **content: Any) -> dict[str, Any]:
         """Return the answer of the agent to a request."""
         number = self._send(op, **content)
-        deadline = time.monotonic() + SILENCE_LIMIT
+        # Nothing moves while the agent greets or lets the machine move again.
+        limit = ANSWER_LIMIT if op == "move" else SILENCE_LIMIT
+        deadline = time.monotonic() + limit
         while number not in self._answers:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                raise OSError(
-                    errno.ETIMEDOUT, f"{self._whom} has not answered within {SILENCE_LIMIT:g} s"
-                )
+                raise OSError(errno.ETIMEDOUT, f"{self._whom} has not answered within {limit:g} s")
             select.select([self._socket], [], [], left)
             self._take()
         answer = self._answers.pop(number)
