@@ -4,7 +4,6 @@ These hold for bags of every recorder. Readings count by one, commands too. A se
 which readings it was made of, a line which stops, and a stop which command led to it.
 """
 
-import struct
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
@@ -81,7 +80,7 @@ def numbers_of_readings(bag: Bag, run: FoundRun) -> ReadingNumbers:
             try:
                 numbers.take(*head_of(record.data))
                 continue
-            except struct.error:
+            except ValueError:
                 pass  # decoding it says what is wrong
         reading = bag.decode(record) if message is None else message
         numbers.take(conversion.to_nanoseconds(reading.header.stamp), int(reading.sequence))

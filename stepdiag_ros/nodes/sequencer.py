@@ -35,7 +35,7 @@ from stepdiag_ros.run.sequence import (
     Sequence,
     State,
 )
-from stepdiag_ros.run.supervision import GETTING_READY, Peer, said_of_run
+from stepdiag_ros.run.supervision import GETTING_READY, MOST_PEERS, Peer, said_of_run
 from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 
@@ -203,6 +203,8 @@ class SequencerNode(StepdiagNode):
     def on_heartbeat(self, peer: Peer) -> None:
         """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
         if not peer.faulty:
+            if len(self._were_ready) > MOST_PEERS:
+                self._were_ready &= self.watch.sessions()
             self._were_ready.add(peer.session)
         if self._sequence is None:
             return
