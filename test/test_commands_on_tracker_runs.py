@@ -1,6 +1,7 @@
 """Every command that takes a bag, on one that was measured with a tracker: served, or refused."""
 
 from argparse import _SubParsersAction
+from pathlib import Path
 
 import pytest
 from standard_runs import write_bag
@@ -8,6 +9,10 @@ from tracker_runs import tracker_run, write_tracker_run
 
 from stepdiag_ros import cli, notebook, open_run, plots
 from stepdiag_ros.commands import measure
+from stepdiag_ros.diagnosis_summary import Verdict
+from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE
+from stepdiag_ros.report.lead import RunLead
+from stepdiag_ros.report.summary import next_steps
 from stepdiag_ros.session.following import Measured, Outcome
 
 SERVED = {
@@ -150,3 +155,12 @@ def test_a_line_of_a_tracker_that_was_left_keeps_its_name():
         *("", "", None, True, ""),
     )
     assert measure._lead(measured).passes.missing == (line,)
+
+
+@pytest.mark.parametrize(("tracked", "asked"), [(True, "tracker plan"), (False, "plan --for")])
+def test_a_run_that_nothing_can_test_is_told_the_plan_of_its_own_instrument(tracked, asked):
+    lead = RunLead(
+        Verdict(NOT_TESTABLE, "Too few readings."), bag=Path("a"), solved=True, tracked=tracked
+    )
+    commands = [step.command for step in next_steps(lead)]
+    assert any(command and f"stepdiag {asked}" in command for command in commands), commands

@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.time_alignment import RunTiming
 
 @dataclass(frozen=True)
 class SequenceGap:
-    """Readings that are missing: between these two sequence numbers, at this time (ns)."""
+    """A jump in the sequence of the readings: between which numbers, at which time (ns)."""
 
     after: int
     before: int
@@ -33,8 +33,12 @@ class SequenceGap:
 
     @property
     def missing(self) -> int:
-        """Return how many readings are missing; negative if the count went back."""
-        return self.before - self.after - 1
+        """Return how many readings are missing for certain; 0 if the count went back.
+
+        The count goes back when the instrument starts again or readings are doubled. How many are
+        missing there is unknown.
+        """
+        return max(self.before - self.after - 1, 0)
 
 
 class RunInBag(NamedTuple):

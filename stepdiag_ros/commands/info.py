@@ -9,11 +9,11 @@ from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from rich.table import Table
 
-    from stepdiag_ros.bags.info import BagInfo, RunInBag
+    from stepdiag_ros.bags.info import BagInfo, RunInBag, SequenceGap
     from stepdiag_ros.bags.sample_check import SampleCheck
     from stepdiag_ros.metrology.time_alignment import RunTiming
 
@@ -129,10 +129,23 @@ def _gaps(info: "BagInfo") -> str:
         return "none recorded"
     if not info.gaps:
         return f"{sum(counts)}, none missing"
-    missing = sum(gap.missing for gap in info.gaps)
-    shown = ", ".join(f"{gap.after} to {gap.before}" for gap in info.gaps[:_MOST_GAPS])
-    more = " …" if len(info.gaps) > _MOST_GAPS else ""
-    return f"{missing} MISSING in {len(info.gaps)} gaps of the sequence: {shown}{more}"
+    found = []
+    gaps = [gap for gap in info.gaps if gap.missing]
+    if gaps:
+        missing = sum(gap.missing for gap in gaps)
+        found.append(f"{missing} MISSING in {len(gaps)} gaps of the sequence: {_listed(gaps)}")
+    restarts = [gap for gap in info.gaps if not gap.missing]
+    if restarts:
+        found.append(
+            f"the count went back {len(restarts)} times ({_listed(restarts)}); how many readings"
+            " are missing there is unknown"
+        )
+    return "; ".join(found)
+
+
+def _listed(gaps: "Sequence[SequenceGap]") -> str:
+    more = " …" if len(gaps) > _MOST_GAPS else ""
+    return ", ".join(f"{gap.after} to {gap.before}" for gap in gaps[:_MOST_GAPS]) + more
 
 
 def _samples(check: "SampleCheck") -> str:

@@ -20,6 +20,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
 from stepdiag_ros.planning.undetermined import undetermined
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
@@ -48,6 +49,7 @@ class RunLead:
         as_zero: names of the rotations that were taken as zero.
         told_elsewhere: those of them that another method tells.
         recording: what is wrong with the recording: missing, doubled, out of order.
+        tracked: the lines were measured with a laser tracker.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -66,6 +68,7 @@ class RunLead:
     as_zero: tuple[str, ...] = ()
     told_elsewhere: tuple[str, ...] = ()
     recording: tuple[Flaw, ...] = ()
+    tracked: bool = False
 
     @property
     def whole(self) -> bool:
@@ -126,6 +129,7 @@ def lead_of(
         expanded_uncertainty=expanded_uncertainty if accuracy is not None else math.nan,
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
         directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
+        tracked=any(one.line.kind == TRACKER for one in lines),
         as_zero=() if rotating else ROTATIONS,
         told_elsewhere=() if rotating else _told(report.results),
     )

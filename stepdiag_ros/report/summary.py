@@ -8,7 +8,7 @@ from typing import Any
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.compensation.permission import held_by_any
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -89,9 +89,9 @@ def next_steps(lead: RunLead) -> list[Step]:
     named = [
         *_complete_first(lead),
         *([_SOLVE] if lead.solved is None else []),
-        *(_after_verdict(lead.verdict) if more_acts else []),
+        *(_after_verdict(lead) if more_acts else []),
         *_for_unknown(lead),
-        *([] if more_acts else _after_verdict(lead.verdict)),
+        *([] if more_acts else _after_verdict(lead)),
         _REPORT,
         _MONITOR,
         *_compensation(lead),
@@ -259,9 +259,12 @@ def _complete_first(lead: RunLead) -> list[tuple[str, str]]:
     return [] if lead.whole else [("", f"Measure what is missing: {missing_words(lead)}.")]
 
 
-def _after_verdict(verdict: Verdict) -> list[tuple[str, str]]:
+def _after_verdict(lead: RunLead) -> list[tuple[str, str]]:
     """Return what the diagnosis asks for."""
-    return {
+    plan = "plan --for volumetric --machine MACHINE"
+    if lead.tracked:
+        plan = "tracker plan --machine MACHINE --station X Y Z"
+    asked: dict[str, list[tuple[str, str]]] = {
         CONSISTENT: [("diagnose {}", "how large an effect would have to be to show")],
         NAMED: [
             ("diagnose {} --extend MODEL.yaml", "what acts, how large, and the errors without it")
@@ -272,9 +275,11 @@ def _after_verdict(verdict: Verdict) -> list[tuple[str, str]]:
         UNEXPLAINED: [("diagnose {}", "where the gap is, and what to measure to find its cause")],
         NOT_TESTABLE: [
             ("diagnose {}", "why nothing could contradict these errors"),
-            ("plan --for volumetric --machine MACHINE", "a plan whose lines test each other"),
+            (plan, "a plan whose lines test each other"),
         ],
-    }.get(verdict.name, [("diagnose {}", "whether anything acts that these errors do not contain")])
+    }
+    otherwise = [("diagnose {}", "whether anything acts that these errors do not contain")]
+    return asked.get(lead.verdict.name, otherwise)
 
 
 def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.cli import main
 
 
 def test_a_whole_bag(tmp_path):
@@ -37,6 +38,21 @@ def test_missing_readings_are_found(tmp_path):
     assert [(gap.after, gap.before, gap.missing) for gap in info.gaps] == [(2, 5, 2), (6, 20, 13)]
     assert info.gaps[0].time == START + 5_000_000
     assert info.as_dict()["missing_readings"] == 15
+
+
+def test_an_instrument_that_was_started_again_misses_an_unknown_number_never_a_negative_one(
+    tmp_path, capsys
+):
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, header()) as bag:
+        for number in (7, 8, 10, 0, 1):
+            bag.write(READING, topics.READING.type_name, reading_cdr(number), START)
+    info = bag_info(path)
+    assert [(gap.after, gap.before, gap.missing) for gap in info.gaps] == [(8, 10, 1), (10, 0, 0)]
+    assert info.as_dict()["missing_readings"] == 1
+    main(["info", str(path)])
+    said = capsys.readouterr().out
+    assert "8 to 10" in said and "10 to 0" in said and "unknown" in said
 
 
 def test_a_cut_bag_says_so_instead_of_failing(tmp_path):

@@ -20,6 +20,7 @@ from stepdiag_ros.monitor.state import State as MonitorState
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.foxglove_server import STREAMS
 from stepdiag_ros.nodes.onlooker import ViewerNode
+from stepdiag_ros.nodes.operator import OperatorNode
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
 
@@ -239,16 +240,27 @@ def test_who_looks_on_publishes_nothing_of_a_run() -> None:
     assert requested == {what for how, what in policy()["/stepdiag/scene"] if how == "request"}
 
 
-def test_who_watches_does_what_a_viewer_may() -> None:
+@pytest.mark.parametrize(
+    ("enclave", "make"),
+    [
+        ("operator", OperatorNode),
+        ("viewer", lambda: ViewerNode(MonitorState(), 4.0, lambda _: False)),
+    ],
+)
+def test_the_nodes_of_commands_are_allowed_what_they_do(
+    enclave: str, make: Callable[[], Any]
+) -> None:
     import rclpy
 
-    rclpy.init(args=["--ros-args", "--enclave", "/stepdiag/viewer"])
-    done = endpoints_of(ViewerNode(MonitorState(), 4.0, lambda _: False), "watch")
-    allowed = policy()["/stepdiag/viewer"]
+    rclpy.init(args=["--ros-args", "--enclave", f"/stepdiag/{enclave}"])
+    done = endpoints_of(make(), enclave)
+    allowed = policy()[f"/stepdiag/{enclave}"]
     refused = {
         (how, what)
         for how, what in done
         if not any(how == way and fnmatchcase(what, pattern) for way, pattern in allowed)
     }
-    assert not refused
-    assert ("subscribe", "/run/state") in done and not any(how == "request" for how, _ in done)
+    assert not refused, f"{POLICY.name} does not allow {enclave} to {sorted(refused)}"
+    assert ("subscribe", "/run/state") in done
+    asked = {what for how, what in done if how == "request"}
+    assert not asked or enclave == "operator"

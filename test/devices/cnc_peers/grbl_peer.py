@@ -115,6 +115,14 @@ class GrblPeer(threading.Thread):
             self._client.close()
             self._client = None
 
+    def where_it_stops(self):
+        """Wait until nothing moves, and return the position, mm."""
+        deadline = time.monotonic() + 30.0
+        while self._blocks:
+            assert time.monotonic() < deadline, (self._state, self.position)
+            time.sleep(0.002)
+        return tuple(self.position)
+
     def jog(self, x):
         """As somebody at the machine would."""
         target = [x, *self.position[1:]]
@@ -343,8 +351,8 @@ class GrblPeer(threading.Thread):
         if block.done >= block.length / 2:
             self.halfway.pop(len(self.made), lambda: None)()
         if block.done >= block.length - 1e-6:
-            self._blocks.pop(0)
             self.position = list(block.end)
+            self._blocks.pop(0)
             if not self._blocks and not braking:
                 self._state = "Idle"
         else:

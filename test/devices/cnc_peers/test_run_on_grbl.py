@@ -34,7 +34,7 @@ def finished(peer, tmp_path_factory):
         tmp_path_factory.mktemp("run"),
         "grbl",
         settings,
-        lambda: peer.where_held.append((tuple(peer.position), len(peer.made))),
+        lambda: peer.where_held.append((peer.where_it_stops(), len(peer.made))),
     )
 
 
