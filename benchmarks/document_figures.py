@@ -1,8 +1,8 @@
 """Figures in the documents that a computation gives: writes them, or says which are of old.
 
 Each figure stands in its document between two comments, or where an expression finds it. A test
-compares all of them with what is computed (``test/test_document_figures.py``). After a change of
-solvers, diagnosis or simulation:
+compares all of them with what is computed (``test/documents/test_document_figures.py``). After a
+change of solvers, diagnosis or simulation:
 
     python benchmarks/document_figures.py --write
 """

@@ -15,13 +15,12 @@ LIVE = (
     "conformance",
     "devices/cnc_peers",
     "embedded",
+    "examples",
     "foxglove_live",
     "interoperability",
     "linuxcnc",
     "monitor_live",
     "nodes",
-    "test_example_node.py",
-    "test_outside_effect.py",
     "watch_live",
 )
 """Where tests run nodes, controllers or peers in real time.

@@ -8,7 +8,7 @@ import pytest
 
 from stepdiag_ros.cli import main
 
-CASE = Path(__file__).parent / "data" / "cases" / "four_diagonals"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "four_diagonals"
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_of
 
-CASE = Path(__file__).parent / "data" / "cases" / "iso230_2_measured"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "iso230_2_measured"
 STEPS = """\
 name: step diagonals
 step_m: [0.03, 0.02, 0.025]

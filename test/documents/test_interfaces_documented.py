@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 INTERFACES = sorted(
     path for folder in ("msg", "srv", "action") for path in ROOT.glob(f"{folder}/*.{folder}")
 )

@@ -12,7 +12,7 @@ from stepdiag_ros.run.motion_watch import ASTRAY, SETTLE_LIMIT
 from stepdiag_ros.run.permission import LONGEST_DEAD_MAN
 from stepdiag_ros.run.sequence import ANSWER_LIMIT, BEAM_LIMIT
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
 COLUMNS = 5
 

@@ -10,7 +10,7 @@ import pytest
 from stepdiag_ros import cli, notebook
 from stepdiag_ros.metrology.geometry import ROTATIONS
 
-CASE = Path(__file__).parent / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
 
 
 @pytest.fixture(scope="module")

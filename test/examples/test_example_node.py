@@ -19,7 +19,7 @@ from stepdiag_ros.solving import solve_reproducibly
 
 __all__ = ["domain", "node", "ros"]
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CASE = ROOT / "test/data/cases/four_diagonals"
 EXAMPLE = ROOT / "docs/examples/watch_results.py"
 

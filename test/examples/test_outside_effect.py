@@ -20,7 +20,7 @@ try:
 except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 SETTING = {"axis": "Z", "period_s": 300.0}
 SIZES = {"sine": 0.6e-6, "cosine": 0.3e-6}
@@ -150,7 +150,7 @@ def hidden(installed, tmp_path_factory):
     }
     (folder / "cell.yaml").write_text(yaml.safe_dump(cell))
     script = SIMULATE.format(
-        tests=str(ROOT / "test"), folder=str(folder), cell=str(folder / "cell.yaml")
+        tests=str(Path(__file__).parent), folder=str(folder), cell=str(folder / "cell.yaml")
     )
     done = _python("-c", script, site=installed)
     assert done.returncode == 0, done.stderr

@@ -12,7 +12,7 @@ from stepdiag_ros.parameter_documents import parameter_file
 from stepdiag_ros.parameters import NODES, declared_node
 from stepdiag_ros.session.cell_file import check_cell_file
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FILES = {path.name.removesuffix(".launch.py"): path for path in (ROOT / "launch").iterdir()}
 EVALUATION = ["assembler", "solver", "evaluator", "diagnosis"]
 DEVICES = ["weather", "bridge", "interferometer"]

@@ -7,7 +7,7 @@ import pytest
 
 from stepdiag_ros.topics import TOPICS, Qos
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "integration.md").read_text(encoding="utf-8")
 WORDS = {
     Qos.STREAM: "stream",

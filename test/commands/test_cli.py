@@ -33,7 +33,7 @@ from stepdiag_ros.solving import solve_reproducibly
 
 START = 1_000_000_000
 RUN_ID = "20260102T030405-abcd"
-CASE = Path(__file__).parent / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
 
 
 def events_of_a_run(plan, cell):

@@ -11,7 +11,7 @@ from stepdiag_ros import cli
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.report import experiment_figures
 
-CASE = Path(__file__).parent / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.nodes.foxglove_server import SHOWN
 from stepdiag_ros.scene.frames import FRAMES, MACHINE
 
-CONFIG = Path(__file__).parents[1] / "config"
+CONFIG = Path(__file__).parents[2] / "config"
 RVIZ = yaml.safe_load((CONFIG / "rviz" / "stepdiag.rviz").read_text())["Visualization Manager"]
 FOXGLOVE = json.loads((CONFIG / "foxglove" / "stepdiag.json").read_text())
 PLOTJUGGLER = ElementTree.parse(CONFIG / "plotjuggler" / "stepdiag.xml").getroot()

@@ -13,7 +13,7 @@ from stepdiag_ros.cli import main
 from stepdiag_ros.metrology import effects
 from stepdiag_ros.metrology.effects.backlash import EFFECT
 
-CASE = Path(__file__).parent / "data" / "cases" / "four_diagonals"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "four_diagonals"
 LOST_MOTION = 6e-7
 FILES = ("diagnosis.json", "diagnosis.txt", "diagnosis.html", "gap_map.png", "candidates.png")
 

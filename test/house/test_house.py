@@ -9,7 +9,7 @@ import pytest
 
 import stepdiag_ros
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LONGEST_MODULE = 500
 
 
