@@ -450,7 +450,7 @@ def to_volumetric_errors(message: Any) -> VolumetricErrors:
             continue
         count = len(nodes[moving_axis(name)])
         if not len(values) == len(spread) == count:
-            raise ValueError(f"VolumetricErrors: {name} does not have {count} values, as nodes")
+            raise ValueError(f"VolumetricErrors: {name} does not have one value at each node")
         curves[name], uncertainties[name] = values, spread
     columns = (message.parameter, message.value, message.standard_uncertainty, message.unit)
     if len({len(column) for column in columns}) > 1:
