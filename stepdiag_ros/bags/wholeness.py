@@ -24,6 +24,9 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.topics import Topic
 
+_ENDED = (4, 5, 6)
+"""``RunState``: FINISHED, ABORTED, FAULT."""
+
 
 class ReadingNumbers:
     """Times (ns) and sequence numbers of the readings, in the order of the file."""
@@ -97,6 +100,7 @@ class Recorded(NamedTuple):
         stops: settled or rejected.
         blocks: of the stops.
         lines: every attempt.
+        last_state: ``RunState.state`` as it was told last; None if it never was.
         readings: their numbers.
     """
 
@@ -106,6 +110,7 @@ class Recorded(NamedTuple):
     stops: Sequence[SettledStop]
     blocks: Sequence[BlockDisplacement]
     lines: Sequence[MeasuredLine]
+    last_state: int | None
     readings: ReadingNumbers
 
     @property
@@ -177,6 +182,10 @@ class Recorded(NamedTuple):
         if self.lines:
             lines = self._lines_missing(stops_of_lines)
             yield topics.LINE, lines, f"{lines} lines whose last stop it has"
+        # Of a run that broke off it is said that lines are missing, and how it ended.
+        all_there = {line.line_index for line in self.lines}.issuperset(range(len(stops_of_lines)))
+        if all_there and self.last_state not in (None, *_ENDED):
+            yield topics.RUN_STATE, 1, "the end of the run, although it has all lines of the plan"
 
     def _commands_missing(self) -> int:
         ended = {stop.command.command_id for stop in self.stops}

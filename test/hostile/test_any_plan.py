@@ -35,7 +35,8 @@ blocks: 1
 feed_m_per_s: 0.03
 tracker: {mirror_offset_m: 0.0}
 lines:
-  - {kind: tracker, station: a, station_m: [-0.5, 0, 0], names: [x], targets_m: [[0, 0, 0], [0.1, 0, 0]]}
+  - {kind: tracker, station: a, station_m: [-0.5, 0, 0], names: [x],
+     targets_m: [[0, 0, 0], [0.1, 0, 0]]}
 """
 
 
