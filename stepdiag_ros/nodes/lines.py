@@ -46,16 +46,12 @@ class LineNode(StepdiagNode):
         self.lines = []
         self.run_id, self._described = description.run_id, True
         for _ in range(len(self._early)):
-            self._hear_line(self._early.popleft())
+            self.try_with(topics.LINE.name, self._hear_line, self._early.popleft())
 
     def _hear_line(self, message: Any) -> None:
         if not self._described or message.run_id != self.run_id:
             self._early.append(message)
             return
-        try:
-            line = to_measured_line(message)
-        except ValueError as error:
-            self.unwell(f"a line cannot be taken up: {error}")
-            return
+        line = to_measured_line(message)
         self.lines.append(line)
         self.on_line(line)

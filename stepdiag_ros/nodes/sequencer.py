@@ -35,7 +35,7 @@ from stepdiag_ros.run.sequence import (
     Sequence,
     State,
 )
-from stepdiag_ros.run.supervision import GETTING_READY, Peer, said_of_run
+from stepdiag_ros.run.supervision import GETTING_READY, MOST_PEERS, Peer, said_of_run
 from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 
@@ -206,6 +206,8 @@ class SequencerNode(StepdiagNode):
         A run needs every welcome node that it has had.
         """
         if not peer.faulty:
+            if len(self._were_ready) > MOST_PEERS:
+                self._were_ready &= self.watch.sessions()
             self._were_ready.add(peer.session)
             if peer.role in WELCOME and peer.role not in self._needed:
                 # It may have been heard only after the start of the run.

@@ -69,7 +69,12 @@ class SolverNode(LineNode):
         while self._solving and self._solving[0][-1].done():
             run_id, count, line, solved = self._solving.popleft()
             self._work.end(self.real_time())
-            found = solved.result()
+            try:
+                found = solved.result()
+            except ValueError as error:
+                self.unwell(f"the lines cannot be solved: {error}")
+                self._say_work_left()
+                continue
             for result in found.results.values():
                 self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
             for test in found.tests:

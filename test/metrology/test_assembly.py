@@ -487,6 +487,18 @@ def test_commands_of_another_plan_are_refused(change, words):
         Assembler(PLAN, START).add_command(run.commands[0]._replace(**change))
 
 
+@pytest.mark.parametrize("stream", ["commands", "arrivals"])
+@pytest.mark.parametrize("late", [False, True], ids=["another of the same number", "a late one"])
+def test_two_senders_that_contradict_each_other_are_refused(stream, late):
+    run = Run()
+    run.measure(0)
+    events = getattr(run, stream)
+    other = events.pop(1) if late else events[1]._replace(time=events[1].time + 1)
+    events.insert(2, other)
+    with pytest.raises(ValueError, match=f"{stream[:-1]} {other.command_id} "):
+        events_of(run)
+
+
 # Interleaving ------------------------------------------------------------------------------------
 
 

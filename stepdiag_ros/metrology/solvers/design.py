@@ -47,7 +47,7 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.solvers.direct_rows import RowMaker
-from stepdiag_ros.metrology.solvers.exact_model import ExactModel, State, padded
+from stepdiag_ros.metrology.solvers.exact_model import LARGEST_TILT, ExactModel, State, padded
 from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded, places_in
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
@@ -313,7 +313,7 @@ class Design:
                 replicates (replicates, groups); those of the observations if None.
 
         Raises:
-            ValueError: the iteration does not converge: a tilt far beyond any alignment.
+            ValueError: the iteration does not converge, or to a tilt far beyond any alignment.
         """
         given = self.mean if means is None else means
         unknowns = np.zeros((*given.shape[:-1], self.count))
@@ -334,12 +334,12 @@ class Design:
             size = float(np.max(np.abs(change)))
             if size <= _CONVERGED:
                 break
-        else:
-            if not size <= 1e-11:
-                raise ValueError(
-                    "the least-squares iteration does not converge: a setup must be misaligned by "
-                    "far more than any laser still reads; check the lines' names and positions"
-                )
+        tilts = unknowns[..., self.tilt_column] / self.arm
+        if not (size <= 1e-11 and np.all(np.abs(tilts) <= LARGEST_TILT)):
+            raise ValueError(
+                "the least-squares iteration does not converge: a setup must be misaligned by far "
+                "more than any laser still reads; check the lines' names and positions"
+            )
         squares = float("nan")
         if not many:
             unknowns, modelled = self._refined(given, unknowns, state)

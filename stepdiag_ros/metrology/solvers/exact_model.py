@@ -13,7 +13,8 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.solvers.observations import Integers
 
-_LARGEST_TILT = 0.2
+LARGEST_TILT = 0.2
+"""rad, of a setup; the model stands still beyond it, and no laser reads at a thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class ExactModel:
 
     def state(self, unknowns: Vector) -> State:
         """Return what the model says for unknowns of shape (..., p)."""
-        tilts = unknowns[..., self.tilt_column] / self.arm
+        tilts = np.clip(unknowns[..., self.tilt_column] / self.arm, -LARGEST_TILT, LARGEST_TILT)
         turned = self._turn(tilts)[..., self.setup]
         errors = self._mirror_errors(padded(unknowns)[..., self.curves])
         parts = turned * (self.way + errors) + self._along * errors
@@ -114,7 +115,6 @@ class ExactModel:
 
     def _turn(self, tilts: Vector) -> Vector:
         """Return what the tilts change of each setup's direction, shape (..., 3, setups)."""
-        tilts = np.clip(tilts, -_LARGEST_TILT, _LARGEST_TILT)
         change = np.zeros((*tilts.shape[:-2], *self.directions.shape))
         if self.tilted:
             square = np.sum(tilts**2, axis=-1, keepdims=True)
