@@ -9,7 +9,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from nodes_here import NODES, node_here
 from odd_messages import MANY_TRIALS, damaged, messages
-from raw_web import resident
 from rclpy.serialization import deserialize_message, serialize_message
 from small_run import RUN_ID, small_stream
 
@@ -17,7 +16,6 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.conversion import message_type
 from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
 from stepdiag_ros.positioning_conversion import from_positioning_test, to_positioning_test
-from stepdiag_ros.run.supervision import MOST_PEERS
 
 LONG = 50
 """Times as many trials with ``--hypothesis-profile long``."""
@@ -187,49 +185,3 @@ def test_an_assembler_gives_the_same_numbers_or_says_what_is_wrong(data):
     with pytest.MonkeyPatch.context() as patch:
         made, level = published(patch, stream)
     assert made == known or level > 0
-
-
-ROUNDS = 2000
-GROWTH = 60_000_000
-"""Bytes that a node may grow while it is flooded."""
-
-
-@pytest.mark.parametrize("name", ["assembler", "bridge", "recorder", "sequencer", "solver"])
-def test_a_node_that_is_flooded_by_a_peer_stays_small_and_goes_on(name):
-    """Heartbeats of ever other nodes, parameters of nodes that are not there, other runs' data."""
-    array, status, pair = (
-        message_type(f"diagnostic_msgs/msg/{one}")
-        for one in ("DiagnosticArray", "DiagnosticStatus", "KeyValue")
-    )
-    event, parameter = (
-        message_type(f"rcl_interfaces/msg/{one}") for one in ("ParameterEvent", "Parameter")
-    )
-    whole = small_stream()[:30]
-    with node_here(name) as here:
-        heard = {one.topic: one for one in here.hears}
-        before = resident()
-        for number in range(ROUNDS):
-            values = [pair(key="role", value="recorder"), pair(key="session", value=f"{number}")]
-            values.append(pair(key="stored", value="x" * 10_000))
-            for node in (f"node_{number}", "recorder", "no name"):
-                told = status(name=f"{node}: heartbeat", level=b"\0", values=values)
-                here.give_to(heard["/diagnostics"], array(status=[told]))
-            if "/parameter_events" in heard:
-                changed = event(node=f"/n{number}", changed_parameters=[parameter(name="x" * 9000)])
-                here.give_to(heard["/parameter_events"], changed)
-            for topic in {topic.name: topic for _, topic, _ in whole}.values():
-                for one in here.hears:
-                    if one.topic == topics.absolute(topic):
-                        odd = one.msg_type()
-                        if hasattr(odd, "run_id"):
-                            odd.run_id = f"another {number}"
-                        if hasattr(odd, "command_id"):
-                            odd.command_id = number
-                        here.give_to(one, odd)
-            if number % 100 == 0:
-                here.work()
-        here.work()
-        assert len(here.node.watch.peers) <= MOST_PEERS
-        assert resident() - before < GROWTH
-        assert here.node.health._level > 0, "nothing is said"
-        assert len(list(here.node.clients)) < 3 * MOST_PEERS
