@@ -273,7 +273,7 @@ def test_plans_in_files_and_in_run_descriptions(mapping):
     assert len(plan.lines) == wanted * len(mapping["directions"])
 
 
-SETTINGS = {str: TEXTS, int: COUNTS, float: st.floats(1e-9, 1e9)}
+SETTINGS = {str: TEXTS, int: st.integers(0, 10**9), float: st.floats(1e-9, 1e9)}
 FINITE = st.floats(-1e9, 1e9)
 PROVENANCES = st.builds(
     Provenance,
