@@ -1,13 +1,60 @@
-"""What several benchmarks need: gaps in a sequence, and processor time of processes (Linux)."""
+"""What several benchmarks need: simulated measurements, gaps, and time of processes (Linux)."""
 
 import os
 import time
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.measurement import Measurement
 
 TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 CORES = os.sysconf("SC_NPROCESSORS_ONLN")
+ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of a process that calculates in one thread."""
+ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "YXZ", "ZYX")
+TRAVEL = 0.36
+"""Of each axis of the simulated machine, m."""
+
+
+def simulated(
+    blocks: int, passes: int = 1, orders: int = 1
+) -> "tuple[dict[str, Any], Measurement]":
+    """Return a plan, as its file has it, and a measurement by it.
+
+    Three linear lines and four step diagonals in some move orders, each in some passes, over a cube
+    of 0.36 m of a machine with errors of positioning and straightness.
+    """
+    # Only here: whoever sets the number of threads does so before numpy is imported.
+    from stepdiag_ros.metrology.cell import SimulatedCell
+    from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
+    from stepdiag_ros.metrology.plan import Plan
+    from stepdiag_ros.metrology.simulation import simulate
+
+    names, told = list(BODY_DIAGONALS), list(ORDERS[:orders])
+    plan = {
+        "step_m": [TRAVEL / blocks] * 3,
+        "blocks": blocks,
+        "feed_m_per_s": 0.05,
+        "repeats": passes,
+        "lines": [
+            {"kind": "linear", "names": list(LINEAR_LINES)},
+            {"kind": "step_diagonal", "names": names, "orders": told},
+        ],
+    }
+    errors = {
+        "travel_low_m": [0.0] * 3,
+        "travel_high_m": [TRAVEL] * 3,
+        "positioning_m": 2e-6,
+        "straightness_m": 1e-6,
+    }
+    misalignment = {"beam_sigma_rad": 150e-6}
+    cell = {"seed": 1, "chain": "YXZ", "errors": errors, "misalignment": misalignment}
+    source = "benchmark"
+    measured = simulate(Plan.from_mapping(plan, source), SimulatedCell.from_mapping(cell, source))
+    return plan, measured
 
 
 def gaps(sequence: Iterable[int]) -> int:

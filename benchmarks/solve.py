@@ -17,64 +17,35 @@ import subprocess
 import sys
 import time
 
-ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+from shared import ONE_CORE
 
 
 def measure_in_this_process(solves):
     started = time.perf_counter()
     import numpy as np
+    from shared import simulated
 
-    from stepdiag_ros.metrology.cell import SimulatedCell
-    from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
-    from stepdiag_ros.metrology.plan import Plan
-    from stepdiag_ros.metrology.simulation import simulate
     from stepdiag_ros.metrology.solvers import solve
     from stepdiag_ros.metrology.solvers.monte_carlo import replicate
 
     imported = time.perf_counter() - started
-    cell = SimulatedCell.from_mapping(
-        {
-            "seed": 1,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0] * 3,
-                "travel_high_m": [0.36] * 3,
-                "positioning_m": 2e-6,
-                "straightness_m": 1e-6,
-            },
-            "misalignment": {"beam_sigma_rad": 150e-6},
-        },
-        "benchmark",
-    )
 
-    def plan_of(blocks, orders=("XYZ",), passes=1):
-        lines = [
-            {"kind": "linear", "names": list(LINEAR_LINES)},
-            {"kind": "step_diagonal", "names": list(BODY_DIAGONALS), "orders": list(orders)},
-        ]
-        mapping = {
-            "step_m": [0.36 / blocks] * 3,
-            "blocks": blocks,
-            "feed_m_per_s": 0.05,
-            "repeats": passes,
-            "lines": lines,
-        }
-        return Plan.from_mapping(mapping, "benchmark")
+    def measurement_of(*plan):
+        return simulated(*plan)[1]
 
     def timed(function, *arguments):
         begin = time.perf_counter()
         function(*arguments)
         return time.perf_counter() - begin
 
-    measured = simulate(plan_of(36), cell)
+    measured = measurement_of(36)
     cold = timed(solve, measured, "least_squares")
     warm = [timed(solve, measured, "least_squares") for _ in range(solves)]
     replicates = {
         method: timed(replicate, measured, 1000, 1, method)
         for method in ("conventional", "setup_robust", "least_squares")
     }
-    orders = ("XYZ", "YZX", "ZXY")
-    large = simulate(plan_of(12, orders, 10), cell)
+    large = measurement_of(12, 10, 3)
 
     def best(measurement, method):
         timed(solve, measurement, method)
@@ -90,9 +61,9 @@ def measure_in_this_process(solves):
             method: 1e3 * best(large, method) for method in ("least_squares", "rigid_body")
         },
         "large_replicates_10000_s": timed(replicate, large, 10_000, 1, "least_squares"),
-        "slope_over_blocks": slope([simulate(plan_of(n), cell) for n in (12, 25, 50, 100)]),
+        "slope_over_blocks": slope([measurement_of(n) for n in (12, 25, 50, 100)]),
         "slope_over_passes": slope(
-            [simulate(plan_of(12, orders, passes), cell) for passes in (5, 10, 20, 40, 80)]
+            [measurement_of(12, passes, 3) for passes in (5, 10, 20, 40, 80)]
         ),
         "import_ms": 1e3 * imported,
         "cold_ms": 1e3 * cold,

@@ -22,54 +22,27 @@ import tempfile
 from pathlib import Path
 
 import yaml
+from shared import ONE_CORE, TRAVEL, simulated
 
 PLANS = "12x1,25x1,50x1,100x1,200x1,12x10x3"
 MOST_MEMORY = 300.0
 """MB for a run of 5,000 stops."""
-ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "YXZ", "ZYX")
-ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_TRAVEL = 0.36
 
 
 def make_bag(path, blocks, passes, orders=1):
     """Write the bag of a simulated measurement; return its number of stops."""
     from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
-    from stepdiag_ros.metrology.cell import SimulatedCell
-    from stepdiag_ros.metrology.geometry import BODY_DIAGONALS, LINEAR_LINES
-    from stepdiag_ros.metrology.plan import Plan
-    from stepdiag_ros.metrology.simulation import simulate
+    from stepdiag_ros.configuration import load_machine
 
-    plan = {
-        "step_m": [_TRAVEL / blocks] * 3,
-        "blocks": blocks,
-        "feed_m_per_s": 0.05,
-        "repeats": passes,
-        "lines": [
-            {"kind": "linear", "names": list(LINEAR_LINES)},
-            {
-                "kind": "step_diagonal",
-                "names": list(BODY_DIAGONALS),
-                "orders": list(ORDERS[:orders]),
-            },
-        ],
-    }
-    errors = {
-        "travel_low_m": [0.0] * 3,
-        "travel_high_m": [_TRAVEL] * 3,
-        "positioning_m": 2e-6,
-        "straightness_m": 1e-6,
-    }
-    misalignment = {"beam_sigma_rad": 150e-6}
-    cell = {"seed": 1, "chain": "YXZ", "errors": errors, "misalignment": misalignment}
-    measured = simulate(
-        Plan.from_mapping(plan, "benchmark"), SimulatedCell.from_mapping(cell, "benchmark")
-    )
+    plan, measured = simulated(blocks, passes, orders)
+    machine = yaml.safe_load(load_machine("demo")[1])
+    machine.update(chain="YXZ", travel_low_m=[0.0] * 3, travel_high_m=[TRAVEL] * 3)
     content = ToWrite(
         run_id=path.stem,
         plan_name="benchmark",
         middleware="none: simulated",
         plan=yaml.safe_dump(plan),
-        machine=yaml.safe_dump({"chain": ["Y", "X", "Z"]}),
+        machine=yaml.safe_dump(machine),
         lines=measured.lines,
     )
     write_bag(path, content)

@@ -145,14 +145,17 @@ def plausible_from_text(text: str, source: str) -> "Plausible":
     """Return what a machine's YAML tells of the plausible size of its rotations.
 
     Raises:
-        ValueError: it is neither a class of machine nor a size.
+        ValueError: it is neither a class of machine nor a size; names the source and the key.
     """
     from stepdiag_ros.metrology.plausible import ORDINARY, ROTATIONS_KEY, Plausible, size_of
 
     parsed = parse_yaml(text, source) if text else {}
     if not isinstance(parsed, Mapping) or ROTATIONS_KEY not in parsed:
         return ORDINARY
-    return Plausible(rotation=size_of(parsed[ROTATIONS_KEY]))
+    try:
+        return Plausible(rotation=size_of(parsed[ROTATIONS_KEY]))
+    except ValueError as error:
+        raise ValueError(f"{source}: '{ROTATIONS_KEY}': {error}") from None
 
 
 def cell_from_text(text: str, source: str) -> "SimulatedCell":

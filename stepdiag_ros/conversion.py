@@ -27,6 +27,7 @@ from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.scene.frames import MACHINE
 
 NANOSECONDS = 1_000_000_000
+_STAMPED = 2**31 * NANOSECONDS
 
 PURPOSE_STOP = 0
 PURPOSE_POSITION = 1
@@ -70,7 +71,13 @@ def to_nanoseconds(stamp: Any) -> int:
 
 
 def set_stamp(stamp: Any, nanoseconds: int) -> None:
-    """Write whole nanoseconds into a ``builtin_interfaces/Time``."""
+    """Write whole nanoseconds into a ``builtin_interfaces/Time``.
+
+    Raises:
+        ValueError: it is beyond the times that a stamp can hold (1901 to 2038).
+    """
+    if not abs(nanoseconds) < _STAMPED:
+        raise ValueError(f"a time of {nanoseconds * 1e-9:g} s does not fit into a stamp")
     stamp.sec, stamp.nanosec = divmod(int(nanoseconds), NANOSECONDS)
 
 
@@ -209,11 +216,8 @@ def to_arrival(message: Any) -> Arrival | None:
     """Convert a ``CommandStatus`` that says in position; None for every other status."""
     if int(message.status) != STATUS_IN_POSITION:
         return None
-    return Arrival(
-        command_id=int(message.command_id),
-        time=to_nanoseconds(message.header.stamp),
-        position=_triple(message.position),
-    )
+    time, position = to_nanoseconds(message.header.stamp), _triple(message.position)
+    return Arrival(int(message.command_id), time, position)
 
 
 def from_command_status(
@@ -445,16 +449,12 @@ def to_volumetric_errors(message: Any) -> VolumetricErrors:
         if len(values) == 0 and len(spread) == 0:
             continue
         count = len(nodes[moving_axis(name)])
+        if not len(values) == len(spread) == count:
+            raise ValueError(f"VolumetricErrors: {name} does not have one value at each node")
         curves[name], uncertainties[name] = values, spread
-        if len(curves[name]) != count or len(uncertainties[name]) != count:
-            raise ValueError(
-                f"VolumetricErrors: {name} does not have one value for each of {count} nodes"
-            )
     columns = (message.parameter, message.value, message.standard_uncertainty, message.unit)
     if len({len(column) for column in columns}) > 1:
-        raise ValueError(
-            "VolumetricErrors: parameter, value, standard_uncertainty, unit differ in length"
-        )
+        raise ValueError("VolumetricErrors: the arrays of its figures differ in length")
     return VolumetricErrors(
         method=str(message.method),
         nodes=nodes,

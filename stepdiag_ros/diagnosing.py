@@ -26,7 +26,7 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, left_out
+from stepdiag_ros.metrology.solvers.limits import TooLarge
 from stepdiag_ros.metrology.tracker.run_result import verdict_on_run
 from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures, not_testable_sentences
 from stepdiag_ros.report.diagnosis_build import NO_CHAIN
@@ -87,16 +87,15 @@ def verdict_on(measurement: Measurement) -> Verdict:
 
     It is that of ``stepdiag diagnose`` without a model, whatever model a live run was compared
     with: what is solved contains nothing but error curves. It takes 0.1 s to 2.5 s for the plans
-    in ``config/plans``. Runs of very many blocks are not diagnosed (``solvers.limits``).
+    in ``config/plans``. Very large runs are not diagnosed (``solvers.limits``).
 
     Args:
         measurement: the lines.
     """
-    too_large = left_out(measurement.volume.blocks)
-    if DIAGNOSIS in too_large:
-        return Verdict(sentence=f"The run was not diagnosed: {too_large[DIAGNOSIS]}.")
     try:
         found = diagnose_reproducibly(measurement, Reference(MachineModel(), "", catalogue()))
+    except TooLarge as error:
+        return Verdict(sentence=f"The run was not diagnosed: {error}.")
     except ValueError as error:
         return Verdict(sentence=f"The run cannot be compared with its model: {error}")
     return Verdict.of(found)

@@ -20,11 +20,15 @@ DEEPEST = 50
 """Levels of lists and tables in one another."""
 MOST_VALUES = 20_000
 """Values in a YAML text, each counted as often as it is referred to."""
+LONGEST_NUMBER = 400
+"""Characters of a number in a YAML text; the time to read one grows with their square."""
 LARGEST_CHUNK = 32 * 2**20
 """Bytes of messages in a chunk of a bag, decompressed. Recorders make chunks of at most some MB."""
 MOST_EXPANSION = 50
 """Times the size of a bag that its chunks may have, decompressed, beyond one largest chunk."""
 
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_HALVES = re.compile("[\ud800-\udfff]")
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
 
 
@@ -47,6 +51,8 @@ class _BoundedLoader(yaml.SafeLoader):
         self._depth -= 1
         if node is None:
             return None
+        if isinstance(node, yaml.ScalarNode):
+            _check_scalar(node)
         if isinstance(event, yaml.AliasEvent):
             if id(node) not in self._measured:
                 raise _refusal("a list or table that contains itself", mark)
@@ -73,16 +79,31 @@ class _BoundedLoader(yaml.SafeLoader):
         if values > MOST_VALUES:
             raise _refusal(f"more than {MOST_VALUES} values", mark)
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Make the value of a node; one that is not what its tag or its form says is refused."""
+        try:
+            return super().construct_object(node, deep=deep)
+        except (ValueError, ArithmeticError, LookupError, AttributeError, TypeError):
+            kind = node.tag.rpartition(":")[2]
+            raise _refusal(f"{str(node.value)[:60]!r} is no {kind}", node.start_mark) from None
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         """Make a table; a key given twice is refused instead of one being lost."""
         seen: set[Hashable] = set()
-        for key_node, _ in node.value:
+        for key_node, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable):
                 if key in seen:
                     raise _refusal(f"the key '{key}' is there twice", key_node.start_mark)
                 seen.add(key)
         return super().construct_mapping(node, deep=deep)
+
+
+def _check_scalar(node: yaml.ScalarNode) -> None:
+    if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+        raise _refusal(f"a number of more than {LONGEST_NUMBER} characters", node.start_mark)
+    if not node.value.isascii() and _HALVES.search(node.value):
+        raise _refusal("half of a UTF-16 character, which is no text", node.start_mark)
 
 
 def _refusal(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:

@@ -10,9 +10,16 @@ import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
 from domains import own_domain
 from forked import ForkedPopen
+from hypothesis import settings
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import schemas
+
+# How long an example takes says how busy the computer is. The same examples every time: a change
+# fails by what it changes, never by chance. ``--hypothesis-profile fresh`` looks for new ones.
+settings.register_profile("same examples", deadline=None, derandomize=True)
+settings.register_profile("fresh", deadline=None, derandomize=False, max_examples=1000)
+settings.load_profile("same examples")
 
 LIVE = (
     "campaign",

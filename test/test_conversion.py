@@ -1,5 +1,6 @@
 """Every data class becomes a message and comes back the same, with every kind of message class."""
 
+import math
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
@@ -213,6 +214,14 @@ def test_lines_with_arrays_of_different_length_are_refused():
     message = conversion.from_measured_line(MEASURED, "run", new=embedded)
     message.displacement = message.displacement[:-1]
     with pytest.raises(ValueError, match="line 9: 'displacement' does not have one value"):
+        conversion.to_measured_line(message)
+
+
+@pytest.mark.parametrize("name", ["time", "target", "displacement", "standard_uncertainty"])
+def test_lines_with_infinite_values_are_refused(name):
+    message = conversion.from_measured_line(MEASURED, "run", new=embedded)
+    getattr(message, name)[1] = -math.inf
+    with pytest.raises(ValueError, match=f"'{name}'"):
         conversion.to_measured_line(message)
 
 

@@ -45,9 +45,9 @@ def stamp_of(cdr: bytes) -> int:
     """Return the time in ns of the std_msgs/Header that a message begins with.
 
     Raises:
-        struct.error: the bytes are no such message.
+        ValueError: the bytes are no such message.
     """
-    seconds, nanoseconds, _ = _STAMP[_order(cdr)].unpack_from(cdr, _ENCAPSULATION)
+    seconds, nanoseconds, _ = _read(_STAMP[_order(cdr)], cdr, _ENCAPSULATION)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
@@ -55,10 +55,10 @@ def head_of(cdr: bytes) -> Head:
     """Return header time and sequence number of an InterferometerReading.
 
     Raises:
-        struct.error: the bytes are no such message.
+        ValueError: the bytes are no such message.
     """
     order = _order(cdr)
-    (sequence,) = _NUMBER[order].unpack_from(cdr, _behind_header(cdr, order))
+    (sequence,) = _read(_NUMBER[order], cdr, _behind_header(cdr, order))
     return Head(stamp_of(cdr), int(sequence))
 
 
@@ -66,24 +66,31 @@ def block_head_of(cdr: bytes) -> BlockHead:
     """Return header time, first sequence number and number of an InterferometerSamples.
 
     Raises:
-        struct.error: the bytes are no such message.
+        ValueError: the bytes are no such message.
     """
     order = _order(cdr)
     begin = _behind_header(cdr, order)
-    (sequence,) = _NUMBER[order].unpack_from(cdr, begin)
-    (samples,) = _LENGTH[order].unpack_from(cdr, begin + _IN_FRONT_OF_SAMPLES)
+    (sequence,) = _read(_NUMBER[order], cdr, begin)
+    (samples,) = _read(_LENGTH[order], cdr, begin + _IN_FRONT_OF_SAMPLES)
     return BlockHead(stamp_of(cdr), int(sequence), int(samples))
 
 
 def _behind_header(cdr: bytes, order: str) -> int:
     """Return where a number of eight bytes stands that follows the header."""
     stamp = _STAMP[order]
-    _, _, length = stamp.unpack_from(cdr, _ENCAPSULATION)
+    _, _, length = _read(stamp, cdr, _ENCAPSULATION)
     # The frame's name ends anywhere; a number of eight bytes begins at a multiple of eight.
     return _ENCAPSULATION + int(stamp.size + length + 7) // 8 * 8
 
 
+def _read(layout: struct.Struct, cdr: bytes, place: int) -> tuple[int, ...]:
+    try:
+        return layout.unpack_from(cdr, place)
+    except struct.error as error:
+        raise ValueError(f"{len(cdr)} bytes are no such message: {error}") from None
+
+
 def _order(cdr: bytes) -> str:
     if len(cdr) < _ENCAPSULATION:
-        raise struct.error("no CDR encapsulation")
+        raise ValueError("no CDR encapsulation")
     return "<" if cdr[1] & 1 else ">"

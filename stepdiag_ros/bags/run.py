@@ -310,6 +310,7 @@ def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
         stops=parts["stops"],
         blocks=parts["blocks"],
         lines=parts["lines"],
+        last_state=parts["states"][-1].state if parts["states"] else None,
         readings=numbers_of_readings(bag, run),
     )
     return {

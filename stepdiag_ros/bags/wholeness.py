@@ -4,7 +4,6 @@ These hold for bags of every recorder. Readings count by one, commands too. A se
 which readings it was made of, a line which stops, and a stop which command led to it.
 """
 
-import struct
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
@@ -24,6 +23,9 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
 )
 from stepdiag_ros.topics import Topic
+
+_ENDED = (4, 5, 6)
+"""``RunState``: FINISHED, ABORTED, FAULT."""
 
 
 class ReadingNumbers:
@@ -81,7 +83,7 @@ def numbers_of_readings(bag: Bag, run: FoundRun) -> ReadingNumbers:
             try:
                 numbers.take(*head_of(record.data))
                 continue
-            except struct.error:
+            except ValueError:
                 pass  # decoding it says what is wrong
         reading = bag.decode(record) if message is None else message
         numbers.take(conversion.to_nanoseconds(reading.header.stamp), int(reading.sequence))
@@ -98,6 +100,7 @@ class Recorded(NamedTuple):
         stops: settled or rejected.
         blocks: of the stops.
         lines: every attempt.
+        last_state: ``RunState.state`` as it was told last; None if it never was.
         readings: their numbers.
     """
 
@@ -107,6 +110,7 @@ class Recorded(NamedTuple):
     stops: Sequence[SettledStop]
     blocks: Sequence[BlockDisplacement]
     lines: Sequence[MeasuredLine]
+    last_state: int | None
     readings: ReadingNumbers
 
     @property
@@ -178,6 +182,10 @@ class Recorded(NamedTuple):
         if self.lines:
             lines = self._lines_missing(stops_of_lines)
             yield topics.LINE, lines, f"{lines} lines whose last stop it has"
+        # Of a run that broke off it is said that lines are missing, and how it ended.
+        all_there = {line.line_index for line in self.lines}.issuperset(range(len(stops_of_lines)))
+        if all_there and self.last_state not in (None, *_ENDED):
+            yield topics.RUN_STATE, 1, "the end of the run, although it has all lines of the plan"
 
     def _commands_missing(self) -> int:
         ended = {stop.command.command_id for stop in self.stops}

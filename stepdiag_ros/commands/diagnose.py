@@ -194,6 +194,7 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
     Raises:
         ValueError: run or model cannot be read, or they contradict each other; one sentence.
     """
+    from stepdiag_ros.intake import refusals_of
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis
@@ -216,7 +217,7 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
         from stepdiag_ros.metrology.discrepancy.joint import joined
 
         measurement = joined([run.measurement for run in runs], [str(path) for path in paths])
-    with progress_bar("comparing") as progress:
+    with progress_bar("comparing") as progress, refusals_of(arguments.bag):
         return build_diagnosis(
             measurement,
             model,

@@ -68,7 +68,10 @@ def warn_of_undetermined(plan: "Plan") -> None:
 
     if plan.tracker is not None:
         return
-    sentence = undetermined(plan).sentence
+    try:
+        sentence = undetermined(plan).sentence
+    except ValueError as error:
+        sentence = str(error)
     if sentence:
         warn(f"plan '{plan.name}': {sentence}")
 

@@ -142,6 +142,7 @@ def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandov
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.handover.material import Material, unsolved
     from stepdiag_ros.handover.tracker_page import TrackerHandover
+    from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
     from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
@@ -152,7 +153,12 @@ def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandov
         direct = direct_measurement(arguments)
         try:
             report = report_of_run(
-                recorded, progress, with_visibility=True, warn=warn, direct=direct
+                recorded,
+                progress,
+                with_visibility=True,
+                warn=warn,
+                direct=direct,
+                further=(DIAGNOSIS, BUDGET),
             )
         except ValueError as error:
             if not recorded.lines:

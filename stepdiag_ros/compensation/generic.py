@@ -106,8 +106,7 @@ class _Generic:
                 " corrects what they leave"
             )
         error_map = identified.error_map
-        grid = error_map.grid()
-        if not np.any(np.all(np.isfinite(error_map.errors(grid)[1:]), axis=1)):
+        if not error_map.tells_any_node():
             raise ValueError(
                 f"no error vector in the box is determined; not determined are"
                 f" {', '.join(error_map.unknown_curves)}"
@@ -117,8 +116,8 @@ class _Generic:
             MAP: schemas.json_text(schemas.document("volumetric_map", content(identified))) + "\n",
             CURVES_TABLE: notes + _curves(error_map),
         }
-        if len(grid) <= MOST_ROWS:
-            files[GRID_TABLE] = notes + _grid(error_map, grid)
+        if np.prod([len(nodes) for nodes in error_map.nodes]) <= MOST_ROWS:
+            files[GRID_TABLE] = notes + _grid(error_map)
         return files
 
     def read(self, files: Mapping[str, str]) -> CorrectedTargets:
@@ -223,8 +222,7 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
     except UnicodeDecodeError:
         raise ValueError(f"correction: {path} is no text file") from None
     identified = map_from_text(text, str(path))
-    places = identified.error_map.grid()
-    if not np.any(np.all(np.isfinite(identified.error_map.errors(places)[1:]), axis=1)):
+    if not identified.error_map.tells_any_node():
         raise ValueError(
             f"{path}: no error in the box is determined, so no target can be corrected"
         )
@@ -258,8 +256,9 @@ def _curves(error_map: VolumetricMap) -> str:
     return "\n".join([*rows, ""])
 
 
-def _grid(error_map: VolumetricMap, grid: Vector) -> str:
+def _grid(error_map: VolumetricMap) -> str:
     rows = [_GRID_TITLE]
+    grid = error_map.grid()
     for place, vector in zip(grid.tolist(), error_map.errors(grid).tolist(), strict=True):
         told = [f"{value:.6e}" if isfinite(value) else "" for value in vector]
         rows.append(",".join([*(f"{value:.9g}" for value in place), *told]))

@@ -182,13 +182,10 @@ def _from_corner(both: list[Vector]) -> Vector:
 
 
 def _places(identified: Identified) -> Vector:
-    grid = identified.error_map.grid()
     every = 1
     nodes = identified.error_map.nodes
     while np.prod([len(one[::every]) for one in nodes]) > MOST_PLACES:
         every += 1
-    if every == 1:
-        return grid
     mesh = np.meshgrid(*(one[::every] for one in nodes), indexing="ij")
     return np.stack([part.ravel() for part in mesh], axis=1)
 

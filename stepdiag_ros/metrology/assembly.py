@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
+from stepdiag_ros.metrology.rising import Rising
 from stepdiag_ros.metrology.window import STATUS_WORDS, Window, examine
 
 Event = SettledStop | BlockDisplacement | MeasuredLine
@@ -116,8 +117,7 @@ class Assembler:
 
         self._commands: deque[StopCommand] = deque()
         self._arrivals: deque[Arrival] = deque()
-        self._last_command = -1
-        self._last_arrival = -1
+        self._commands_taken, self._arrivals_taken = Rising("command"), Rising("arrival")
         # Readings that may still be needed, their times for bisection, and the newest time dropped.
         self._readings: list[Reading] = []
         self._times: list[int] = []
@@ -139,13 +139,11 @@ class Assembler:
     def add_command(self, command: StopCommand) -> list[Event]:
         """Take the next command of the run.
 
-        A command whose id does not rise is a repetition and is ignored.
+        A command that comes again is ignored.
 
         Raises:
-            ValueError: the command does not belong to the plan.
+            ValueError: the command does not belong to the plan, or contradicts one before it.
         """
-        if command.command_id <= self._last_command:
-            return []
         if not 0 <= command.line_index < len(self._plan.lines):
             raise ValueError(
                 f"command {command.command_id} is for line {command.line_index}, but the plan "
@@ -164,15 +162,19 @@ class Assembler:
                 f"of line {command.line_index} is at {tuple(targets[command.stop].tolist())} m: "
                 "was the plan changed?"
             )
-        self._last_command = command.command_id
+        if not self._commands_taken.is_new(command.command_id, command):
+            return []
         self._commands.append(command)
         return self._advance()
 
     def add_arrival(self, arrival: Arrival) -> list[Event]:
-        """Take the next arrival; arrivals of commands that are no stops may be among them."""
-        if arrival.command_id <= self._last_arrival:
+        """Take the next arrival; arrivals of commands that are no stops may be among them.
+
+        Raises:
+            ValueError: it contradicts one before it.
+        """
+        if not self._arrivals_taken.is_new(arrival.command_id, arrival):
             return []
-        self._last_arrival = arrival.command_id
         self._arrivals.append(arrival)
         return self._advance()
 
@@ -424,7 +426,8 @@ def assemble(
         readings: in order of their time.
 
     Raises:
-        ValueError: a command does not belong to the plan.
+        ValueError: a command does not belong to the plan, or a command or an arrival contradicts
+            one before it.
     """
     assembler = Assembler(plan, start)
     events: list[Event] = []

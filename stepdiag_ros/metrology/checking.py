@@ -1,15 +1,15 @@
 """Checked reading of configuration: a refusal names the source, the key and what is expected."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from math import nan
+from math import inf, nan
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
 _MISSING: Any = object()
-
+Item = TypeVar("Item")
 
 _MOST_SHOWN = 60
 
@@ -19,6 +19,23 @@ def _shown(value: Any) -> str:
     text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
     text = "empty" if value is None else text
     return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}…"
+
+
+def no_more_than(
+    most: int, items: Iterable[Item], size: Callable[[Item], int], refusal: str
+) -> list[Item]:
+    """Return a list of what is made one after another; end at a limit of all their sizes.
+
+    Raises:
+        ValueError: with the words of ``refusal``, as soon as the limit is passed.
+    """
+    made, total = [], 0
+    for item in items:
+        total += size(item)
+        if total > most:
+            raise ValueError(refusal)
+        made.append(item)
+    return made
 
 
 class Section:
@@ -73,9 +90,13 @@ class Section:
                 raise self._wrong(key, value, "a number") from None
         if isinstance(value, bool) or not isinstance(value, Real):
             raise self._wrong(key, value, "a number")
-        if not low <= float(value) <= high:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = inf
+        if not low <= number <= high:
             raise self._wrong(key, value, f"a number from {low:g} to {high:g}")
-        return float(value)
+        return number
 
     def unknown(self, key: str) -> bool:
         """Say whether a key is left out, or the file says ``unknown`` for it."""

@@ -147,6 +147,9 @@ class MeasuredLine:
         environment: shape (stops, 4), columns as in Environment.
         overrun: how far beyond its first stop the line was begun, so that this is approached in the
             sense of the line too (``Plan.run_up``), m; 0 if it was not, NaN if that is not known.
+
+    Raises:
+        ValueError: a time, a place or a reading is infinite.
     """
 
     line: Line
@@ -160,6 +163,11 @@ class MeasuredLine:
     standard_uncertainty: Vector
     environment: Vector
     overrun: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("time", "target", "displacement", "standard_uncertainty"):
+            if np.any(np.isinf(getattr(self, name))):
+                raise ValueError(f"{self.line}: '{name}' of a stop is infinite")
 
     @property
     def complete(self) -> bool:
@@ -188,6 +196,11 @@ class Measurement:
     chain: str = ""
     plausible: Plausible = ORDINARY
     direct: DirectMeasurement | None = None
+
+    @property
+    def stop_count(self) -> int:
+        """Return the number of stops of all lines."""
+        return sum(len(line.displacement) for line in self.lines)
 
 
 def latest_attempts(lines: tuple[MeasuredLine, ...]) -> tuple[MeasuredLine, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam, TrackingBeam
-from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.checking import Section, no_more_than
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
@@ -57,6 +57,8 @@ COURSE_KEYS = (
     "lines",
 )
 """Of a plan file without a tracker: everything else, in the order in which it is written."""
+MOST_STOPS = 20_000
+"""Of a plan, all passes together; at 2 s each they take eleven hours."""
 HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"
@@ -370,9 +372,13 @@ class Plan:
         )
         repeats = plan.integer("repeats", low=1, high=1000, default=1)
         directions = plan.names("directions", (FORWARD, BACKWARD), default=(FORWARD,))
-        lines: list[Line] = []
-        for group in plan.sections("lines"):
-            lines.extend(_lines_of_group(group, repeats, directions))
+        groups = plan.sections("lines")
+        lines = no_more_than(
+            MOST_STOPS,
+            (line for group in groups for line in _lines_of_group(group, repeats, directions)),
+            lambda line: len(line.stops(volume)),
+            f"{source}: the lines have more than {MOST_STOPS} stops; make several plans",
+        )
         tracker = plan.given(["tracker"]).get("tracker")
         check_lines(
             [(line, line.name, line.tracked) for line in lines], tracker is not None, source
@@ -463,10 +469,7 @@ def _tracked_lines(group: Section, repeats: int, directions: tuple[str, ...]) ->
 
 
 def _orders(names: tuple[str, ...], group: Section) -> dict[str, tuple[str, ...]]:
-    """Return the orders of each step diagonal of a group: of those told, the ones of its axes.
-
-    Where none are told: X before Y before Z.
-    """
+    """Return the told orders of each step diagonal of a group; X before Y before Z if none are."""
     plainest = tuple(dict.fromkeys(move_orders(name)[0] for name in names))
     told = group.names("orders", STEP_ORDERS, default=plainest)
     orders = {name: tuple(one for one in told if one in move_orders(name)) for name in names}

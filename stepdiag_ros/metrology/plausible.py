@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import ROTATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.geometry import Vector
 
 CLASSES: dict[str, float] = {
     "precision": 3e-6,
@@ -119,9 +119,8 @@ def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
         shape (n, 9 · ``MODES``), rotations in the order of ``geometry.ROTATIONS``.
     """
     columns = []
-    for name in ROTATIONS:
-        axis = moving_axis(name)
-        by_angle = np.cross(direction, arms[:, axis])[:, "ABC".index(name[2])]
-        columns.append(by_angle[:, None] * modes(share[:, axis]))
+    for axis in range(3):
+        by_angle, shapes = np.cross(direction, arms[:, axis]), modes(share[:, axis])
+        columns += [by_angle[:, [turn]] * shapes for turn in range(3)]
     readings: Vector = np.column_stack(columns)
     return readings

@@ -49,8 +49,8 @@ class SampleBlock:
         count = len(self.raw_displacement)
         if count == 0 or not self.period > 0.0:
             raise ValueError(
-                f"a block of {count} samples, {self.period:g} s apart, is none: it needs at least"
-                " one sample, and a period above zero"
+                "a block needs at least one sample and a period above zero;"
+                f" this one has {count} samples, {self.period:g} s apart"
             )
         for name in ("signal_strength", "status"):
             told = len(getattr(self, name))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import stop_times
@@ -46,6 +46,10 @@ __all__ = [
     "measured_visibility",
     "visibility",
 ]
+
+MOST_UNKNOWNS = 4000
+"""Of a plan that is looked at: a square matrix of them takes 128 MB, and there are some."""
+_OF_A_SETUP = 3
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,8 @@ def visibility(
         effects: further causes that the readings may hold.
 
     Raises:
-        ValueError: no such chain, an uncertainty that is not above zero, or a plan without lines.
+        ValueError: no such chain, an uncertainty that is not above zero, a plan without lines, or
+            one with more unknowns than ``MOST_UNKNOWNS``.
     """
     if not stop_uncertainty > 0.0:
         raise ValueError(
@@ -123,6 +128,14 @@ def visibility(
         )
     if not plan.lines:
         raise ValueError(f"the plan '{plan.name}' has no lines, so it can tell nothing")
+    curves = len(TRANSLATIONS) + (len(ROTATIONS) if chain else 0)
+    setups = len({plan.setup_of(line) for line in plan.lines})
+    unknowns = curves * plan.volume.blocks + _OF_A_SETUP * setups
+    if unknowns > MOST_UNKNOWNS:
+        raise ValueError(
+            f"what the plan '{plan.name}' tells is not computed: {plan.volume.blocks} blocks and "
+            f"{setups} setups have {unknowns} unknowns, more than {MOST_UNKNOWNS}; use fewer"
+        )
     lines = []
     time = 0.0
     for index, line in enumerate(plan.lines):

@@ -276,6 +276,20 @@ class VolumetricMap:
         mesh = np.meshgrid(*fine, indexing="ij")
         return np.stack([part.ravel() for part in mesh], axis=1)
 
+    def tells_any_node(self) -> bool:
+        """Say whether the error vector of any node but the first, where it is zero, is determined.
+
+        A box of many blocks has millions of nodes, so that they are looked at layer by layer.
+        """
+        whole, *others = self.nodes
+        for number, place in enumerate(whole):
+            mesh = np.meshgrid(place, *others, indexing="ij")
+            layer = np.stack([part.ravel() for part in mesh], axis=1)
+            told = np.all(np.isfinite(self.errors(layer)), axis=1)
+            if np.any(told[0 if number else 1 :]):
+                return True
+        return False
+
     @cached_property
     def _forward(self) -> tuple[ErrorCurves, Vector]:
         """Return the curves from the first corner on, zero where unknown, and the error there."""

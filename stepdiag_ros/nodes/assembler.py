@@ -25,6 +25,7 @@ from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.run.health import Finding, Gaps, Level
 from stepdiag_ros.run.timing import LiveTiming
 from stepdiag_ros.run.work_health import Arrival, Stops
+from stepdiag_ros.topics import Topic
 
 
 class AssemblerNode(StepdiagNode):
@@ -37,7 +38,7 @@ class AssemblerNode(StepdiagNode):
         self._assembler: Assembler | None = None
         self._timing: LiveTiming | None = None
         # Commands and arrivals of a run whose description has not come yet.
-        self._early: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=1000)
+        self._early: deque[tuple[Topic, Callable[[Any], None], Any]] = deque(maxlen=1000)
         self._stops = self.announce(topics.STOP)
         self._blocks = self.announce(topics.BLOCK)
         self._lines = self.announce(topics.LINE)
@@ -67,24 +68,20 @@ class AssemblerNode(StepdiagNode):
         self._coming.begin(self.now(), self.real_time())
         self._decided = Stops()
         for _ in range(len(self._early)):
-            callback, message = self._early.popleft()
-            callback(message)
+            topic, callback, message = self._early.popleft()
+            self.try_with(topic.name, callback, message)
 
     def _on_command(self, message: Any) -> None:
         if self._assembler is None or message.run_id != self.run_id:
-            self._early.append((self._on_command, message))
+            self._early.append((topics.MACHINE_COMMAND, self._on_command, message))
             return
         command = to_stop_command(message)
-        if command is None:
-            return
-        try:
+        if command is not None:
             self._publish(self._assembler.add_command(command))
-        except ValueError as error:
-            self.unwell(str(error))
 
     def _on_status(self, message: Any) -> None:
         if self._assembler is None or message.run_id != self.run_id:
-            self._early.append((self._on_status, message))
+            self._early.append((topics.COMMAND_STATUS, self._on_status, message))
             return
         arrival = to_arrival(message)
         if arrival is not None:

@@ -51,7 +51,7 @@ class BackgroundProcess:
         process, self._process = self._process, None
         if process is not None:
             process.kill()
-            process.wait()
+            process.communicate()  # also closes the pipes
 
     @staticmethod
     def _started() -> "subprocess.Popen[bytes]":

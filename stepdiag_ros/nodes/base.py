@@ -55,6 +55,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.run_over = True
         self._refused: _Refused | None = None
         self._twin_heard = inf
+        self._unusable, self._unusable_heard = "", inf
         self.watch = Watch()
         speaker = self.announce(DIAGNOSTICS)
         self.health = Health(self, self.role, speaker, self.real_time, lambda: self.run_id)
@@ -100,6 +101,13 @@ class StepdiagNode(DeclaringNode, LinkedNode):
     def unwell(self, text: str) -> None:
         """Say what is wrong, in the log and on /diagnostics."""
         self.health.unwell(text)
+
+    def on_unusable(self, topic: str, error: ValueError) -> None:
+        """Say that a message makes no sense: of many that come one after another, the first."""
+        self._unusable_heard = self.real_time()
+        if not self._unusable:
+            self._unusable = f"a message on {topic} cannot be used: {sentence(error)}"
+            self.unwell(self._unusable)
 
     def beat(self) -> None:
         """Publish the heartbeat: role, health, run and process identity."""
@@ -191,10 +199,14 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         return f"two nodes are named {name}: end one of them or rename it"
 
     def _look_around(self) -> None:
+        now = "ready" if self.run_over else f"run {self.run_id}"
         if self.real_time() > self._twin_heard + SILENCE_LIMIT:
             self._twin_heard = inf
-            now = "ready" if self.run_over else f"run {self.run_id}"
             self.health.withdraw(self._twin_words, now)
+        if self.real_time() > self._unusable_heard + HOLDS:
+            self._unusable_heard = inf
+            self.health.withdraw(self._unusable, now)
+            self._unusable = ""
         for text in self.watch.check(self.real_time()):
             if not self.run_over:
                 self.on_peer_lost(text)

@@ -9,11 +9,12 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, load_model, plan_from_text
 from stepdiag_ros.diagnosing import diagnose_lines, when_over
 from stepdiag_ros.diagnosis_conversion import from_diagnosis
-from stepdiag_ros.diagnosis_summary import DiagnosisSummary
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, DiagnosisSummary
 from stepdiag_ros.metrology.discrepancy.extension import with_chain
 from stepdiag_ros.metrology.measurement import Measurement, latest_attempts
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, left_out
 from stepdiag_ros.nodes.background import BackgroundProcess, WorkFailed
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
@@ -46,6 +47,7 @@ class DiagnosisNode(LineNode):
         self._chain = ""
         self._task: Future[DiagnosisSummary] | None = None
         self._task_lines = 0
+        self._too_large = False
         self._ended = -self._pause
         # Of the present run: how many lines were compared last, and what came of it.
         self._compared = 0
@@ -83,6 +85,16 @@ class DiagnosisNode(LineNode):
         self._compared, self._summary, self._told_last = 0, None, False
         self._ended = self.real_time() - self._pause
         self.facts.pop("verdict", None)
+        self._say_if_too_large()
+
+    def _say_if_too_large(self) -> None:
+        """Say that a run will not be diagnosed because of its size, before its first line."""
+        plan = self._plan
+        reasons = {} if plan.tracker else left_out(plan.volume.blocks, plan.stop_count)
+        self._too_large = DIAGNOSIS in reasons
+        if self._too_large:
+            self.facts["verdict"] = f"{NOT_DIAGNOSED}: {reasons[DIAGNOSIS]}"
+            self.get_logger().warning(f"the diagnosis is {reasons[DIAGNOSIS]}")
 
     def close(self) -> None:
         """Let go of what is not diagnosed yet."""
@@ -102,7 +114,7 @@ class DiagnosisNode(LineNode):
             self._told_last = False
             if self._summary is not None:
                 self._publish(self._summary)
-        new = len(self.lines) > self._compared
+        new = len(self.lines) > self._compared and not self._too_large
         rested = self.run_over or self.real_time() - self._ended >= self._pause
         if self._task is None and new and rested:
             self._begin()

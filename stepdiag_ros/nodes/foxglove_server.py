@@ -80,10 +80,7 @@ class FoxgloveServerNode(StepdiagNode):
         self._server.tell_time(self.now())
 
     def _pass_on(self, topic: Topic, data: bytes) -> None:
-        try:
-            self._server.send(self._names[topic], data, self.now())
-        except ValueError as error:
-            self.unwell(f"a message on {topic.name} cannot be shown: {error}")
+        self._server.send(self._names[topic], data, self.now())
 
     def _log(self, text: str) -> None:
         self.get_logger().info(text)

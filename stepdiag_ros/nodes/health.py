@@ -17,6 +17,7 @@ from stepdiag_ros.run.health import Finding, Level
 from stepdiag_ros.run.supervision import (
     HEARTBEAT,
     HEARTBEAT_PERIOD,
+    MOST_PEERS,
     ROLE,
     RUN_ID,
     SESSION,
@@ -239,5 +240,7 @@ class Health:
             found = self._node.get_node_names_and_namespaces()
             names = [f"{namespace.rstrip('/')}/{node}" for node, namespace in found]
             if names.count(name) > (name == self._node.get_fully_qualified_name()):
+                if len(self._alive) > MOST_PEERS:
+                    self._alive.clear()
                 self._alive.add(peer.session)
         return peer.session in self._alive

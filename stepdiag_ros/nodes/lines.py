@@ -6,7 +6,12 @@ from typing import Any
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import to_measured_line
 from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.metrology.plan import MOST_STOPS
 from stepdiag_ros.nodes.base import StepdiagNode
+
+MOST_KEPT = 2 * MOST_STOPS
+"""Stops of all lines of a run, every attempt; of more, lines are refused."""
+_FEWEST_STOPS = 2
 
 
 class LineNode(StepdiagNode):
@@ -22,6 +27,7 @@ class LineNode(StepdiagNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.lines: list[MeasuredLine] = []
+        self._kept = 0
         self._described = False
         self._early: deque[Any] = deque(maxlen=topics.LINE.depth)
 
@@ -43,19 +49,19 @@ class LineNode(StepdiagNode):
     def on_run(self, description: Any) -> None:
         """Begin anew; lines that came before the description are taken up now."""
         self.take_up(description)
-        self.lines = []
+        self.lines, self._kept = [], 0
         self.run_id, self._described = description.run_id, True
         for _ in range(len(self._early)):
-            self._hear_line(self._early.popleft())
+            self.try_with(topics.LINE.name, self._hear_line, self._early.popleft())
 
     def _hear_line(self, message: Any) -> None:
         if not self._described or message.run_id != self.run_id:
             self._early.append(message)
             return
-        try:
-            line = to_measured_line(message)
-        except ValueError as error:
-            self.unwell(f"a line cannot be taken up: {error}")
-            return
+        line = to_measured_line(message)
+        stops = max(len(line.time), _FEWEST_STOPS)
+        if self._kept + stops > MOST_KEPT:
+            raise ValueError(f"the lines of run {self.run_id} have more than {MOST_KEPT} stops")
+        self._kept += stops
         self.lines.append(line)
         self.on_line(line)

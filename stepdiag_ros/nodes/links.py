@@ -71,6 +71,18 @@ def message_class(topic: Topic) -> Any:
     return message_type(topic.type_name)
 
 
+def decoded(data: bytes, kind: Any) -> Any:
+    """Return the message of a class that CDR bytes are.
+
+    Raises:
+        ValueError: they are none.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"{len(data)} bytes are no {kind.__name__}") from error
+
+
 class Outlet:
     """Publishes on a topic, and says again what still holds.
 
@@ -102,7 +114,7 @@ class Outlet:
             self._send(message)
             return
         if isinstance(message, bytes):
-            data, message = message, deserialize_message(message, self._class)
+            data, message = message, decoded(message, self._class)
         else:
             data = serialize_message(message)
         self._send(data)
@@ -158,6 +170,29 @@ class LinkedNode(TimedNode):
         self._link_check = LinkCheck(self)
         self.every(TEND_PERIOD, self._tend_links, real=True)
         self.every(LOOK_PERIOD, self._look_at_links, real=True)
+
+    def on_unusable(self, topic: str, error: ValueError) -> None:
+        """Called with why a message on a topic was refused; the node goes on with the next."""
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[[Any], Any], *args: Any, **kwargs: Any
+    ) -> Any:
+        """Subscribe as every node does; whatever anybody publishes ends no node.
+
+        A message that the callback refuses by a ValueError goes to ``on_unusable``.
+        """
+
+        def take(message: Any) -> None:
+            self.try_with(topic, callback, message)
+
+        return super().create_subscription(msg_type, topic, take, *args, **kwargs)
+
+    def try_with(self, topic: str, callback: Callable[[Any], Any], message: Any) -> None:
+        """Call back with a message of a topic, which may be of any content."""
+        try:
+            callback(message)
+        except ValueError as error:
+            self.on_unusable(topic, error)
 
     def announce(self, topic: Topic, keep_all: bool = False) -> Outlet:
         """Return an outlet on a topic of the suite.
@@ -252,8 +287,8 @@ class LinkedNode(TimedNode):
 
         def hear(data: bytes) -> None:
             self._follow_time()
-            if memory.is_news(data, lambda: self._has_happened(deserialize_message(data, kind))):
-                callback(data if raw else deserialize_message(data, kind))
+            if memory.is_news(data, lambda: self._has_happened(decoded(data, kind))):
+                callback(data if raw else decoded(data, kind))
 
         return hear
 

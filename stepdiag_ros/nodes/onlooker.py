@@ -6,14 +6,13 @@ from typing import Any
 
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 
 from stepdiag_ros import topics
 from stepdiag_ros.monitor.contact import contact_of
 from stepdiag_ros.monitor.items import SOURCES, Said, Source, to_run_begin, to_run_status
 from stepdiag_ros.monitor.state import State
 from stepdiag_ros.nodes.base import StepdiagNode
-from stepdiag_ros.nodes.links import Outlet, message_class
+from stepdiag_ros.nodes.links import Outlet, decoded, message_class
 from stepdiag_ros.topics import Topic
 
 
@@ -52,7 +51,7 @@ class Onlooker(StepdiagNode):
             data = self._newest.pop(source.topic.name, None)
             if data is not None:
                 self._taken[source.topic.name] = self.real_time()
-                self.take(source, deserialize_message(data, message_class(source.topic)))
+                self.try_with(source.topic.name, partial(self._take_bytes, source), data)
         self.state.take(contact_of(self.watch, self._taken, self.real_time()))
 
     def take(self, source: Source, message: Any) -> None:
@@ -63,6 +62,9 @@ class Onlooker(StepdiagNode):
             message: what was heard.
         """
         self._fold(source.topic, lambda: source.convert(message), message)
+
+    def _take_bytes(self, source: Source, data: bytes) -> None:
+        self.take(source, decoded(data, message_class(source.topic)))
 
     def _fold(self, topic: Topic, convert: Callable[[], Iterable[Any]], message: Any) -> None:
         """Fold in what a message tells; whatever anybody may publish, the view goes on."""

@@ -1,5 +1,6 @@
 """Collects the parameters of all nodes, for the record, and follows their changes."""
 
+from collections.abc import Collection
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
@@ -111,12 +112,12 @@ class ParameterCollector:
         self._asked_last[name] = real
 
         def listed(future: Any) -> None:
-            if self._sessions[name] != session:
+            if self._sessions.get(name) != session:
                 return
             names = list(future.result().result.names)
 
             def got(answer: Any) -> None:
-                if self._sessions[name] == session:
+                if self._sessions.get(name) == session:
                     values = [plain(value) for value in answer.result().values]
                     # What was changed while the answer was on its way is newer, or the same.
                     changed = self._changed.get(name, {})
@@ -126,7 +127,17 @@ class ParameterCollector:
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 
+    def forget_all_but(self, names: Collection[str]) -> None:
+        """Forget nodes that nobody hears any more, and what they were asked."""
+        for name in self._sessions.keys() - names:
+            self._forget(name)
+            for kept in (self._sessions, self._asked_last, self._revived, self._changed):
+                kept.pop(name, None)
+            self.values.pop(name, None)
+
     def _on_event(self, event: Any) -> None:
+        if event.node not in self._sessions:
+            return  # what it has changed by now is part of its answer when it is asked
         changed = {each.name: plain(each.value) for each in event.changed_parameters}
         self._changed.setdefault(event.node, {}).update(changed)
         if event.node in self.values:

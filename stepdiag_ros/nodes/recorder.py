@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from stepdiag_ros import topics
@@ -22,7 +22,7 @@ from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.embedded import client
 from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.nodes.links import message_class
+from stepdiag_ros.nodes.links import decoded, message_class
 from stepdiag_ros.nodes.parameters import ParameterCollector
 from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
 from stepdiag_ros.run.health import Finding, Gaps
@@ -135,7 +135,7 @@ class RecorderNode(StepdiagNode):
         for topic, messages in self._early.items():
             kind = message_class(topic)
             for message in messages:
-                if getattr(deserialize_message(message, kind), "run_id", "") == run_id:
+                if getattr(decoded(message, kind), "run_id", "") == run_id:
                     self._record(topic, message)
             messages.clear()
 
@@ -160,7 +160,7 @@ class RecorderNode(StepdiagNode):
             if topic is topics.RUN_STATE:
                 self._writer.flush()
             elif topic is topics.STOP:
-                self._incomplete.append(deserialize_message(message, message_class(topic)))
+                self._incomplete.append(decoded(message, message_class(topic)))
                 self._complete_stops(self._writer)
             elif topic is topics.READING and self._incomplete:
                 self._complete_stops(self._writer)
@@ -173,8 +173,8 @@ class RecorderNode(StepdiagNode):
 
     def _take_note(self, topic: Topic, message: bytes) -> None:
         if topic is topics.READING:
-            self._newest_reading = message
             head, real = head_of(message), self.real_time()
+            self._newest_reading = message
             self._gaps.take(head.sequence, head.time, real)
             self._readings.take(head.time, real)
         elif topic is topics.SAMPLES:
@@ -256,7 +256,9 @@ class RecorderNode(StepdiagNode):
         return path
 
     def _ask_parameters(self) -> None:
-        self._collector.ask(self.get_fully_qualified_name(), "", self.real_time())
+        own = self.get_fully_qualified_name()
+        self._collector.forget_all_but({own, *self.watch.peers})
+        self._collector.ask(own, "", self.real_time())
         for name, peer in self.watch.peers.items():
             self._collector.ask(name, peer.session, self.real_time())
         if self.run_over and self._collector.waiting(self.real_time()):

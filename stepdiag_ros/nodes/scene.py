@@ -60,7 +60,8 @@ class SceneNode(LineNode):
         """Take up the run, and the results that came before its description."""
         super().on_run(description)
         for _ in range(len(self._early_results)):
-            self._on_result(self._early_results.popleft())
+            result = self._early_results.popleft()
+            self.try_with(topics.VOLUMETRIC_ERRORS.name, self._on_result, result)
 
     def on_line(self, line: MeasuredLine) -> None:
         """Show the line as measured."""
@@ -75,12 +76,7 @@ class SceneNode(LineNode):
         if not self._begun or message.run_id != self.run_id:
             self._early_results.append(message)
             return
-        try:
-            result = to_volumetric_errors(message)
-        except ValueError as error:
-            self.unwell(f"a result cannot be shown: {error}")
-            return
-        self._picture.take_result(result)
+        self._picture.take_result(to_volumetric_errors(message))
 
     def _on_joints(self, message: Any) -> None:
         position = axis_positions(message)

@@ -35,7 +35,7 @@ from stepdiag_ros.run.sequence import (
     Sequence,
     State,
 )
-from stepdiag_ros.run.supervision import GETTING_READY, Peer, said_of_run
+from stepdiag_ros.run.supervision import GETTING_READY, MOST_PEERS, Peer, said_of_run
 from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 
@@ -55,7 +55,7 @@ REQUIRED = ("interferometer", *FOLLOWERS)
 IRREPLACEABLE = ("cnc_bridge", "interferometer")
 """Roles whose node must be the same process all the time: what it knew of run or zero is lost."""
 WELCOME = ("clock", "weather")
-"""Roles that a run can do without from the start, but not lose."""
+"""Roles that a run can do without, but not lose once their node is there."""
 
 
 class SequencerNode(StepdiagNode):
@@ -201,9 +201,17 @@ class SequencerNode(StepdiagNode):
         self._plan, self._plan_text = chosen
 
     def on_heartbeat(self, peer: Peer) -> None:
-        """Take the recorder's word on what is on the disk, the interferometer's on its beam."""
+        """Take the recorder's word on what is on the disk, the interferometer's on its beam.
+
+        A run needs every welcome node that it has had.
+        """
         if not peer.faulty:
+            if len(self._were_ready) > MOST_PEERS:
+                self._were_ready &= self.watch.sessions()
             self._were_ready.add(peer.session)
+            if peer.role in WELCOME and peer.role not in self._needed:
+                # It may have been heard only after the start of the run.
+                self._needed += (peer.role,)
         if self._sequence is None:
             return
         if peer.role in IRREPLACEABLE and peer.session not in self._sessions:

@@ -3,6 +3,7 @@
 
 import sys
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -11,7 +12,7 @@ from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausibl
 from stepdiag_ros.conversion import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.plausible import ORDINARY
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.positioning_conversion import from_positioning_test
@@ -22,6 +23,15 @@ from stepdiag_ros.solving import Solved, solve_run
 
 PUBLISH_PERIOD = 0.01
 """Real seconds between two looks at what has been solved."""
+
+
+def _solve_first(
+    plan: Plan, chain: str, plausible: Plausible, lines: Sequence[MeasuredLine], count: int
+) -> Solved:
+    """Solve the first lines of a run; what waits for that holds no copy of them."""
+    taken = tuple(lines[:count])
+    measurement = Measurement(plan.volume, latest_attempts(taken), chain, plausible)
+    return solve_run(plan, measurement, taken[-1])
 
 
 class SolverNode(LineNode):
@@ -56,9 +66,8 @@ class SolverNode(LineNode):
 
     def on_line(self, line: MeasuredLine) -> None:
         """Solve all lines so far."""
-        lines = latest_attempts(tuple(self.lines))
-        measurement = Measurement(self._plan.volume, lines, self._chain, self._plausible)
-        solved = self._worker.submit(solve_run, self._plan, measurement, line)
+        run = (self._plan, self._chain, self._plausible)
+        solved = self._worker.submit(_solve_first, *run, self.lines, len(self.lines))
         if not self._solving:
             self._work.begin(self.real_time())
         self._solving.append((self.run_id, len(self.lines), line, solved))
@@ -69,7 +78,12 @@ class SolverNode(LineNode):
         while self._solving and self._solving[0][-1].done():
             run_id, count, line, solved = self._solving.popleft()
             self._work.end(self.real_time())
-            found = solved.result()
+            try:
+                found = solved.result()
+            except ValueError as error:
+                self.unwell(f"the lines cannot be solved: {error}")
+                self._say_work_left()
+                continue
             for result in found.results.values():
                 self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
             for test in found.tests:

@@ -56,6 +56,7 @@ def report_of_run(
     with_verdict: bool = False,
     direct: DirectMeasurement | None = None,
     rotation: float | None = None,
+    further: tuple[str, ...] = (),
 ) -> Report:
     """Solve a run that was loaded, by every method.
 
@@ -69,11 +70,12 @@ def report_of_run(
         with_visibility: say of each error whether these lines tell it.
         air: compensate the readings for the air anew; None: as it was done in the run.
         warn: told in a sentence if the lines are not those that were recorded, and before solving
-            what is left out of a run of very many blocks.
+            what is left out of a very large run.
         with_verdict: diagnose the lines that are solved.
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
         rotation: plausible size of the axes' rotations, rad; None: as the machine's file tells.
+        further: evaluations that are to follow, named too where they will be left out.
 
     Raises:
         ValueError: the run cannot be solved, or the truth does not fit; one sentence.
@@ -82,7 +84,7 @@ def report_of_run(
     with refusals_of(recorded.path):
         return _report_of_run(
             *(recorded, progress, recorded_lines, truth, correct, with_visibility, air, warn),
-            *(with_verdict, direct, rotation),
+            *(with_verdict, direct, rotation, further),
         )
 
 
@@ -98,6 +100,7 @@ def _report_of_run(
     with_verdict: bool,
     direct: DirectMeasurement | None,
     rotation: float | None,
+    further: tuple[str, ...],
 ) -> Report:
     measured, remark, flaws = _measured(recorded, recorded_lines, progress, air, warn)
     measurement, corrections = (measured, ()) if correct is None else correct(measured)
@@ -106,9 +109,10 @@ def _report_of_run(
         plausible = replace(measurement.plausible, rotation=rotation)
         measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
-    blocks = measurement.volume.blocks
-    asked = (*SOLVERS, DIAGNOSIS) if with_verdict else tuple(SOLVERS)
-    sentence = left_out_sentence(blocks, (*asked, VISIBILITY) if with_visibility else asked)
+    blocks, stops = measurement.volume.blocks, measurement.stop_count
+    asked = (*SOLVERS, *further)
+    asked += (DIAGNOSIS,) * with_verdict + (VISIBILITY,) * with_visibility
+    sentence = left_out_sentence(blocks, stops, asked)
     if sentence:
         warn(sentence)
     return build_report(

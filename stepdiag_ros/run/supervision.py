@@ -1,5 +1,6 @@
 """Who takes part in a run and who has fallen silent, from heartbeats alone."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
@@ -32,6 +33,13 @@ ONLOOKERS = ("foxglove_server", "monitor", "scene")
 """Roles of nodes that only look on: they come and go, and a run misses none of them."""
 HEARD_UNTIL = "heard_until"
 """Fact by which a recorder says up to which time, ns, it has taken the readings."""
+
+MOST_PEERS = 100
+"""Nodes that are kept in mind; of more, those that are silent are forgotten."""
+_LONGEST_HEARTBEAT = 20_000
+"""Characters of all that a node says of itself at once."""
+_LONGEST_NAME = 255
+_NODE_NAME = re.compile(r"([A-Za-z_][A-Za-z0-9_]*/)*[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass
@@ -71,10 +79,20 @@ def peer_of(
 
     Returns:
         the node's full name, for example ``/cell/recorder``, and what is known of it.
+
+    Raises:
+        ValueError: no node has such a name, or none says as much.
     """
     node, _, task = name.rpartition(": ")
     if task != HEARTBEAT or ROLE not in values or SESSION not in values:
         return None
+    if len(node) > _LONGEST_NAME or not _NODE_NAME.fullmatch(node):
+        raise ValueError(f"a heartbeat is of '{node[:60]}', which is no name of a node")
+    if (
+        len(message) + sum(len(key) + len(said) for key, said in values.items())
+        > _LONGEST_HEARTBEAT
+    ):
+        raise ValueError(f"the heartbeat of {node} is longer than {_LONGEST_HEARTBEAT} characters")
     return "/" + node, Peer(
         role=values[ROLE],
         last_seen=heard,
@@ -129,8 +147,14 @@ class Watch:
     _deaf: dict[str, float] = field(default_factory=dict)
 
     def heard(self, name: str, peer: Peer) -> None:
-        """Take note of a heartbeat."""
+        """Take note of a heartbeat.
+
+        Raises:
+            ValueError: ``MOST_PEERS`` other nodes are alive.
+        """
         before = self.peers.get(name)
+        if before is None and len(self.peers) >= MOST_PEERS:
+            self._forget_silent()
         # A node that died and came back was silent at least for the time that a start takes.
         if (
             before is not None
@@ -141,6 +165,14 @@ class Watch:
         self.peers[name] = peer
         self.lost.pop(name, None)
         self._deaf.pop(name, None)
+
+    def _forget_silent(self) -> None:
+        if not self.lost:
+            raise ValueError(f"more than {MOST_PEERS} nodes say that they take part")
+        gone = next(iter(self.lost))
+        for kept in (self.peers, self.lost, self._deaf):
+            kept.pop(gone, None)
+        self.twins.discard(gone)
 
     def check(self, now: float) -> list[str]:
         """Return the sentences about nodes that have been found lost just now, and are missed.

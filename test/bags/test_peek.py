@@ -39,7 +39,7 @@ def test_a_block_of_samples_with_a_frame_of_any_length(length):
     )
     head = block_head_of(cdr)
     assert head == (1_700_000_000_123_456_789, 2**40 + length, length * 3)
-    with pytest.raises(struct.error):
+    with pytest.raises(ValueError):
         block_head_of(cdr[:70])
 
 
@@ -56,5 +56,5 @@ def test_the_other_byte_order():
 @pytest.mark.parametrize("cut", [0, 3, 8, 20])
 def test_what_is_no_message_is_refused(cut):
     cdr = serialized(topics.READING.type_name, "laser", sequence=1)
-    with pytest.raises(struct.error):
+    with pytest.raises(ValueError):
         head_of(cdr[:cut])

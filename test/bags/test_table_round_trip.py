@@ -145,7 +145,7 @@ def without_feed(plan):
     return replace(plan, feed=0.0 if np.isnan(plan.feed) else plan.feed)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(made=runs(), chain=st.sampled_from(["", *CHAINS]))
 def test_every_run_comes_back_from_its_tables(made, chain):
     plan, lines = made

@@ -12,6 +12,7 @@ import yaml
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology import effects
 from stepdiag_ros.metrology.effects.backlash import EFFECT
+from stepdiag_ros.metrology.solvers import limits
 
 CASE = Path(__file__).parents[1] / "data" / "cases" / "four_diagonals"
 LOST_MOTION = 6e-7
@@ -54,6 +55,17 @@ def _run(folder, lost_motion, repeats=2):
 @pytest.fixture
 def hidden(tmp_path):
     return _run(tmp_path / "hidden", LOST_MOTION)
+
+
+def test_a_run_of_too_many_stops_is_refused_with_the_file_and_the_limit(
+    hidden, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(limits, "MOST_STOPS", 50)
+    out = tmp_path / "out"
+    assert main(["diagnose", str(hidden), "--output", str(out)]) != 0
+    (said,) = capsys.readouterr().err.strip().splitlines()
+    assert hidden.name in said and "50" in said
+    assert not out.exists()
 
 
 def test_the_hidden_effect_is_named_proven_and_added(hidden, tmp_path, capsys):

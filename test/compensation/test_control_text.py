@@ -91,7 +91,7 @@ harmless = cache(lambda name: did(files_of(name, Origin(file="run.mcap"))))
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(origin=ORIGINS)
 def test_tables_do_the_same_whatever_their_origin_says(name, origin):
     files = files_of(name, origin)
@@ -112,7 +112,7 @@ def test_no_field_of_the_origin_gets_a_line_of_its_own(name, field):
         assert "MA-MAX" in files["AX_EEC.INI"] or "MA_MAX" in files["AX_EEC.INI"], "still told"
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(origin=ORIGINS, program=NAUGHTY)
 def test_a_rewritten_program_does_the_same_whatever_its_origin_says(origin, program):
     def made(told, name):
@@ -132,7 +132,7 @@ def test_a_rewritten_program_does_the_same_whatever_its_origin_says(origin, prog
 MOVES = [Move((0.0, 0.0, 0.0), 0.5), Move((0.01, 0.0, 0.0), 0.5, program_stop="align")]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(name=NAUGHTY, remark=NAUGHTY, comment=NAUGHTY)
 def test_a_planned_program_does_the_same_whatever_its_names_say(name, remark, comment):
     first, second = MOVES

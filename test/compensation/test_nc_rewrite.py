@@ -282,7 +282,7 @@ moves = st.lists(
 )
 
 
-@tries(max_examples=8, deadline=None)
+@tries(max_examples=8)
 @example(moves=[("G1", (240.0, 0.0, 0.0), False)], scale=1.875, seed=7)
 @given(moves=moves, scale=st.floats(0.0, 2.0), seed=st.integers(0, 9))
 def test_any_program_keeps_the_tolerance_on_any_machine(moves, scale, seed):
@@ -322,7 +322,7 @@ _OTHERS = """M3 M6 M30 N1 F1 H1 X1. X-5 Y2. Y.5 Z3 Z50. I1. J-2 K3 R4 R-9. L2 P1
 _WORDS = st.sampled_from([*(f"G{code:g}" for code in _CODES), *_OTHERS.split()])
 
 
-@tries(max_examples=60, deadline=None)
+@tries(max_examples=60)
 @given(
     rows=st.lists(st.lists(_WORDS, max_size=5).map(" ".join), max_size=6),
     cycles=st.booleans(),

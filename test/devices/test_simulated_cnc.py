@@ -85,7 +85,7 @@ def test_position_samples_lie_on_their_own_grid_and_follow_the_axis():
     assert {s.position[:2] for s in found} == {(0.0, 0.0)}
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.integers(0, 200 * MS), max_size=30))
 def test_events_do_not_depend_on_when_they_are_asked_for(waits):
     whole, parts = controller(), controller()

@@ -129,7 +129,7 @@ def test_noise_has_its_size_and_depends_on_the_seed_alone():
     assert not np.array_equal(values[1], values[2])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.integers(1, 400 * MS), min_size=1, max_size=15))
 def test_readings_do_not_depend_on_when_they_are_asked_for(waits):
     results = []

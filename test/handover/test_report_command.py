@@ -27,6 +27,7 @@ from stepdiag_ros.handover import pictures
 from stepdiag_ros.handover.sections import sections
 from stepdiag_ros.handover.sections.measurement import _words_of
 from stepdiag_ros.handover.sections.readings import _few_stops
+from stepdiag_ros.metrology.solvers import limits
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.report.numbers import (
@@ -105,6 +106,21 @@ def test_three_files_and_no_other(folder):
         "report.json",
         "report.pdf",
     ]
+
+
+def test_what_a_large_run_is_not_evaluated_for_is_said_first_and_in_the_report(
+    bag, tmp_path, capsys, monkeypatch
+):
+    large = tmp_path / "large.mcap"
+    shutil.copy(bag, large)
+    monkeypatch.setattr(limits, "MOST_VALUES", 30)
+    assert main(["report", str(large)]) == 0
+    first = capsys.readouterr().err.splitlines()[0]
+    for name in ("conventional", "rigid_body", limits.DIAGNOSIS, limits.BUDGET, limits.VISIBILITY):
+        assert name in first
+    text = (tmp_path / "large_report" / "report.json").read_text(encoding="utf-8")
+    for name in (limits.DIAGNOSIS, limits.BUDGET):
+        assert f"The {name} is left out for its size" in text
 
 
 def test_the_page_has_every_section_in_order_and_everything_in_itself(page):

@@ -43,6 +43,7 @@ class Tally:
         ends: (kind of change, how a command ended) → how often.
         faults: of each case that failed, in words.
         seconds: of processor time of the slowest case.
+        slowest: number of that case.
         memory: bytes of the largest case beyond what the process had.
     """
 
@@ -50,6 +51,7 @@ class Tally:
     ends: Counter[tuple[str, str]] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    slowest: int = 0
     memory: int = 0
 
 
@@ -98,13 +100,14 @@ class Attack:
         chosen = (*quick, *(chance.sample(slow, 1) if slow else ()))
         case = examined(path, self._folder / "out", chosen)
         fault = case.fault or (differences(case, whole) if structure else "")
-        self._count(case, "structure" if structure else "content", tally)
+        self._count(number, case, "structure" if structure else "content", tally)
         if fault:
             tally.faults.append(f"{name}: {fault}")
 
-    def _count(self, case: Case, kind: str, tally: Tally) -> None:
+    def _count(self, number: int, case: Case, kind: str, tally: Tally) -> None:
         tally.cases += 1
-        tally.seconds = max(tally.seconds, case.seconds)
+        if case.seconds > tally.seconds:
+            tally.seconds, tally.slowest = case.seconds, number
         tally.memory = max(tally.memory, case.memory)
         for outcome in case.outcomes.values():
             if outcome.fault:
@@ -137,7 +140,8 @@ def main() -> int:
                     print(fault, flush=True)
     print(
         f"{tally.cases} cases in {time.monotonic() - begin:.0f} s, {len(tally.faults)} failed; "
-        f"slowest {tally.seconds:.1f} s of processor, most memory {tally.memory / 1e6:.0f} MB"
+        f"slowest {tally.seconds:.1f} s of processor (case {tally.slowest}), "
+        f"most memory {tally.memory / 1e6:.0f} MB"
     )
     for (kind, end), count in sorted(tally.ends.items()):
         print(f"{kind}: {end} {count}")

@@ -3,6 +3,7 @@
 It is simulated at its stops and takes no node; every number follows from the seed in the cell.
 """
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,18 @@ def write_small_run(path: Path) -> Path:
         RUN_ID, "small", __version__, 1, "none", START, PLAN, machine, parameters="assembler: {}\n"
     )
     with BagWriter(path, header, chunk_size=12_000) as bag:
-        for time, topic, message in sorted(_messages(machine), key=lambda one: one[0]):
-            data = own_types().encode(topic.type_name, message)
+        for time, topic, data in small_stream():
             bag.write(topics.absolute(topic), topic.type_name, data, time, time)
     return path
+
+
+@lru_cache
+def small_stream():
+    """Return what is published in the run, in order: time (ns), topic, CDR bytes."""
+    made = sorted(_messages(load_machine("demo")[1]), key=lambda one: one[0])
+    return [
+        (time, topic, own_types().encode(topic.type_name, message)) for time, topic, message in made
+    ]
 
 
 def _messages(machine):

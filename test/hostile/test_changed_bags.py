@@ -100,6 +100,14 @@ def test_a_reading_that_its_sequence_promises_is_missed_by_every_command(whole, 
         assert flaw["sentence"] in capsys.readouterr().err, command
 
 
+def test_the_end_of_a_run_that_has_all_its_lines_is_missed(whole, written):
+    bag = as_older_recorders_wrote(taken_apart(whole))
+    number, place = bag.places("/run/state")[-1]
+    del bag.chunks[number][place]
+    (flaw,) = load_run(written(bag)).flaws
+    assert (flaw.kind, flaw.messages) == ("missing", {"/run/state": 1})
+
+
 @pytest.mark.parametrize("topic", [COMMAND, STOP, "/machine/command_status", "/measurement/block"])
 def test_events_that_others_promise_are_missed_in_bags_of_older_recorders(whole, written, topic):
     bag = as_older_recorders_wrote(taken_apart(whole))

@@ -49,7 +49,7 @@ def watched(machine_tool, request) -> Iterator[Watched]:
 
     Its dead-man is slow by default, so that a busy computer does not act as one.
     """
-    made = Watched(machine_tool.socket, getattr(request, "param", 2.0))
+    made = Watched(machine_tool.socket, getattr(request, "param", 2.0), patience=10.0)
     made.reset()
     for number, axis in enumerate("XYZ"):
         there = [1e3 * value for value in made.position()]

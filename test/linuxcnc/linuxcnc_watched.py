@@ -1,5 +1,6 @@
 """The driver of LinuxCNC, polled as the bridge does it."""
 
+import errno
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,13 +12,27 @@ from stepdiag_ros.devices.cnc.linuxcnc import LinuxCnc
 
 
 class Watched:
-    """A driver that is polled as the bridge does it, and what it has told."""
+    """A driver that is polled as the bridge does it, and what it has told.
 
-    def __init__(self, path: Path, dead_man: float = 2.0) -> None:
+    Args:
+        path: of the agent's socket.
+        dead_man: s.
+        patience: s in which the agent may see that the client before has gone.
+    """
+
+    def __init__(self, path: Path, dead_man: float = 2.0, patience: float = 0.0) -> None:
         settings = {"socket": str(path), "dead_man_s": dead_man}
-        machine = load_machine("demo")[0]
-        self.driver: LinuxCnc = prepare("cnc", "linuxcnc", settings, Surroundings(machine))(0)
+        make = prepare("cnc", "linuxcnc", settings, Surroundings(load_machine("demo")[0]))
         self.events: list[CncEvent] = []
+        end = time.monotonic() + patience
+        while True:
+            try:
+                self.driver: LinuxCnc = make(0)
+                return
+            except OSError as error:
+                if error.errno != errno.EBUSY or time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
 
     def until(self, condition: Callable[[], bool], limit: float = 10.0) -> "Watched":
         end = time.monotonic() + limit

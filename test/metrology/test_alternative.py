@@ -48,7 +48,7 @@ def first_order(measurement, curves, tilts):
     return observations, values
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(steps, st.integers(0, 2**31))
 def test_both_formulations_are_equal_on_any_errors_setups_and_steps(step, seed):
     """Random curves and tilts of some hundred µrad, read to the first order: equal to rounding."""
@@ -67,7 +67,7 @@ def test_both_formulations_are_equal_on_any_errors_setups_and_steps(step, seed):
     assert np.abs(robust).max() > 1e-6
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(steps, st.integers(0, 2**31))
 def test_on_noise_they_differ_by_the_residuals_that_the_docstring_names(step, seed):
     observations = observe(measured(step))

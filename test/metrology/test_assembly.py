@@ -487,6 +487,18 @@ def test_commands_of_another_plan_are_refused(change, words):
         Assembler(PLAN, START).add_command(run.commands[0]._replace(**change))
 
 
+@pytest.mark.parametrize("stream", ["commands", "arrivals"])
+@pytest.mark.parametrize("late", [False, True], ids=["another of the same number", "a late one"])
+def test_two_senders_that_contradict_each_other_are_refused(stream, late):
+    run = Run()
+    run.measure(0)
+    events = getattr(run, stream)
+    other = events.pop(1) if late else events[1]._replace(time=events[1].time + 1)
+    events.insert(2, other)
+    with pytest.raises(ValueError, match=f"{stream[:-1]} {other.command_id} "):
+        events_of(run)
+
+
 # Interleaving ------------------------------------------------------------------------------------
 
 
@@ -523,7 +535,7 @@ def test_the_troubled_run_has_all_kinds_of_trouble():
     assert len(lines_of(events_of(TROUBLED))) == 4
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.sampled_from("car"), st.integers(1, 400)),

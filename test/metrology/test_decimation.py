@@ -61,7 +61,7 @@ def test_the_filter_passes_slow_and_stops_what_would_be_folded_into_it(factor):
         assert taps[number % factor == remainder].sum() == pytest.approx(1.0 / factor, rel=1e-14)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     factor=FACTORS,
     seed=st.integers(0, 2**32 - 1),
@@ -80,7 +80,7 @@ def test_readings_do_not_depend_on_how_samples_are_cut_into_blocks(factor, seed,
     assert middles[0] - factor < len(coefficients(factor)) // 2 <= middles[0]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     factor=FACTORS,
     readings=st.integers(20, 60),
@@ -118,7 +118,7 @@ def test_what_would_be_folded_onto_a_stop_is_gone_and_what_is_slow_stays():
     assert np.abs(left).max() < 1e-10
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(bad=st.integers(0, 2999), status=st.integers(1, 4), factor=FACTORS)
 def test_a_bad_sample_makes_every_reading_bad_that_is_made_of_it_and_no_other(bad, status, factor):
     states = np.zeros(3000, dtype=np.uint8)

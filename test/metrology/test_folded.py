@@ -6,7 +6,7 @@ from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.design import Design
-from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded
+from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded, places_in
 from stepdiag_ros.metrology.solvers.observations import observe
 
 
@@ -17,13 +17,18 @@ def normal_matrix(blocks, chain="", **plan):
     return weighted.T @ weighted, design
 
 
+def inverted(normal, levels):
+    order = np.concatenate(levels)
+    return inverse_folded(normal[np.ix_(order, order)], levels, places_in(levels))
+
+
 @pytest.mark.parametrize("blocks", [2, 3, 8, 9, 30])
 def test_inverse_of_a_plan_is_the_inverse(blocks):
     normal, design = normal_matrix(blocks, orders=("ZXY", "YXZ"))
     levels = fold(design.curve_column, design._curve_places, design.count)
     assert sorted(np.concatenate(levels)) == list(range(design.count))
     assert max(len(level) for level in levels[:-1]) <= 18
-    inverse = inverse_folded(normal, levels)
+    inverse = inverted(normal, levels)
     scale = np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
     assert inverse / scale == pytest.approx(np.linalg.inv(normal) / scale, abs=1e-9)
     assert design.covariance / scale == pytest.approx(inverse / scale, abs=1e-9)
@@ -49,4 +54,4 @@ def test_a_matrix_that_is_not_positive_has_no_inverse():
     for at in (0, 60, design.count - 1):
         broken = normal.copy()
         broken[at, at] = -1.0
-        assert inverse_folded(broken, levels) is None
+        assert inverted(broken, levels) is None

@@ -55,7 +55,7 @@ def test_a_good_count_is_left_alone():
     assert measured()[0] == ""
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.tuples(*[st.floats(-2e-3, 2e-3)] * 3),
     st.floats(-0.03, 0.03),

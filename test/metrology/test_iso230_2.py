@@ -129,7 +129,7 @@ def any_runs(draw):
     return runs(table[0], table[1])
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(any_runs(), st.randoms(use_true_random=False), st.floats(0.01, 100), st.floats(-1, 1))
 def test_order_of_runs_zero_and_scale(one, random, scale, shift):
     base = evaluate(one).parameters
@@ -153,7 +153,7 @@ def test_order_of_runs_zero_and_scale(one, random, scale, shift):
         assert swapped[other] == pytest.approx(-value if name == "mean B" else value), name
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(any_runs())
 def test_the_parameters_keep_their_order(one):
     found = evaluate(one).parameters

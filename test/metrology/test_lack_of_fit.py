@@ -42,9 +42,15 @@ def nothing(problem):
     return np.zeros((len(problem.gap), 0))
 
 
+def judged(problem, stops, noise, gap, span=None):
+    """Test one gap, with the span of what was found in it."""
+    found = nothing(problem) if span is None else span
+    return LackOfFitTest(problem, stops, noise)((gap, found))[0]
+
+
 def test_chances_are_right_on_noise_alone(problem, stops):
     test = LackOfFitTest(problem, stops, KNOWN)
-    results = [test(gap, nothing(problem)) for gap in draws(problem, 400).T]
+    results = test(*((gap, nothing(problem)) for gap in draws(problem, 400).T))
     for words in results[0].by_shape:
         chances = np.array([result.by_shape[words] for result in results])
         # 400 chances: a tenth of them, give or take 1.5 % (one standard deviation).
@@ -62,7 +68,7 @@ def test_chances_are_right_where_the_noise_comes_from_the_run_itself():
         baseline = fit_baseline(run, stops)
         noise = estimate_noise(baseline, baseline.gap, stops, float("nan"))
         problem = whitened(baseline, noise.size, noise.correlation)
-        result = LackOfFitTest(problem, stops, noise)(problem.gap, nothing(problem))
+        result = judged(problem, stops, noise, problem.gap)
         chances.append(result.p_value)
         totals.append(result.by_shape[ALL])
     assert min(chances) > 2e-4
@@ -75,13 +81,14 @@ def test_chances_are_right_where_the_noise_comes_from_the_run_itself():
 def test_the_total_is_tested_without_what_told_the_noise(problem, stops):
     freedom, known = problem.freedom, 200.0
     gap = draws(problem, 1)[:, 0]
-    test = LackOfFitTest(problem, stops, Noise(NOISE, known, 0.0, REPEATS))
+    repeats, stated = (Noise(NOISE, known, 0.0, source) for source in (REPEATS, STATED))
     squares = (float(gap @ gap) - known) / (freedom - known)
     expected = fisher.sf(squares, freedom - known, known)
-    assert test(gap, nothing(problem)).by_shape[ALL] == pytest.approx(expected, rel=1e-9)
-    stated = LackOfFitTest(problem, stops, Noise(NOISE, known, 0.0, STATED))
+    by_shape = judged(problem, stops, repeats, gap).by_shape
+    assert by_shape[ALL] == pytest.approx(expected, rel=1e-9)
     expected = fisher.sf(float(gap @ gap) / freedom, freedom, known)
-    assert stated(gap, nothing(problem)).by_shape[ALL] == pytest.approx(expected, rel=1e-9)
+    by_shape = judged(problem, stops, stated, gap).by_shape
+    assert by_shape[ALL] == pytest.approx(expected, rel=1e-9)
 
 
 def test_slow_shapes_suffer_from_a_memory_that_is_not_well_known(problem, stops):
@@ -96,7 +103,8 @@ def test_slow_shapes_suffer_from_a_memory_that_is_not_well_known(problem, stops)
     for row in np.flatnonzero(follows):
         noise[row] = memory * noise[row - 1] + np.sqrt(1.0 - memory**2) * noise[row]
     sharp = LackOfFitTest(problem, stops, KNOWN)
-    chances = [sharp(gap, nothing(problem)).by_shape for gap in problem.projected(noise).T]
+    results = sharp(*((gap, nothing(problem)) for gap in problem.projected(noise).T))
+    chances = [result.by_shape for result in results]
     assert np.mean([chance[PASSES] < 0.05 for chance in chances]) > 0.15
     assert np.mean([chance[BOTH_WAYS] < 0.05 for chance in chances]) < 0.1
 
@@ -109,7 +117,7 @@ def test_what_findings_explain_does_not_count_again(problem, stops):
     span = np.linalg.qr(problem.projected(problem.of(named * NOISE)))[0]
     gap = draws(problem, 1)[:, 0]
     left = gap - span @ (span.T @ gap)
-    result = LackOfFitTest(problem, stops, KNOWN)(left, span)
+    result = judged(problem, stops, KNOWN, left, span)
     assert result.freedom == problem.freedom - 2
     # The shape beyond the findings, by brute force; the first finding is one of its columns.
     u = 2.0 * stops.share - 1.0
@@ -144,7 +152,7 @@ def test_a_shape_of_half_the_noise_is_seen_where_it_is(problem, stops, shape, wo
     values = shape(stops)
     values = NOISE * values / np.std(values)
     gap = draws(problem, 1)[:, 0] + problem.projected(problem.of(values[:, None]))[:, 0]
-    result = LackOfFitTest(problem, stops, KNOWN)(gap, nothing(problem))
+    result = judged(problem, stops, KNOWN, gap)
     assert result.p_value < 1e-3
     assert result.shape == words
     if words == SENSE:

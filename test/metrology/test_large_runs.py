@@ -1,5 +1,10 @@
 """Long runs: memory in proportion to the stops; what is left out of very large boxes is said."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
@@ -9,17 +14,23 @@ from stepdiag_ros.diagnosing import verdict_on
 from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
+from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.metrology.solvers import linear, solve, solve_all
+from stepdiag_ros.metrology.solvers import limits, linear, solve, solve_all
 from stepdiag_ros.metrology.solvers.limits import (
+    BUDGET,
     DIAGNOSIS,
+    MOST_STOPS,
     MOST_VALUES,
     VISIBILITY,
+    TooLarge,
     left_out,
     left_out_sentence,
 )
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +108,9 @@ def test_readings_that_are_taken_a_few_at_a_time_give_the_same(monkeypatch, meth
 
 def test_nothing_is_left_out_up_to_the_limit():
     rigid, nine = MOST_VALUES // 18 - 1, MOST_VALUES // 9 - 1
-    assert left_out(rigid) == {} and left_out_sentence(rigid, ("rigid_body",)) == ""
+    assert left_out(12, MOST_STOPS) == {} and left_out(rigid, 5000) == {}
+    assert left_out_sentence(12, MOST_STOPS, ("rigid_body", DIAGNOSIS)) == ""
+    assert set(left_out(12, MOST_STOPS + 1)) == {DIAGNOSIS} == set(left_out(rigid, MOST_STOPS))
     assert set(left_out(rigid + 1)) == {"rigid_body", VISIBILITY}
     assert set(left_out(nine)) == {"rigid_body", VISIBILITY}
     assert {"conventional", DIAGNOSIS} < set(left_out(nine + 1))
@@ -111,11 +124,67 @@ def test_what_is_left_out_of_a_large_box_is_said_with_the_number_that_is_not():
     assert list(results) == ["least_squares"]
     why = left_out(blocks)
     assert {name: reasons[name] for name in why if name in reasons} == {
-        name: words for name, words in why.items() if name not in (DIAGNOSIS, VISIBILITY)
+        name: words for name, words in why.items() if name not in (BUDGET, DIAGNOSIS, VISIBILITY)
     }
     assert str(blocks - 1) in why["conventional"]
     assert str(MOST_VALUES // 18 - 1) in why["rigid_body"]
     verdict = verdict_on(run)
     assert verdict.name == NOT_DIAGNOSED and str(blocks - 1) in verdict.sentence
-    said = left_out_sentence(blocks, ("least_squares", "conventional", DIAGNOSIS))
+    with pytest.raises(TooLarge, match=str(blocks - 1)):
+        make_budget(run, Instrument())
+    said = left_out_sentence(blocks, 1000, ("least_squares", "conventional", DIAGNOSIS))
     assert "conventional" in said and DIAGNOSIS in said and "rigid_body" not in said
+
+
+def test_a_run_of_too_many_stops_is_solved_and_not_diagnosed(monkeypatch):
+    run = simulate(make_plan(blocks=2, repeats=2), make_cell(noise=0.1e-6), seed=1)
+    monkeypatch.setattr(limits, "MOST_STOPS", run.stop_count - 1)
+    with pytest.raises(TooLarge, match=f"{run.stop_count}.*{run.stop_count - 1}"):
+        diagnose(run)
+    verdict = verdict_on(run)
+    assert verdict.name == NOT_DIAGNOSED and str(run.stop_count) in verdict.sentence
+    assert make_budget(run, Instrument()).sources
+    results, _ = solve_all(run)
+    assert "least_squares" in results and "rigid_body" in results
+
+
+EVALUATED = """
+import pathlib, re, sys
+from cells_for_tests import make_cell, make_plan
+from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers import solve_all
+
+blocks, repeats = int(sys.argv[1]), int(sys.argv[2])
+plan = make_plan(blocks=blocks, orders=("XYZ", "YZX", "ZXY"), repeats=repeats)
+run = simulate(plan, make_cell(noise=0.1e-6), seed=1)
+assert solve_all(run)[0] and verdict_on(run).name != "NOT DIAGNOSED"
+# Not ru_maxrss: that of a new process begins with the memory of the one that started it.
+peak = re.search(r"VmHWM:\\s+(\\d+) kB", pathlib.Path("/proc/self/status").read_text())
+print(run.stop_count, int(peak[1]) / 1024.0)
+"""
+
+
+def evaluated(blocks, repeats):
+    """Solve and diagnose a run in a process; return its stops and the process' peak memory, MB."""
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    done = subprocess.run(
+        [sys.executable, "-c", EVALUATED, str(blocks), str(repeats)],
+        cwd=Path(__file__).parent,
+        env={**os.environ, **one_thread},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    stops, peak = done.stdout.split()
+    return int(stops), float(peak)
+
+
+@pytest.mark.slow
+def test_memory_of_five_thousand_stops_is_bounded_and_grows_with_them():
+    _, bare = evaluated(2, 1)
+    few, some = evaluated(12, 5)
+    many, most = evaluated(12, 10)
+    assert 4500 < many == 2 * few
+    assert most < 300.0
+    assert (most - bare) / (some - bare) < 1.3 * many / few

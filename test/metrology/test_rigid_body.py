@@ -107,6 +107,19 @@ def test_misaligned_setups_cost_a_few_nanometres_only():
     assert result.chi_squared < 1.0
 
 
+@pytest.mark.parametrize("turn", [0.3, 0.5, 100.0, 1e20])
+def test_a_setup_turned_beyond_all_alignment_is_refused(turn):
+    plan = make_plan(6, orders=ORDERS)
+    measurement = simulate(plan, turning_cell())
+    lines = list(measurement.lines)
+    number = next(place for place, line in enumerate(lines) if line.line.order)
+    way = lines[number].target - lines[number].target[0]
+    turned = lines[number].displacement + turn * (way[:, 0] - way[:, 1])
+    lines[number] = replace(lines[number], displacement=turned)
+    with pytest.raises(ValueError, match="misaligned"):
+        solve(certain(replace(measurement, lines=tuple(lines))), "rigid_body")
+
+
 def test_a_beam_beside_the_mirrors_point_bends_its_line_by_lever_times_rotation():
     """1 mm and rotations of some 50 µrad: 0.05 µm, as the module says (Σ (ε × n)·b)."""
     plan = make_plan(6, orders=ORDERS)

@@ -43,6 +43,26 @@ def test_a_map_says_where_the_tool_is_by_the_forward_model(chain):
     assert made.errors(corner[None]) == pytest.approx(np.zeros((1, 3)), abs=1e-15)
 
 
+def test_a_map_tells_something_if_any_node_but_the_first_is_determined():
+    whole = random_map()
+    assert whole.tells_any_node()
+
+    def told_at(*known):
+        """Return the map in which only these nodes of X are determined."""
+        curves = {
+            name: np.where(np.isin(np.arange(len(curve)), known), curve, np.nan)
+            if moving_axis(name) == 0
+            else curve
+            for name, curve in whole.curves.items()
+        }
+        return replace(whole, curves=curves)
+
+    assert told_at(4).tells_any_node() and told_at(0).tells_any_node()
+    assert not told_at().tells_any_node()
+    corner = {name: np.where(np.arange(len(c)), np.nan, c) for name, c in whole.curves.items()}
+    assert not replace(whole, curves=corner).tells_any_node()
+
+
 def test_a_solved_map_is_the_machine_but_for_a_turn_of_the_whole():
     cell, plan = make_cell(noise=0.0, tilt=0.0, squareness=(50e-6, -30e-6, 40e-6)), make_plan()
     solved = VolumetricMap.of_result(solve_least_squares(simulate(plan, cell)))

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import rclpy
+import yaml
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import conversion, topics
@@ -16,7 +17,10 @@ from stepdiag_ros.commands.diagnose import report_of
 from stepdiag_ros.configuration import load_cell, load_machine, load_model, load_plan
 from stepdiag_ros.diagnosing import Reference, summary_of, when_over
 from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
+from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
+from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers.limits import MOST_VALUES
 from stepdiag_ros.run.sequence import State
 
 RUN_ID = "20260102T030405-abcd"
@@ -225,3 +229,24 @@ def test_lines_that_cannot_be_diagnosed_are_said_and_the_node_goes_on(tmp_path):
         bench.wait(lambda: bench.peer.facts["work_left"] == "0")
         assert not bench.heard
         assert not bench.processes.ended()
+
+
+def test_a_run_that_is_too_large_is_said_before_its_first_line_and_not_diagnosed(tmp_path):
+    wanted = {
+        "step_m": [0.001] * 3,
+        "blocks": MOST_VALUES // 9,
+        "feed_m_per_s": 0.05,
+        "lines": [{"kind": "linear", "names": ["x", "y", "z"]}],
+    }
+    plan = Plan.from_mapping(wanted, "test plan")
+    lines = simulate(plan, load_cell("demo")[0], seed=1).lines
+    with Bench(tmp_path) as bench:
+        bench.describe.publish(described(yaml.safe_dump(wanted), load_machine("demo")[1]))
+        bench.wait(lambda: bench.peer is not None and "verdict" in bench.peer.facts)
+        said = bench.peer.facts["verdict"]
+        assert said.startswith(NOT_DIAGNOSED) and str(plan.volume.blocks) in said
+        bench.publish_lines(lines)
+        bench.end_run()
+        bench.wait(lambda: "ended" in bench.peer.text)
+        assert bench.peer.facts["work_left"] == "0" and not bench.peer.faulty
+        assert not bench.heard and not bench.processes.ended()

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import serialize_message
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import conversion, topics
@@ -66,9 +67,13 @@ def begin(node, run_id=RUN_ID, plan="a plan"):
 def test_a_line_that_makes_no_sense_is_said_and_the_next_is_taken_up(node):
     begin(node)
     odd = {"line": "x", "kind": "linear", "direction": "forward", "run_id": RUN_ID}
-    node._hear_line(filled(topics.LINE, time=[0.0, 1.0], displacement=[0.0], **odd))
+    hear = next(one for one in node.subscriptions if one.topic == "/measurement/line").callback
+    hear(serialize_message(filled(topics.LINE, time=[0.0, 1.0], displacement=[0.0], **odd)))
     level, text = node.text()
-    assert level == 2 and text.startswith("a line cannot be taken up: ") and node.lines == []
+    assert level == 2 and "measurement/line" in text and node.lines == []
+    node.time += base.HOLDS + 0.1
+    node._look_around()
+    assert node.text() == (0, f"run {RUN_ID}")
     plan = load_plan("quick")[0]
     line = plan.lines[0]
     stops = line.stops(plan.volume)

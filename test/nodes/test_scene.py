@@ -158,7 +158,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
 
             # What cannot be a result is said, and the scene goes on.
             say(topics.VOLUMETRIC_ERRORS, run_id=RUN_ID, method="soons", e_xx=[1.0])
-            said = "a result cannot be shown: VolumetricErrors: E_XX"
+            said = "a message on result/volumetric_errors cannot be used: VolumetricErrors: E_XX"
             seen(lambda: any(peer.text.startswith(said) for peer in peers.values()))
 
             # The end: the optics are gone, the result stays.

@@ -76,6 +76,25 @@ def test_a_node_that_asks_one_that_has_joined_is_waited_for_though_it_was_ready(
     assert sequencer.start()
 
 
+@pytest.mark.parametrize("heard", ["before the start", "in the run"])
+def test_a_run_is_stopped_by_the_loss_of_a_weather_node_that_it_has_had(sequencer, heard):
+    stand(sequencer)
+    for role in REQUIRED:
+        hear(sequencer, role)
+    if heard == "before the start":
+        hear(sequencer, "weather")
+    sequencer.start()
+    hear(sequencer, "weather")
+    sequencer._taking_up = None
+    sequencer._begin()
+    sequencer._update()
+    assert sequencer._progress().state is State.RUNNING
+    sequencer.watch.lost["/weather"] = "weather node /weather is silent for 2.1 s"
+    sequencer._update()
+    progress = sequencer._progress()
+    assert progress.state is State.FAULT and "/weather" in progress.text
+
+
 def test_a_bridge_that_has_not_said_where_the_machine_stands_may_still_do_so(sequencer):
     for role in REQUIRED:
         hear(sequencer, role)

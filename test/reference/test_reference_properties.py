@@ -35,7 +35,6 @@ METHODS = tuple(SOLVERS)
 ROBUST = tuple(m for m in METHODS if m not in ("conventional", "soons", "rigid_body"))
 FEW = settings(
     max_examples=5,
-    deadline=None,
     suppress_health_check=list(HealthCheck),
     # Numbers that fail are as good as smaller ones; looking for these takes minutes.
     phases=(Phase.explicit, Phase.reuse, Phase.generate),

@@ -34,7 +34,7 @@ from stepdiag_ros.metrology.machine import Machine
 
 PROTOCOL = 1
 ANSWER_LIMIT = 0.25
-"""Real seconds within which the agent answers; 5 ms is usual."""
+"""Real seconds within which the agent answers a move; 5 ms is usual."""
 SILENCE_LIMIT = 1.0
 """Real seconds without any word of the agent, after which it counts as dead."""
 ALIVE_PERIOD = 0.05
@@ -188,13 +188,13 @@ class LinuxCnc:
     def _ask(self, op: str, **content: Any) -> dict[str, Any]:
         """Return the answer of the agent to a request."""
         number = self._send(op, **content)
-        deadline = time.monotonic() + ANSWER_LIMIT
+        # Nothing moves while the agent greets or lets the machine move again.
+        limit = ANSWER_LIMIT if op == "move" else SILENCE_LIMIT
+        deadline = time.monotonic() + limit
         while number not in self._answers:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                raise OSError(
-                    errno.ETIMEDOUT, f"{self._whom} has not answered within {ANSWER_LIMIT:g} s"
-                )
+                raise OSError(errno.ETIMEDOUT, f"{self._whom} has not answered within {limit:g} s")
             select.select([self._socket], [], [], left)
             self._take()
         answer = self._answers.pop(number)

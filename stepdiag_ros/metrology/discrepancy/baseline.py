@@ -300,6 +300,18 @@ class Whitened:
         left: Vector = columns - self.span @ (self.span.T @ columns)
         return left
 
+    def left_of(self, columns: NDArray[Any]) -> Vector:
+        """Return what the baseline cannot follow of columns of all stops (m), whitened, (rows, k).
+
+        Of a long run, columns of all passes are among the largest things that a diagnosis makes, so
+        that only a few of them are copied at a time.
+        """
+        left: Vector = np.empty((len(self.gap), columns.shape[1]))
+        for start in range(0, columns.shape[1], AT_ONCE):
+            here = slice(start, start + AT_ONCE)
+            left[:, here] = self.projected(self.of(columns[:, here][self.baseline.good]))
+        return left
+
     def pulled(self, vectors: Vector) -> Vector:
         """Return whitened vectors times the derivatives of ``of``, its transpose, shape (n, k).
 

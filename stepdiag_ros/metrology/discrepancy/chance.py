@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -67,21 +69,36 @@ def look_elsewhere(found: Signatures, freedom: float, seed: int) -> LookElsewher
     for start in range(0, _DRAWS, _BATCH):
         draws = rng.standard_normal((_BATCH, rows), dtype=np.float32).astype(np.float64)
         variance = rng.chisquare(freedom, _BATCH) / freedom
-        squares = units.products(draws.T).T ** 2
-        # Sums over the first m columns of each candidate.
+        squares = units.products(draws.T)
+        np.square(squares, out=squares)
         for size in range(1, int(order.max()) + 1):
-            here = np.flatnonzero(order == size)
-            gain = squares[:, here]
-            for back in range(1, size):
-                gain = gain + squares[:, here - back]
-            chance = tail(np.max(gain, axis=1) / variance, float(size), freedom)
+            gain = _largest_gain(squares, np.flatnonzero(order == size), size)
+            chance = tail(gain / variance, float(size), freedom)
             lucky[start : start + _BATCH] = np.minimum(lucky[start : start + _BATCH], chance)
     least = np.sort(lucky)[: int(_TAIL * _DRAWS)]
     # P(luckiest < p) = 1 - exp(-trials·p), at the end of the sorted tail.
     return LookElsewhere(max(1.0, float(-np.log1p(-_TAIL) / least[-1])), freedom)
 
 
-def _numbers(found: Signatures) -> Vector:
+def _largest_gain(squares: Vector, last: NDArray[np.int64], size: int) -> Vector:
+    """Return the largest gain of any candidate by its first columns in each draw, shape (draws,).
+
+    Args:
+        squares: of the products of all columns with each draw, shape (c, draws).
+        last: of these columns, of each candidate that has so many.
+        size: how many.
+    """
+    largest = np.zeros(squares.shape[1])
+    for start in range(0, len(last), AT_ONCE):
+        here = last[start : start + AT_ONCE]
+        gain = squares[here]
+        for back in range(1, size):
+            gain = gain + squares[here - back]
+        largest = np.maximum(largest, np.max(gain, axis=0))
+    return largest
+
+
+def _numbers(found: Signatures) -> NDArray[np.int64]:
     """Return of each real column the how manieth of its candidate it is, from 1."""
     real = found.units.real
     numbers: list[int] = []

@@ -52,6 +52,7 @@ from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVE
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, require_size_for
 
 _GROSS_LEVEL = 1e-6
 """A line under a wrong name is far off."""
@@ -107,9 +108,11 @@ def diagnose(
 
     Raises:
         NotDeterminable: there is no reading at all.
+        TooLarge: the run has too many blocks or stops (``solvers.limits``).
         ValueError: lines that contradict the volume or each other, or a known effect that the run
             lacks the data for.
     """
+    require_size_for(DIAGNOSIS, measurement.volume.blocks, measurement.stop_count)
     tell = progress or (lambda _: None)
     stops = steadied(stops_of(measurement))
     gross = gross_errors(measurement)
@@ -229,9 +232,9 @@ class _Run:
             turning = plain.with_free(rotation_columns(self.stops)[plain.good])
             problem = whitened(turning, noise.size, noise.correlation)
             left, span = beyond(problem, self.stops, selection.candidates)
-        test = LackOfFitTest(problem, self.stops, noise)
         none = np.zeros((len(problem.gap), 0))
-        return test(problem.gap, none), test(left, span)
+        before, after = LackOfFitTest(problem, self.stops, noise)((problem.gap, none), (left, span))
+        return before, after
 
     def settled(self, result: _Result, stated: float) -> _Result:
         """Take noise and scatter anew from what the effects leave, until they stay the same."""

@@ -67,7 +67,10 @@ class _Shape:
 
 
 class LackOfFitTest:
-    """The test for one run; the shapes are made once.
+    """The test for one run.
+
+    Together, the shapes of a long run would be the largest thing that a diagnosis makes. So each is
+    made, used for all gaps that are asked about, and dropped.
 
     Args:
         problem: whitened, the baseline projected out.
@@ -77,33 +80,35 @@ class LackOfFitTest:
 
     def __init__(self, problem: Whitened, stops: Stops, noise: Noise) -> None:
         self._problem = problem
+        self._stops = stops
         self._noise = noise
         self._pure = 0.0 if noise.source == STATED else noise.freedom
-        self._shapes = {words: self._shape(columns) for words, columns in _shapes(stops)}
+
+    def _made(self) -> Iterator[tuple[str, _Shape]]:
+        return ((words, self._shape(columns)) for words, columns in _shapes(self._stops))
 
     @property
     def noise_freedom(self) -> dict[str, float]:
         """Return the degrees of freedom of the noise as each shape suffers from it."""
-        return {words: shape.noise_freedom for words, shape in self._shapes.items()}
+        return {words: shape.noise_freedom for words, shape in self._made()}
 
-    def __call__(self, gap: Vector, span: Vector) -> LackOfFit:
-        """Test a gap.
+    def __call__(self, *gaps: tuple[Vector, Vector]) -> list[LackOfFit]:
+        """Test gaps.
 
         Args:
-            gap: whitened, baseline and findings projected out, shape (rows,).
-            span: orthonormal columns of the findings beyond the baseline, shape (rows, k).
+            gaps: of each the gap, whitened, baseline and findings projected out, shape (rows,), and
+                orthonormal columns of the findings beyond the baseline, shape (rows, k).
         """
-        freedom = self._problem.freedom - span.shape[1]
-        total = float(gap @ gap)
-        chances = {ALL: self._of_all(total, freedom)}
-        for words, shape in self._shapes.items():
-            squares, count = _squares(shape.span, gap, span)
-            # As many shapes as there is freedom left are no test of their own.
-            if 0 < count < 0.9 * freedom:
-                chances[words] = _chance(squares, count, shape.noise_freedom)
-        worst = min(chances, key=lambda words: chances[words])
-        combined = float(-np.expm1(len(chances) * np.log1p(-min(chances[worst], 1.0 - 1e-16))))
-        return LackOfFit(total, freedom, combined, worst, chances)
+        freedoms = [self._problem.freedom - span.shape[1] for _, span in gaps]
+        totals = [float(gap @ gap) for gap, _ in gaps]
+        chances = [{ALL: self._of_all(*one)} for one in zip(totals, freedoms, strict=True)]
+        for words, shape in self._made():
+            for (gap, span), freedom, found in zip(gaps, freedoms, chances, strict=True):
+                squares, count = _squares(shape.span, gap, span)
+                # As many shapes as there is freedom left are no test of their own.
+                if 0 < count < 0.9 * freedom:
+                    found[words] = _chance(squares, count, shape.noise_freedom)
+        return [_judged(*one) for one in zip(totals, freedoms, chances, strict=True)]
 
     def _of_all(self, total: float, freedom: int) -> float:
         """Return the chance of what the total has beyond the differences that told the noise."""
@@ -112,12 +117,7 @@ class LackOfFitTest:
         return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)
 
     def _shape(self, columns: NDArray[np.generic]) -> _Shape:
-        problem = self._problem
-        good = columns[problem.baseline.good]
-        left: Vector = np.empty((len(problem.gap), good.shape[1]))
-        for start in range(0, good.shape[1], AT_ONCE):
-            here = slice(start, start + AT_ONCE)
-            left[:, here] = problem.projected(problem.of(good[:, here]))
+        left = self._problem.left_of(columns)
         lengths = np.linalg.norm(left, axis=0)
         if not np.all(lengths > 0.0):
             left = left[:, lengths > 0.0]
@@ -136,6 +136,12 @@ class LackOfFitTest:
         # variances add: 2/ν of the noise's square, 1/ν of its memory.
         slowness = float(np.mean(self._problem.slowness(span)))
         return _Shape(span, self._noise.freedom / (1.0 + 0.5 * slowness**2))
+
+
+def _judged(total: float, freedom: int, chances: dict[str, float]) -> LackOfFit:
+    worst = min(chances, key=lambda words: chances[words])
+    combined = float(-np.expm1(len(chances) * np.log1p(-min(chances[worst], 1.0 - 1e-16))))
+    return LackOfFit(total, freedom, combined, worst, chances)
 
 
 def _chance(squares: float, freedom: float, noise_freedom: float) -> float:

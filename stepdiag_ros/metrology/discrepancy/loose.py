@@ -76,11 +76,6 @@ def _free(stops: Stops, candidates: Sequence[Candidate]) -> Vector:
     return np.column_stack([np.zeros((len(stops.time), 0)), *parts])
 
 
-def _left(problem: Whitened, columns: Vector) -> Vector:
-    """Return what the baseline cannot follow of columns of all stops, whitened."""
-    return problem.projected(problem.of(columns[problem.baseline.good]))
-
-
 @dataclass(frozen=True)
 class _Problem:
     """S and b of columns beyond all that is free."""
@@ -91,8 +86,8 @@ class _Problem:
     @classmethod
     def of(cls, problem: Whitened, columns: Vector, span: Vector) -> "_Problem":
         """Make it of columns of all stops, m, beyond orthonormal ones that are free beside it."""
-        left = _left(problem, columns)
-        left = left - span @ (span.T @ left)
+        left = problem.left_of(columns)
+        left -= span @ (span.T @ left)
         return cls(left.T @ left, left.T @ problem.gap)
 
     def evidence(self, sizes: Vector) -> float:
@@ -135,14 +130,13 @@ def estimate_wander(
     from scipy.special import ndtri, stdtrit
 
     candidates = [one for one in candidates if _PASS.isdisjoint(one.setting)]
-    zeros, slopes = pass_shapes(stops)
     kinds = _kinds(stops)
-    shared = np.column_stack([zeros @ kinds, slopes @ kinds])
+    shared = np.column_stack([shapes @ kinds for shapes in pass_shapes(stops)])
     freedom = repeated_passes(stops)
     if freedom < 1:
         return Loose()
-    span = _span(_left(problem, _free(stops, candidates)))
-    both = _span(np.column_stack([span, _left(problem, shared)]))
+    span = _span(problem.left_of(_free(stops, candidates)))
+    both = _span(np.column_stack([span, problem.left_of(shared)]))
     evidence = _by_size(problem, stops, both)
     sizes = max(filter(_ordinary, evidence), key=lambda one: evidence[one])
     best = evidence[sizes]
@@ -173,10 +167,9 @@ def wander_evidence(problem: Whitened, stops: Stops) -> float:
 
 def _by_size(problem: Whitened, stops: Stops, span: Vector) -> dict[tuple[float, float], float]:
     """Return ln p of each scatter of zero and slope (m) beside a span, against that of none."""
-    zeros, slopes = pass_shapes(stops)
-    made = _Problem.of(problem, np.column_stack([zeros, slopes]), span)
+    made = _Problem.of(problem, np.column_stack(pass_shapes(stops)), span)
     return {
-        (zero, slope): made.evidence(np.repeat([zero, slope], zeros.shape[1]))
+        (zero, slope): made.evidence(np.repeat([zero, slope], len(stops.lines)))
         for zero in (0.0, *_WANDERS)
         for slope in (0.0, *_WANDERS)
     }
@@ -230,7 +223,7 @@ def beyond(
     problem: Whitened, stops: Stops, candidates: Sequence[Candidate]
 ) -> tuple[Vector, Vector]:
     """Return what candidates of free sizes leave of a gap, and what they span, whitened."""
-    span = _span(_left(problem, _free(stops, candidates)))
+    span = _span(problem.left_of(_free(stops, candidates)))
     return problem.gap - span @ (span.T @ problem.gap), span
 
 
@@ -271,7 +264,7 @@ def judge_rotations(
         noise_freedom: degrees of freedom of the noise.
         seed: of the draws that tell what chance does.
     """
-    span = _span(_left(problem, _free(stops, candidates)))
+    span = _span(problem.left_of(_free(stops, candidates)))
     columns = rotation_columns(stops)
     made = _Problem.of(problem, columns, span)
     values, vectors = np.linalg.eigh(made.products)
@@ -287,7 +280,7 @@ def judge_rotations(
     rng = np.random.default_rng(seed)
     # Size and memory of every draw's noise are estimated as those of the run. An error of the
     # memory makes all that is slow larger or smaller together, and rotations are slow.
-    left = _left(problem, columns)
+    left = problem.left_of(columns)
     units = (left - span @ (span.T @ left)) @ (vectors / np.sqrt(values))
     memory = rng.standard_normal(_DRAWS) / np.sqrt(noise_freedom)
     spread_by_memory = np.maximum(1.0 + np.outer(memory, problem.slowness(units)), 0.0)

@@ -32,6 +32,7 @@ What is left out is of second order: angles by errors, tilts by the dead path (0
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -46,8 +47,9 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.solvers.direct_rows import RowMaker
+from stepdiag_ros.metrology.solvers.exact_model import LARGEST_TILT, ExactModel, State, padded
 from stepdiag_ros.metrology.solvers.fit import Fit
-from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded
+from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded, places_in
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.positive import (
     inverse_of_rank,
@@ -60,7 +62,6 @@ _INFLATION_LIMIT = 1e8
 """Variance inflation (diagonal of C times that of H) beyond which a rank analysis is made."""
 _FEW_UNKNOWNS = 200
 _CONVERGED = 1e-13
-_LARGEST_TILT = 0.2
 _ITERATIONS = 60
 _IDLE = 3
 _OFF_GRID = 1e-4
@@ -85,7 +86,6 @@ class Design:
             directly, with the one that a fit without that leaves.
         noise_estimated: that uncertainty, m; NaN where none had to be estimated.
         direct: rows of what was measured directly, by the unknowns.
-        normal: the weighted normal matrix, shape (p, p).
         names: of the curves among the unknowns.
         arm: distance at which angles are counted in metres, so that all unknowns are of one size.
         group: averaged row of each reading, shape (n,).
@@ -129,8 +129,8 @@ class Design:
         count = len(observations.displacement)
         self._effects = np.zeros((count, 0)) if effects is None else effects
         if effects is None:
-            self._zero = observations.zeros()
-            self.group, self._first = observations.averaged()
+            self._zero = observations.zeros
+            self.group, self._first = observations.averaged
         else:
             self._zero = observations.setup
             self.group, self._first = np.arange(count), np.arange(count)
@@ -150,6 +150,7 @@ class Design:
         self.arm = float(np.linalg.norm(np.asarray(volume.step)) * volume.blocks)
         self._number_unknowns()
         self._columns, self._values = self._entries()
+        self._model = self._exact_model()
         maker = RowMaker(volume, self.names, chain, self.arm)
         self.direct = maker.rows(observations.direct).by_unknowns(self.curve_column, self.count)
         self._factor()
@@ -174,37 +175,54 @@ class Design:
         self.effect_column: Integers = self.count - effects + np.arange(effects)
 
     def _entries(self) -> tuple[Integers, Vector]:
-        """Return columns and values of the entries of each row of the nominal matrix."""
+        """Return columns and values of the entries of the nominal matrix, (entries, groups) each.
+
+        An entry belongs to one curve, angle, zero or effect; no column has two entries in a group.
+        """
         groups, curves = len(self._first), len(self.names)
         width = curves + 3 + len(self.effect_column)
-        columns = np.full((groups, width), self.count)
-        values = np.zeros((groups, width))
+        columns = np.full((width, groups), self.count)
+        values = np.zeros((width, groups))
         node = self.observations.node[self._first]
         direction = self._directions[self._setup]
-        for place, name in enumerate(TRANSLATIONS):
-            axis = moving_axis(name)
-            moves = node[:, axis] >= 0
-            columns[moves, place] = self.curve_column[place, node[moves, axis]]
-            values[moves, place] = direction[moves, AXES.index(name[2])]
+        self._arms: Vector = np.zeros((0, 3, 3))
         if self.chain:
             self._arms = self._arm_vectors(node)
             turning = [np.cross(direction, self._arms[:, axis]) for axis in range(3)]
-            for place, name in enumerate(self.names[9:], start=len(TRANSLATIONS)):
-                axis = moving_axis(name)
-                at = node[:, axis]
-                here = at >= 0
-                columns[here, place] = self.curve_column[place, at[here]]
-                values[here, place] = turning[axis][here, "ABC".index(name[2])] / self.arm
-        self._curve_places = columns[:, :curves].copy()
+        for place, name in enumerate(self.names):
+            axis = moving_axis(name)
+            here = np.flatnonzero(node[:, axis] >= 0)
+            columns[place, here] = self.curve_column[place, node[here, axis]]
+            if name in TRANSLATIONS:
+                values[place, here] = direction[here, AXES.index(name[2])]
+            else:
+                values[place, here] = turning[axis][here, "ABC".index(name[2])] / self.arm
         for row, setup in enumerate(self.tilt_setups):
-            here = self._setup == setup
-            columns[here, curves : curves + 2] = self.tilt_column[row]
-            values[here, curves : curves + 2] = self._way[here] @ self._pairs[row].T / self.arm
-        columns[:, curves + 2] = self.zero_column[self._zero[self._first]]
-        values[:, curves + 2] = 1.0
-        columns[:, curves + 3 :] = self.effect_column
-        values[:, curves + 3 :] = self._effects[self._first]
+            here = np.flatnonzero(self._setup == setup)
+            columns[curves : curves + 2, here] = self.tilt_column[row][:, None]
+            values[curves : curves + 2, here] = (self._way[here] @ self._pairs[row].T / self.arm).T
+        columns[curves + 2] = self.zero_column[self._zero[self._first]]
+        values[curves + 2] = 1.0
+        columns[curves + 3 :] = self.effect_column[:, None]
+        values[curves + 3 :] = self._effects[self._first].T
         return columns, values
+
+    def _exact_model(self) -> ExactModel:
+        return ExactModel(
+            arm=self.arm,
+            directions=self._directions,
+            tilted=self.tilt_setups,
+            pairs=self._pairs,
+            setup=self._setup,
+            way=np.ascontiguousarray(self._way.T),
+            curves=self._columns[: len(self.names)],
+            tilt_column=self.tilt_column,
+            zero=self._columns[len(self.names) + 2],
+            rotations=self._rotations,
+            arms=np.ascontiguousarray(self._arms.transpose(1, 2, 0)),
+            effect_column=self.effect_column,
+            effects=self._values[len(self.names) + 3 :],
+        )
 
     def _arm_vectors(self, node: Integers) -> Vector:
         """Return v_i of X, Y, Z for each group, m, (groups, 3, 3), and put standing axes in place.
@@ -240,36 +258,52 @@ class Design:
     @property
     def matrix(self) -> Vector:
         """Return the nominal matrix, shape (groups, p): readings' excess by unknowns, m."""
-        matrix = np.zeros((len(self._columns), self.count + 1))
+        groups = self._columns.shape[1]
+        matrix = np.zeros((groups, self.count + 1))
         # Columns of a row differ except for the cut-off one.
-        matrix[np.arange(len(self._columns))[:, None], self._columns] = self._values
+        matrix[np.arange(groups), self._columns] = self._values
         nominal: Vector = matrix[:, : self.count]
         return nominal
 
     def _factor(self) -> None:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
-        self.normal: Vector = self._normal(self.weight) + self.direct.normal()
         self.unseen: Vector = np.zeros((self.count, 0))
-        inverse = self._inverse(self.normal)
+        inverse, information = self._inverse()
         limit = _INFLATION_LIMIT
-        if inverse is None or not np.all(np.diag(inverse) * np.diag(self.normal) <= limit):
+        if inverse is None or not np.all(np.diag(inverse) * information <= limit):
             alike = replace(self.direct, weight=np.ones(len(self.direct.values)))
             unweighted = self._normal(np.ones(len(self.weight))) + alike.normal()
             inverse, self.unseen = inverse_of_rank(self.normal, unweighted)
         self.covariance: Vector = inverse
 
-    def _inverse(self, normal: Vector) -> Vector | None:
-        """Return the inverse of the normal matrix, None if it is not positive definite."""
+    @cached_property
+    def normal(self) -> Vector:
+        """Return the weighted normal matrix, shape (p, p)."""
+        normal: Vector = self._normal(self.weight) + self.direct.normal()
+        return normal
+
+    def _inverse(self) -> tuple[Vector | None, Vector]:
+        """Return the inverse of the normal matrix, None if it is not positive, and its diagonal."""
         # Up to this size a general inverse is as fast.
         # What was measured directly ties all nodes of a curve.
         if self.count > _FEW_UNKNOWNS and not len(self.direct.values):
             levels = fold(self.curve_column, self._curve_places, self.count)
             if levels is not None:
-                return inverse_folded(normal, levels)
-        return inverse_positive(normal)
+                place = places_in(levels)
+                normal = self._normal(self.weight, np.append(place, self.count))
+                return inverse_folded(normal, levels, place), np.diag(normal)[place]
+        return inverse_positive(self.normal), np.diag(self.normal)
 
-    def _normal(self, weight: Vector) -> Vector:
-        return normal_of_entries(self._columns, self._values, weight, self.count)
+    def _normal(self, weight: Vector, place: Integers | None = None) -> Vector:
+        """Return the normal matrix for weights of the groups, the unknowns at other places."""
+        columns = self._columns if place is None else place[self._columns]
+        return normal_of_entries(columns, self._values, weight, self.count)
+
+    @property
+    def _curve_places(self) -> Integers:
+        """Return the unknowns of the curves that act on each group, shape (groups, curves)."""
+        places: Integers = self._columns[: len(self.names)].T
+        return places
 
     def fit(self, means: Vector | None = None) -> Fit:
         """Solve for the curves, tilts and zeros by the exact model.
@@ -279,15 +313,15 @@ class Design:
                 replicates (replicates, groups); those of the observations if None.
 
         Raises:
-            ValueError: the iteration does not converge: a tilt far beyond any alignment.
+            ValueError: the iteration does not converge, or to a tilt far beyond any alignment.
         """
         given = self.mean if means is None else means
         unknowns = np.zeros((*given.shape[:-1], self.count))
-        modelled = np.zeros(given.shape)
         many = given.ndim > 1
         solver = (
             (self.matrix * self.weight[:, None]) @ self.covariance if many else np.empty((0, 0))
         )
+        modelled = np.zeros(given.shape)
         for _ in range(_ITERATIONS):
             left = given - modelled
             pulled = left @ solver if many else self.covariance @ self._pull(left * self.weight)
@@ -295,27 +329,50 @@ class Design:
             if len(self.direct.values):
                 change = change + self.direct.pull(unknowns) @ self.covariance
             unknowns = unknowns + change
-            modelled = self._model(unknowns)
+            state = self._model.state(unknowns)
+            modelled = state.excess
             size = float(np.max(np.abs(change)))
             if size <= _CONVERGED:
                 break
-        else:
-            if not size <= 1e-11:
-                raise ValueError(
-                    "the least-squares iteration does not converge: a setup must be misaligned by "
-                    "far more than any laser still reads; check the lines' names and positions"
-                )
+        tilts = unknowns[..., self.tilt_column] / self.arm
+        if not (size <= 1e-11 and np.all(np.abs(tilts) <= LARGEST_TILT)):
+            raise ValueError(
+                "the least-squares iteration does not converge: a setup must be misaligned by far "
+                "more than any laser still reads; check the lines' names and positions"
+            )
         squares = float("nan")
         if not many:
-            unknowns, modelled = self._refined(given, unknowns, modelled)
+            unknowns, modelled = self._refined(given, unknowns, state)
             squares = float(np.sum(self.weight * (given - modelled) ** 2)) + self._repeat_squares
             squares += self.direct.squares(unknowns)
         return Fit(
-            self._padded(unknowns)[..., self.curve_column.reshape(-1)] / self.curve_scale,
+            padded(unknowns)[..., self.curve_column.reshape(-1)] / self.curve_scale,
             unknowns[..., self.tilt_column] / self.arm,
             modelled,
             squares,
         )
+
+    def _refined(self, given: Vector, unknowns: Vector, state: State) -> tuple[Vector, Vector]:
+        """Go on to the very minimum from where the nominal matrix led.
+
+        There its transpose times the residuals vanishes, in the minimum that of the exact model's
+        derivatives: the two differ by the tilts times the noise, some 1e-4 of an uncertainty.
+        (Monte Carlo replicates are left there.)
+        """
+        best, least, idle = (unknowns, state.excess), np.inf, 0
+        # Rounding is left, or a tilt is beyond all alignment, when changes grow no smaller.
+        while idle < _IDLE:
+            weighted = (given - state.excess) * self.weight
+            pulled = self._pull(weighted, self._model.derivatives(state, self._values))
+            if len(self.direct.values):
+                pulled = pulled + self.direct.pull(unknowns)
+            change = self.covariance @ pulled
+            unknowns = unknowns + change
+            state = self._model.state(unknowns)
+            size, idle = float(np.max(np.abs(change))), idle + 1
+            if size < least:
+                best, least, idle = (unknowns, state.excess), size, 0
+        return best
 
     @property
     def curve_scale(self) -> Vector:
@@ -335,90 +392,9 @@ class Design:
             shape (p,).
         """
         values = self._values if values is None else values
-        pulled = (values * weighted[:, None]).reshape(-1)
+        pulled = (values * weighted).reshape(-1)
         sums = np.bincount(self._columns.reshape(-1), pulled, minlength=self.count + 1)
         return sums[: self.count].astype(np.float64)
-
-    def _refined(self, given: Vector, unknowns: Vector, modelled: Vector) -> tuple[Vector, Vector]:
-        """Go on to the very minimum from where the nominal matrix led.
-
-        There its transpose times the residuals vanishes, in the minimum that of the exact model's
-        derivatives: the two differ by the tilts times the noise, some 1e-4 of an uncertainty.
-        (Monte Carlo replicates are left there.)
-        """
-        best, least, idle = (unknowns, modelled), np.inf, 0
-        # Rounding is left, or a tilt is beyond all alignment, when changes grow no smaller.
-        while idle < _IDLE:
-            weighted = (given - modelled) * self.weight
-            pulled = self._pull(weighted, self._derivatives(unknowns))
-            change = self.covariance @ (pulled + self.direct.pull(unknowns))
-            unknowns = unknowns + change
-            modelled = self._model(unknowns)
-            size, idle = float(np.max(np.abs(change))), idle + 1
-            if size < least:
-                best, least, idle = (unknowns, modelled), size, 0
-        return best
-
-    def _derivatives(self, unknowns: Vector) -> Vector:
-        """Return the exact model's derivatives, as values of the matrix's entries."""
-        values: Vector = self._values.copy()
-        turned = (self._directions + self._turn(unknowns))[self._setup]
-        values[:, : len(TRANSLATIONS)] = np.tile(turned, 3)
-        if self.chain:
-            turning = np.cross(turned[:, None, :], self._arms) / self.arm
-            values[:, len(TRANSLATIONS) : len(self.names)] = turning.reshape(len(values), -1)[
-                :, self._rotations
-            ]
-        errors = self._mirror_errors(self._padded(unknowns)[self._curve_places])
-        tilts = unknowns[self.tilt_column] / self.arm
-        shortening = tilts / np.sqrt(1.0 - np.sum(tilts**2, axis=-1, keepdims=True))
-        place = slice(len(self.names), len(self.names) + 2)
-        for row, setup in enumerate(self.tilt_setups):
-            here = self._setup == setup
-            by_tilt = self._pairs[row] - np.outer(shortening[row], self._directions[setup])
-            values[here, place] = (self._way[here] + errors[here]) @ by_tilt.T / self.arm
-        # Curve values that are zero by definition have entries in the cut-off column.
-        return values
-
-    def _padded(self, unknowns: Vector) -> Vector:
-        return np.concatenate([unknowns, np.zeros((*unknowns.shape[:-1], 1))], axis=-1)
-
-    def _model(self, unknowns: Vector) -> Vector:
-        """Return the exact model's excess of the readings over a perfect machine and setup, m."""
-        turned = self._turn(unknowns)[..., self._setup, :]
-        errors = self._mirror_errors(self._padded(unknowns)[..., self._curve_places])
-        excess: Vector = np.sum(
-            turned * (self._way + errors) + self._directions[self._setup] * errors, axis=-1
-        )
-        if len(self.effect_column):
-            excess = excess + unknowns[..., self.effect_column] @ self._effects[self._first].T
-        return excess + unknowns[..., self.zero_column[self._zero[self._first]]]
-
-    def _turn(self, unknowns: Vector) -> Vector:
-        """Return what the tilts change of each setup's direction, shape (..., setups, 3)."""
-        tilts = unknowns[..., self.tilt_column] / self.arm
-        tilts = np.clip(tilts, -_LARGEST_TILT, _LARGEST_TILT)
-        change = np.zeros((*unknowns.shape[:-1], *self._directions.shape))
-        if self.tilt_setups:
-            square = np.sum(tilts**2, axis=-1, keepdims=True)
-            # sqrt(1-x)-1 without cancellation
-            shortening = -square / (1.0 + np.sqrt(1.0 - square))
-            nominal = self._directions[self.tilt_setups]
-            change[..., self.tilt_setups, :] = shortening * nominal + np.sum(
-                tilts[..., :, :, None] * self._pairs, axis=-2
-            )
-        return change
-
-    def _mirror_errors(self, values: Vector) -> Vector:
-        """Return Σ t_i + Σ v_i × ε_i of each row from its unknowns, m, shape (..., groups, 3)."""
-        shape = (*values.shape[:-1], 3, 3)
-        errors: Vector = np.sum(values[..., :9].reshape(shape), axis=-2)
-        if self._rotations:
-            turns = np.zeros((*values.shape[:-1], len(ROTATIONS)))
-            turns[..., self._rotations] = values[..., 9:]
-            for axis, turn in enumerate(np.moveaxis(turns.reshape(shape), -2, 0)):
-                errors = errors + np.cross(self._arms[:, axis] / self.arm, turn)
-        return errors
 
     @property
     def tilt_known(self) -> Vector:

@@ -44,27 +44,37 @@ def fold(curve_column: Integers, rows: Integers, count: int) -> list[Integers] |
     return [*(one for one in levels if len(one)), order[: starts[0]]]
 
 
-def inverse_folded(normal: Vector, levels: list[Integers]) -> Vector | None:
+def places_in(levels: list[Integers]) -> Integers:
+    """Return the place of each unknown where these stand in the order of their levels."""
+    order = np.concatenate(levels)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return place
+
+
+def inverse_folded(normal: Vector, levels: list[Integers], place: Integers) -> Vector | None:
     """Return the inverse of a bordered block tridiagonal matrix; None if it is not positive.
 
     Args:
-        normal: symmetric, shape (n, n).
+        normal: symmetric, shape (n, n), unknowns in the order of their levels.
         levels: as ``fold`` returns them.
+        place: as ``places_in`` returns it.
+
+    Returns:
+        shape (n, n), unknowns in their own order.
     """
-    order = np.concatenate(levels)
-    matrix = normal.take(order, axis=0).take(order, axis=1)
     ends = np.cumsum([len(level) for level in levels])
     inner = int(ends[-2])
     spans = [
         slice(int(end) - len(level), int(end)) for level, end in zip(levels, ends, strict=True)
     ]
-    inverse = np.empty_like(matrix)
+    inverse = np.empty_like(normal)
     core = inverse[:inner, :inner]
-    if not _invert_tridiagonal(matrix, spans[:-1], core):
+    if not _invert_tridiagonal(normal, spans[:-1], core):
         return None
-    border = matrix[:inner, inner:]
+    border = normal[:inner, inner:]
     pulled = core @ border
-    last = inverse_positive(matrix[inner:, inner:] - border.T @ pulled)
+    last = inverse_positive(normal[inner:, inner:] - border.T @ pulled)
     if last is None:
         return None
     across = -pulled @ last
@@ -72,9 +82,7 @@ def inverse_folded(normal: Vector, levels: list[Integers]) -> Vector | None:
     inverse[:inner, inner:] = across
     inverse[inner:, :inner] = across.T
     inverse[inner:, inner:] = last
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
-    whole: Vector = inverse.take(back, axis=0).take(back, axis=1)
+    whole: Vector = inverse.take(place, axis=0).take(place, axis=1)
     return whole
 
 

@@ -1,35 +1,51 @@
-"""What is left out of an evaluation of a run with very many blocks, known before it starts.
+"""What is left out of an evaluation of a very large run, known before it starts.
 
 Least squares follows the levels of nodes (``folded``) and has no limit. The other methods and the
 diagnosis hold dense matrices of all values at the nodes that they leave free: their memory grows
 with the square of the blocks, their time with the cube. Stops beyond these values, such as repeated
-passes, cost them no more than in proportion.
+passes, cost the methods no more than in proportion. The diagnosis looks at single stops, single
+passes and single places too, so that it has a limit of stops.
 """
 
 from stepdiag_ros.metrology.geometry import CURVES, TRANSLATIONS
 
 MOST_VALUES = 1000
 """Free values at the nodes up to which whole matrices are made: they take 8 MB each."""
+MOST_STOPS = 10_000
+"""Stops up to which a run is diagnosed: that takes half a minute and 0.5 GB."""
+_MOST_STOPS_TIMES_BLOCKS = 500_000
+"""The same where there are many places to compare: 80 blocks, half a minute and 0.7 GB."""
 DIAGNOSIS = "diagnosis"
+BUDGET = "uncertainty budget"
 VISIBILITY = "visibility"
 _CURVES = {
     "conventional": len(TRANSLATIONS),
     "setup_robust": len(TRANSLATIONS),
     "alternative": len(TRANSLATIONS),
+    "soons": 5,
     "rigid_body": len(CURVES),
     DIAGNOSIS: len(TRANSLATIONS),
+    BUDGET: len(TRANSLATIONS),
     VISIBILITY: len(CURVES),
 }
 """Evaluation → number of curves of which each value is free."""
 
 
-def left_out(blocks: int) -> dict[str, str]:
-    """Return which evaluations are left out for a box of so many blocks, and why.
+class TooLarge(ValueError):
+    """The run is too large for what was asked; the text says how large it may be."""
+
+
+def left_out(blocks: int, stops: int = 0) -> dict[str, str]:
+    """Return which evaluations are left out for a run of this size, and why.
+
+    Args:
+        blocks: of the measured box.
+        stops: of all lines; 0 if not known.
 
     Returns:
-        method, ``DIAGNOSIS`` or ``VISIBILITY`` → why; empty where nothing is.
+        method, ``DIAGNOSIS``, ``BUDGET`` or ``VISIBILITY`` → why; empty where nothing is.
     """
-    return {
+    reasons = {
         name: (
             f"left out for its size: {blocks} blocks have {count * (blocks + 1):,} free values,"
             f" more than {MOST_VALUES:,}; up to {MOST_VALUES // count - 1} blocks are evaluated"
@@ -37,14 +53,37 @@ def left_out(blocks: int) -> dict[str, str]:
         for name, count in _CURVES.items()
         if count * (blocks + 1) > MOST_VALUES
     }
+    most = min(MOST_STOPS, _MOST_STOPS_TIMES_BLOCKS // blocks)
+    if stops > most and DIAGNOSIS not in reasons:
+        reasons[DIAGNOSIS] = (
+            f"left out for its size: {blocks} blocks with {stops:,} stops; of so many blocks, up to"
+            f" {most:,} stops are evaluated"
+        )
+    return reasons
 
 
-def left_out_sentence(blocks: int, asked: tuple[str, ...]) -> str:
+def require_size_for(evaluation: str, blocks: int, stops: int) -> None:
+    """Refuse a run that is too large for an evaluation.
+
+    Args:
+        evaluation: ``DIAGNOSIS`` or ``BUDGET``.
+        blocks: of the measured box.
+        stops: of all lines.
+
+    Raises:
+        TooLarge: it is.
+    """
+    why = left_out(blocks, stops).get(evaluation)
+    if why is not None:
+        raise TooLarge(f"the {evaluation} is {why}")
+
+
+def left_out_sentence(blocks: int, stops: int, asked: tuple[str, ...]) -> str:
     """Say in one sentence what is left out of what was asked for; empty where nothing is."""
-    names = [name for name in left_out(blocks) if name in asked]
+    names = [name for name in left_out(blocks, stops) if name in asked]
     if not names:
         return ""
     return (
-        f"{blocks} blocks are too many for {', '.join(names)}: left out; least_squares is solved in"
-        " full"
+        f"{blocks} blocks with {stops:,} stops are too many for {', '.join(names)}: left out;"
+        " least_squares is solved in full"
     )

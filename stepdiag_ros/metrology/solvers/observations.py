@@ -5,6 +5,7 @@ differences between them are not.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,26 +79,26 @@ class Observations:
     lines: int
     direct: DirectMeasurement | None = None
 
-    @property
+    @cached_property
     def noise_known(self) -> bool:
         """Say whether the readings came with standard uncertainties."""
         return bool(np.all(np.isfinite(self.uncertainty)))
 
-    @property
+    @cached_property
     def position(self) -> Vector:
         """Return commanded positions of all axes from the first corner, m, shape (n, 3)."""
         starts = np.array([setup.start for setup in self.setups])[self.setup]
         placed: Vector = np.where(self.node < 0, starts, self.node * np.asarray(self.volume.step))
         return placed
 
-    @property
+    @cached_property
     def way(self) -> Vector:
         """Return commanded positions from the first forward stop of each line, m, shape (n, 3)."""
         starts = np.array([setup.start for setup in self.setups])[self.setup]
         covered: Vector = self.position - starts
         return covered
 
-    @property
+    @cached_property
     def excess(self) -> Vector:
         """Return the readings minus those of a perfect machine and setup, m, shape (n,)."""
         directions = np.array([setup.direction for setup in self.setups])[self.setup]
@@ -128,6 +129,7 @@ class Observations:
         _, first, group = np.unique(key, return_index=True, return_inverse=True)
         return group.reshape(-1), first
 
+    @cached_property
     def zeros(self) -> Integers:
         """Return the zero that each reading shares, as an index from 0, shape (n,).
 
@@ -137,25 +139,30 @@ class Observations:
         the scatter about it.
         """
         starts = np.flatnonzero(np.diff(self.passes, prepend=-1))
+        ends = np.append(starts[1:], len(self.passes))
+        # One number for the node of all axes, the last axis counting most.
+        size = self.volume.blocks + 2
+        places = (self.node + 1) @ np.array([1, size, size**2])
         keys: dict[tuple[int, bytes], int] = {}
         zero = np.empty(len(starts), dtype=np.int64)
-        for number, rows in enumerate(np.split(np.arange(len(self.passes)), starts[1:])):
-            place = np.lexsort(self.node[rows].T)
-            weight = self.uncertainty[rows][place]
+        for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
+            place = start + np.argsort(places[start:end], kind="stable")
+            weight = self.uncertainty[place]
             ratio = np.round(weight / weight[0], 9) if self.noise_known else weight[:0]
-            alike = self.node[rows][place].tobytes() + ratio.tobytes()
-            key = (int(self.setup[rows[0]]), alike)
+            alike = places[place].tobytes() + ratio.tobytes()
+            key = (int(self.setup[start]), alike)
             zero[number] = keys.setdefault(key, len(keys))
-        shared: Integers = np.repeat(zero, np.diff(starts, append=len(self.passes)))
+        shared: Integers = np.repeat(zero, ends - starts)
         return shared
 
+    @cached_property
     def averaged(self) -> tuple[Integers, Integers]:
         """Group readings of the same zero at the same nodes, which may be averaged.
 
         Returns:
             as ``groups``.
         """
-        return self._grouped(self.zeros())
+        return self._grouped(self.zeros)
 
     def pass_scatter(self, weight: Vector) -> tuple[Vector, int]:
         """Return what is left of the readings beyond their averaged places and their passes' zeros.
@@ -166,14 +173,14 @@ class Observations:
         Returns:
             residuals, m, shape (n,), and their degrees of freedom.
         """
-        group, first = self.averaged()
+        group, first = self.averaged
         _, pass_of = np.unique(self.passes, return_inverse=True)
         pass_of = pass_of.reshape(-1)
         left = self.displacement
         for cell in (group, pass_of):
             mean = np.bincount(cell, weight * left) / np.bincount(cell, weight)
             left = left - mean[cell]
-        further = int(pass_of[-1]) + 1 - len(np.unique(self.zeros()))
+        further = int(pass_of[-1]) + 1 - len(np.unique(self.zeros))
         return left, len(group) - len(first) - further
 
     def pure_error(self, weight: Vector | None = None) -> tuple[float, int]:

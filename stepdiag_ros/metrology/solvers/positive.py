@@ -9,6 +9,8 @@ Integers = NDArray[np.int64]
 
 _RANK_LIMIT = 1e-11
 """Eigenvalues of the scaled normal matrix below this share of the largest count as zero."""
+_AT_ONCE = 500_000
+"""Products of entries that are made at a time."""
 
 
 def is_positive(matrix: Matrix) -> bool:
@@ -36,18 +38,23 @@ def normal_of_entries(columns: Integers, values: Matrix, weight: Matrix, count: 
     """Return the weighted normal matrix of a sparse matrix, shape (count, count).
 
     Args:
-        columns: of the entries of each row, shape (rows, entries); ``count`` for entries that are
+        columns: of the entries of each row, shape (entries, rows); ``count`` for entries that are
             left out.
         values: of the entries, same shape.
         weight: of the rows, shape (rows,).
         count: number of columns.
     """
     width = count + 1
-    weighted = values * weight[:, None]
-    one, other = np.triu_indices(columns.shape[1])
-    products = weighted[:, one] * values[:, other]
-    places = columns[:, one] * width + columns[:, other]
-    half = np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
+    weighted = values * weight
+    half = np.zeros(width * width)
+    one, other = np.triu_indices(len(columns))
+    pairs = max(1, _AT_ONCE // max(columns.shape[1], 1))
+    for start in range(0, len(one), pairs):
+        first, second = one[start : start + pairs], other[start : start + pairs]
+        low = np.minimum(columns[first], columns[second])
+        places = low * width + np.maximum(columns[first], columns[second])
+        products = weighted[first] * values[second]
+        half += np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
     half = half.reshape(width, width)[:count, :count]
     normal: Matrix = half + half.T
     normal.flat[:: count + 1] -= np.diag(half)

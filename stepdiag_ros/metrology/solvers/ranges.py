@@ -8,6 +8,8 @@ with a quantile of χ² instead of its mean: an excess that is taken too small m
 that is taken too large a wide one).
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
@@ -40,6 +42,13 @@ def range_excess(values: Vector, covariance: Vector) -> float:
     squares = float(np.sum((vectors[:, told].T @ values) ** 2 / variances[told]))
     by_chance = float(chdtri(float(np.count_nonzero(told)), _BY_CHANCE))
     true = values * (max(1.0 - by_chance / squares, 0.0) if squares > 0.0 else 0.0)
-    draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1]))
-    ranges = np.ptp(true + draws @ root.T, axis=1)
+    ranges = np.ptp(true + _draws(root.shape[1]) @ root.T, axis=1)
     return max(float(np.mean(ranges) - np.ptp(true)), 0.0)
+
+
+@lru_cache(maxsize=4)
+def _draws(count: int) -> Vector:
+    """Return the same standard normal numbers for every curve, shape (``_DRAWS``, count)."""
+    draws: Vector = np.random.default_rng(0).standard_normal((_DRAWS, count))
+    draws.flags.writeable = False
+    return draws

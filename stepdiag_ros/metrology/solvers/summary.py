@@ -197,11 +197,8 @@ def functionals(
             add_range(f"angular-shape {curve}", "rad", curve, flatten[axis])
     for line in BODY_DIAGONALS:
         if line in lines:
-            row = add(f"diagonal {line}", "m")
-            for curve in estimate.names:
-                start, end = _end_weights(curve, line, volume, chain)
-                forth = line_signs(line)[moving_axis(curve)] > 0
-                row[estimate.place(curve)][[0, -1]] = (start, end) if forth else (end, start)
+            row = add(f"diagonal {line}", "m").reshape(len(estimate.names), -1)
+            row[:, [0, -1]] = _end_weights(estimate.names, line, volume, chain)
     return tuple(made)
 
 
@@ -242,26 +239,29 @@ def common_figures(
     return tuple(made)
 
 
-def _end_weights(curve: str, line: str, volume: Volume, chain: str) -> tuple[float, float]:
-    """Return the weights of a curve at start and end of a body diagonal in its displacement.
+def _end_weights(names: Sequence[str], line: str, volume: Volume, chain: str) -> Vector:
+    """Return the weights of curves at their first and last node in a body diagonal's displacement.
 
     A translation counts by its direction cosine. A rotation moves the mirror by its lever, the way
     of the axes after its own in the chain from the first corner: n·(ε × A) = ε·(A × n). The
     mirror's own turn has no lever left, since the laser's reference lies on the line.
+
+    Returns:
+        shape (curves, 2), -weight where the line starts and weight where it ends.
     """
     step = np.asarray(volume.step)
     direction = beam_direction(line, step)
-    error = curve[2]
-    if curve not in ROTATIONS:
-        cosine = float(direction[AXES.index(error)])
-        return -cosine, cosine
     signs = line_signs(line)
-    turning = moving_axis(curve)
-    weights = []
-    for corner in (signs < 0, signs > 0):
-        arm = levers((corner * step * volume.blocks)[None, :], chain)[turning][0]
-        weights.append(float(np.cross(arm, direction)["ABC".index(error)]))
-    return -weights[0], weights[1]
+    weights = np.tile(np.tile(direction, 3)[:, None], 2)
+    if len(names) > len(TRANSLATIONS):
+        corners = np.array([signs < 0, signs > 0]) * step * volume.blocks
+        turning = np.cross(np.array(levers(corners, chain)), direction)
+        by_name = dict(zip(ROTATIONS, np.swapaxes(turning, 1, 2).reshape(-1, 2), strict=True))
+        weights = np.concatenate([weights, [by_name[name] for name in names[len(weights) :]]])
+    weights[:, 0] *= -1.0
+    backwards = np.array([signs[moving_axis(name)] < 0 for name in names])
+    weights[backwards] = weights[backwards, ::-1]
+    return weights
 
 
 def shape_determined(estimate: CurveEstimate, matrix: Vector, place: slice) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.limits import BUDGET, require_size_for
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 from stepdiag_ros.metrology.uncertainty.length_sources import readings_of
 from stepdiag_ros.metrology.uncertainty.sensitivity import Sensitivity, sensitivity
@@ -110,8 +111,10 @@ def make_budget(
 
     Raises:
         NotDeterminable: the lines are not enough for this method.
+        TooLarge: the run has too many blocks (``solvers.limits``).
         ValueError: the lines contradict the volume or each other, or an argument is out of range.
     """
+    require_size_for(BUDGET, measurement.volume.blocks, measurement.stop_count)
     if not 0.5 <= coverage < 1.0:
         raise ValueError(f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95")
     found = sensitivity(measurement, method)

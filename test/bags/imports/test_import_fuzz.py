@@ -61,14 +61,14 @@ def check(data, name, mapping):
             assert load_run(bag).lines
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.binary(max_size=300), name=st.sampled_from(sorted(_EXAMPLES)))
 def test_any_bytes(data, name):
     check(data, name, _EXAMPLES[name])
     check(b"HEADER::\n" + data, RTL.name, "")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     name=st.sampled_from(sorted(_EXAMPLES)),
     edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 30), _SIGNS), min_size=1, max_size=3),

@@ -37,7 +37,7 @@ def table(tmp_path):
     return path
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(5, 8), st.integers(1, 3), st.integers(0, 2**32))
 def test_a_table_comes_back_byte_for_byte(tmp_path_factory, targets, runs, seed):
     folder = tmp_path_factory.mktemp("table")

@@ -73,12 +73,16 @@ PATIENCE = {
 UP, MENDED, ASKED = 120.0, 60.0, 3.0
 """s in which all nodes are up, in which what was mended works again, and between two requests to
 go on."""
+SILENT = "is silent for"
+"""What a run says that is held because a node was not heard."""
 LEAST_MOVES = 36
 """From stop to stop in the whole plan; beside them the machine travels from line to line."""
 
 
 class PeerRun:
     """One run of the plan; whenever it is held, what is broken is mended and the run resumed.
+
+    A node that this computer was too busy for is no fault of the controller: nothing is mended.
 
     Args:
         folder: bag and logs go there.
@@ -87,12 +91,13 @@ class PeerRun:
         mend: is called once in each hold, before the controller is waited for.
 
     Attributes:
-        held: state and words of each hold.
+        held: state and words of each hold in which something was mended.
+        resumed: how often the run was held, for whatever reason.
         bag: of the run.
     """
 
     def __init__(self, folder, driver, settings, mend):
-        self.held, self._mend, self._refusal = [], mend, ""
+        self.held, self.resumed, self._mend, self._refusal = [], 0, mend, ""
         files = {"plan": PLAN, "cell": CELL, "device": yaml.safe_dump(settings)}
         for name, text in files.items():
             (folder / f"{name}.yaml").write_text(text)
@@ -130,8 +135,10 @@ class PeerRun:
                     raise
 
     def _on_hold(self, state, text):
-        self.held.append((state, text))
-        self._mend()
+        self.resumed += 1
+        if SILENT not in text:
+            self.held.append((state, text))
+            self._mend()
         deadline = time.monotonic() + MENDED
         # Again, as an operator would, until the bridge has its controller and the run goes on.
         while self._operator.state.state == state:

@@ -49,11 +49,12 @@ def test_the_broken_link_held_the_run_until_somebody_resumed_it(finished, peer, 
     assert peer.connections == 2 and not peer.halfway
     # Grbl has no watchdog: it has finished the one line that it had, and nothing came after it.
     assert peer.where_held == [(peer.made[BREAKS_IN - 1], BREAKS_IN)]
-    (broken,) = answers_of(finished.bag, Answer.FAULT)
-    assert "is broken" in broken[1]
+    broken = ["is broken" in text for _, text in answers_of(finished.bag, Answer.FAULT)]
+    assert sum(broken) == 1 and len(broken) <= finished.resumed
     attempts = {str(line.line): line.attempt for line in recorded.lines}
     assert len(recorded.lines) == len(attempts) == len(recorded.plan.lines)
-    assert sorted(attempts.values()) == [1, 1, 1, 1, 1, 2]
+    # Only a line that was broken off is measured again.
+    assert 1 <= sum(attempts.values()) - len(attempts) <= finished.resumed
 
 
 def test_no_move_is_lost_or_made_twice(finished, peer):

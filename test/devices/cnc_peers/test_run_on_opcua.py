@@ -80,11 +80,12 @@ def test_the_watchdog_stopped_the_machine_and_somebody_resumed_the_run(
     (way,) = (axis for axis in range(3) if start[axis] != end[axis])
     share = (where[way] - start[way]) / (end[way] - start[way])
     assert 0.5 <= share < 0.99
-    (broken,) = answers_of(finished.bag, Answer.FAULT)
-    assert "has told nothing" in broken[1]
+    broken = ["has told nothing" in text for _, text in answers_of(finished.bag, Answer.FAULT)]
+    assert sum(broken) == 1 and len(broken) <= finished.resumed
     attempts = {str(line.line): line.attempt for line in recorded.lines}
     assert len(recorded.lines) == len(attempts) == len(recorded.plan.lines)
-    assert sorted(attempts.values()) == [1, 1, 1, 1, 1, 2]
+    # Only a line that was broken off is measured again.
+    assert 1 <= sum(attempts.values()) - len(attempts) <= finished.resumed
 
 
 def test_no_order_is_lost_or_carried_out_twice(finished, peer):

@@ -1,0 +1,160 @@
+"""The exact model of a design's readings, and its derivatives; ``design`` says how it comes about.
+
+Both need the same errors of the mirror and the same turned directions, so that these are computed
+once for each set of unknowns (``State``). Arrays have the readings last: sums over the few curves
+and directions then run over whole rows, which is several times faster than over three numbers.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.solvers.observations import Integers
+
+LARGEST_TILT = 0.2
+"""rad, of a setup; the model stands still beyond it, and no laser reads at a thousandth of it."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What the model says for given unknowns.
+
+    Attributes:
+        excess: of the readings over a perfect machine and setup, m, shape (..., n).
+        errors: Σ t_i + Σ v_i × ε_i of each reading, m, shape (..., 3, n).
+        turned: what the tilts change of each reading's direction, shape (..., 3, n).
+        tilts: rad, shape (..., diagonal setups, 2).
+    """
+
+    excess: Vector
+    errors: Vector
+    turned: Vector
+    tilts: Vector
+
+
+@dataclass(frozen=True)
+class ExactModel:
+    """The model of averaged readings.
+
+    Attributes:
+        arm: distance at which angles are counted in metres.
+        directions: of the beam of each setup, shape (setups, 3).
+        tilted: setups that have two angles.
+        pairs: vectors by which these angles turn the direction, shape (diagonal setups, 2, 3).
+        setup: of each reading, shape (n,).
+        way: commanded position from the line's first forward stop, m, shape (3, n).
+        curves: unknowns of the curves that act on each reading, shape (curves, n).
+        tilt_column: unknowns of the angles, shape (diagonal setups, 2).
+        zero: unknown of each reading's zero, shape (n,).
+        rotations: places in ``geometry.ROTATIONS`` of those among the curves.
+        arms: v_i of X, Y, Z of each reading, m, shape (3, 3, n); anything without rotations.
+        effect_column: unknowns of the effects, shape (e,).
+        effects: what a unit of each adds to each reading, m, shape (e, n).
+    """
+
+    arm: float
+    directions: Vector
+    tilted: list[int]
+    pairs: Vector
+    setup: Integers
+    way: Vector
+    curves: Integers
+    tilt_column: Integers
+    zero: Integers
+    rotations: list[int]
+    arms: Vector
+    effect_column: Integers
+    effects: Vector
+
+    @cached_property
+    def _along(self) -> Vector:
+        along: Vector = np.ascontiguousarray(self.directions[self.setup].T)
+        return along
+
+    @cached_property
+    def _rows(self) -> list[Integers]:
+        """Return the readings of each setup that has two angles."""
+        return [np.flatnonzero(self.setup == setup) for setup in self.tilted]
+
+    def state(self, unknowns: Vector) -> State:
+        """Return what the model says for unknowns of shape (..., p)."""
+        tilts = np.clip(unknowns[..., self.tilt_column] / self.arm, -LARGEST_TILT, LARGEST_TILT)
+        turned = self._turn(tilts)[..., self.setup]
+        errors = self._mirror_errors(padded(unknowns)[..., self.curves])
+        parts = turned * (self.way + errors) + self._along * errors
+        excess: Vector = parts[..., 0, :] + parts[..., 1, :] + parts[..., 2, :]
+        if len(self.effect_column):
+            excess = excess + unknowns[..., self.effect_column] @ self.effects
+        return State(excess + unknowns[..., self.zero], errors, turned, tilts)
+
+    def derivatives(self, state: State, nominal: Vector) -> Vector:
+        """Return the derivatives of one state's excess, as values of the matrix's entries.
+
+        Args:
+            state: for unknowns of shape (p,).
+            nominal: values of the entries of the nominal matrix, shape (entries, n).
+        """
+        values: Vector = nominal.copy()
+        turned = self._along + state.turned
+        count = len(self.curves)
+        for axis in range(3):
+            values[3 * axis : 3 * axis + 3] = turned
+        if self.rotations:
+            turning = _cross(turned, self.arms).reshape(len(ROTATIONS), -1)
+            values[len(TRANSLATIONS) : count] = turning[self.rotations] / self.arm
+        tilts, place = state.tilts, self.way + state.errors
+        shortening = tilts / np.sqrt(1.0 - np.sum(tilts**2, axis=-1, keepdims=True))
+        for row, here in enumerate(self._rows):
+            nominal_direction = self.directions[self.tilted[row]]
+            by_tilt = self.pairs[row] - np.outer(shortening[row], nominal_direction)
+            values[count : count + 2, here] = by_tilt @ place[:, here] / self.arm
+        # Curve values that are zero by definition have entries in the cut-off column.
+        return values
+
+    def _turn(self, tilts: Vector) -> Vector:
+        """Return what the tilts change of each setup's direction, shape (..., 3, setups)."""
+        change = np.zeros((*tilts.shape[:-2], *self.directions.shape))
+        if self.tilted:
+            square = np.sum(tilts**2, axis=-1, keepdims=True)
+            # sqrt(1-x)-1 without cancellation
+            shortening = -square / (1.0 + np.sqrt(1.0 - square))
+            nominal = self.directions[self.tilted]
+            change[..., self.tilted, :] = shortening * nominal + np.sum(
+                tilts[..., :, :, None] * self.pairs, axis=-2
+            )
+        turned: Vector = np.swapaxes(change, -1, -2)
+        return turned
+
+    def _mirror_errors(self, values: Vector) -> Vector:
+        """Return Σ t_i + Σ v_i × ε_i of each reading from its curves, m, shape (..., 3, n)."""
+        errors: Vector = values[..., :3, :] + values[..., 3:6, :] + values[..., 6:9, :]
+        if self.rotations:
+            turns = np.zeros((*values.shape[:-2], len(ROTATIONS), values.shape[-1]))
+            turns[..., self.rotations, :] = values[..., len(TRANSLATIONS) :, :]
+            for axis in range(3):
+                turn = turns[..., 3 * axis : 3 * axis + 3, :]
+                errors = errors + _cross(self._arms_per_unit[axis], turn)
+        return errors
+
+    @cached_property
+    def _arms_per_unit(self) -> Vector:
+        return self.arms / self.arm
+
+
+def _cross(one: Vector, other: Vector) -> Vector:
+    """Return cross products of vectors along the last dimension but one, shape (..., 3, n)."""
+    product: Vector = np.stack(
+        [
+            one[..., i, :] * other[..., j, :] - one[..., j, :] * other[..., i, :]
+            for i, j in ((1, 2), (2, 0), (0, 1))
+        ],
+        axis=-2,
+    )
+    return product
+
+
+def padded(unknowns: Vector) -> Vector:
+    """Return unknowns with a zero after them, for curve values that are zero by definition."""
+    return np.concatenate([unknowns, np.zeros((*unknowns.shape[:-1], 1))], axis=-1)
