@@ -26,7 +26,7 @@ from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_s
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.lengths import length_readings
-from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
+from stepdiag_ros.metrology.solvers.linear import DIAGONALS, in_parts, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.rotations import mode_readings
 from stepdiag_ros.metrology.solvers.setup_robust import LAMBDAS, body_map
@@ -87,7 +87,9 @@ def setup_errors(measurement: Measurement) -> tuple[SetupError, ...]:
     noise, _ = noise_of(observations)
     untold = _not_told(observations, measurement)
     excess = observations.excess
-    lambdas = body_map(observations).parameters
+    lambdas = np.concatenate(
+        [body_map(observations, here).parameters for here in in_parts(len(excess))], axis=1
+    )
     inverse = np.linalg.inv(lambda_matrix())
     readings = (inverse @ lambdas).reshape(len(DIAGONALS), 3, -1)
 

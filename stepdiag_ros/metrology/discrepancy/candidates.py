@@ -236,14 +236,14 @@ def _hidden_in(buried: list[tuple[str, int]], columns: Columns) -> dict[str, str
     problem = columns.problem
     matrix = problem.of(problem.baseline.matrix)
     lengths = np.linalg.norm(matrix, axis=0)
-    scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)
+    matrix /= np.where(lengths > 0.0, lengths, 1.0)
     words = {}
     for start in range(0, len(buried), AT_ONCE):
         some = buried[start : start + AT_ONCE]
         together = columns.raw(np.array([place for _, place in some]))
-        values = np.linalg.lstsq(scaled, together, rcond=1e-9)[0]
+        values = np.linalg.lstsq(matrix, together, rcond=1e-9)[0]
         sizes = {
-            name: np.linalg.norm(scaled[:, part] @ values[part], axis=0)
+            name: np.linalg.norm(matrix[:, part] @ values[part], axis=0)
             for name, part in problem.baseline.parts.items()
         }
         for number, (label, _) in enumerate(some):

@@ -19,15 +19,15 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
+from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
 from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
+from stepdiag_ros.metrology.discrepancy.places import RANK_LIMIT, Places
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import FORWARD
 
 ALL = "all readings"
-_RANK_LIMIT = 1e-6
 _SLOW = 8
 """Cosines over the time of the run that count as slow."""
 _SMOOTH = 3
@@ -54,16 +54,37 @@ class LackOfFit:
 
 
 @dataclass(frozen=True)
-class _Shape:
+class _Columns:
     """A shape as orthonormal columns beyond the baseline.
 
     Attributes:
+        problem: whitened, the baseline projected out.
         span: shape (rows, k).
-        noise_freedom: of the noise as this shape suffers from it.
     """
 
+    problem: Whitened
     span: Vector
-    noise_freedom: float
+
+    @property
+    def rank(self) -> int:
+        return int(self.span.shape[1])
+
+    def mean_slowness(self) -> float:
+        return float(np.mean(self.problem.slowness(self.span)))
+
+    def squares(self, gap: Vector, found: Vector) -> tuple[float, int]:
+        """Return the same as ``Places.squares``."""
+        parts = self.span.T @ gap
+        squares = float(parts @ parts)
+        if not found.shape[1] or not self.rank:
+            return squares, self.rank
+        # The inverse of 1 - a·aᵀ, where what lies in the findings altogether is lost.
+        left, values, _ = np.linalg.svd(self.span.T @ found, full_matrices=False)
+        beyond = 1.0 - values**2
+        lost = beyond < RANK_LIMIT
+        within = (left.T @ parts) ** 2
+        squares += float(np.sum(within[~lost] * values[~lost] ** 2 / beyond[~lost]))
+        return squares, self.rank - int(np.count_nonzero(lost))
 
 
 class LackOfFitTest:
@@ -84,13 +105,16 @@ class LackOfFitTest:
         self._noise = noise
         self._pure = 0.0 if noise.source == STATED else noise.freedom
 
-    def _made(self) -> Iterator[tuple[str, _Shape]]:
-        return ((words, self._shape(columns)) for words, columns in _shapes(self._stops))
+    def _made(self) -> Iterator[tuple[str, _Columns | Places]]:
+        for words, columns in _shapes(self._stops):
+            yield words, self._spanned(columns)
+        for words, place, sign in _places(self._stops):
+            yield words, Places(self._problem, place, sign)
 
     @property
     def noise_freedom(self) -> dict[str, float]:
         """Return the degrees of freedom of the noise as each shape suffers from it."""
-        return {words: shape.noise_freedom for words, shape in self._made()}
+        return {words: self._noise_freedom(shape) for words, shape in self._made()}
 
     def __call__(self, *gaps: tuple[Vector, Vector]) -> list[LackOfFit]:
         """Test gaps.
@@ -103,11 +127,12 @@ class LackOfFitTest:
         totals = [float(gap @ gap) for gap, _ in gaps]
         chances = [{ALL: self._of_all(*one)} for one in zip(totals, freedoms, strict=True)]
         for words, shape in self._made():
+            noise_freedom = self._noise_freedom(shape)
             for (gap, span), freedom, found in zip(gaps, freedoms, chances, strict=True):
-                squares, count = _squares(shape.span, gap, span)
+                squares, count = shape.squares(gap, span)
                 # As many shapes as there is freedom left are no test of their own.
                 if 0 < count < 0.9 * freedom:
-                    found[words] = _chance(squares, count, shape.noise_freedom)
+                    found[words] = _chance(squares, count, noise_freedom)
         return [_judged(*one) for one in zip(totals, freedoms, chances, strict=True)]
 
     def _of_all(self, total: float, freedom: int) -> float:
@@ -116,26 +141,23 @@ class LackOfFitTest:
         # In units of the noise, these have as much as they have degrees of freedom.
         return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)
 
-    def _shape(self, columns: NDArray[np.generic]) -> _Shape:
+    def _noise_freedom(self, shape: _Columns | Places) -> float:
+        """Return the degrees of freedom of the noise as a shape suffers from it."""
+        if not shape.rank:
+            return self._noise.freedom
+        # A memory larger by δ makes the mean square of the shape larger by slowness·δ; relative
+        # variances add: 2/ν of the noise's square, 1/ν of its memory.
+        return self._noise.freedom / (1.0 + 0.5 * shape.mean_slowness() ** 2)
+
+    def _spanned(self, columns: NDArray[np.generic]) -> _Columns:
         left = self._problem.left_of(columns)
         lengths = np.linalg.norm(left, axis=0)
         if not np.all(lengths > 0.0):
             left = left[:, lengths > 0.0]
         left /= lengths[lengths > 0.0]
         values, vectors = np.linalg.eigh(left.T @ left)
-        real = values > _RANK_LIMIT * max(float(values.max(initial=0.0)), 1e-300)
-        turn = vectors[:, real] / np.sqrt(values[real])
-        # In place: of many places, one such matrix is the largest thing that a diagnosis makes.
-        for start in range(0, len(left), AT_ONCE):
-            rows = slice(start, start + AT_ONCE)
-            left[rows, : turn.shape[1]] = left[rows] @ turn
-        span = left[:, : turn.shape[1]]
-        if not span.shape[1]:
-            return _Shape(span, self._noise.freedom)
-        # A memory larger by δ makes the mean square of the shape larger by slowness·δ; relative
-        # variances add: 2/ν of the noise's square, 1/ν of its memory.
-        slowness = float(np.mean(self._problem.slowness(span)))
-        return _Shape(span, self._noise.freedom / (1.0 + 0.5 * slowness**2))
+        real = values > RANK_LIMIT * max(float(values.max(initial=0.0)), 1e-300)
+        return _Columns(self._problem, left @ (vectors[:, real] / np.sqrt(values[real])))
 
 
 def _judged(total: float, freedom: int, chances: dict[str, float]) -> LackOfFit:
@@ -150,27 +172,6 @@ def _chance(squares: float, freedom: float, noise_freedom: float) -> float:
     return float(tail(np.array(squares), freedom, noise_freedom))
 
 
-def _squares(shape: Vector, gap: Vector, span: Vector) -> tuple[float, int]:
-    """Return the gap's square within a shape that findings leave over, and the shape's rank.
-
-    Args:
-        shape: orthonormal columns.
-        gap: beyond the findings.
-        span: orthonormal columns of the findings.
-    """
-    parts = shape.T @ gap
-    squares, count = float(parts @ parts), shape.shape[1]
-    if not span.shape[1] or not count:
-        return squares, count
-    # The inverse of 1 - a·aᵀ, where what lies in the findings altogether is lost.
-    left, values, _ = np.linalg.svd(shape.T @ span, full_matrices=False)
-    beyond = 1.0 - values**2
-    lost = beyond < _RANK_LIMIT
-    within = (left.T @ parts) ** 2
-    squares += float(np.sum(within[~lost] * values[~lost] ** 2 / beyond[~lost]))
-    return squares, count - int(np.count_nonzero(lost))
-
-
 def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
     passes = stops.pass_index[:, None] == np.arange(len(stops.lines))
     length = np.array([np.count_nonzero(stops.pass_index == i) for i in range(len(stops.lines))])
@@ -183,18 +184,6 @@ def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
         "whole passes bent",
         np.column_stack([passes * along[:, None] ** 2, passes * along[:, None] ** 3]),
     )
-    forward = np.array([line.direction == FORWARD for line in stops.lines])[stops.pass_index]
-    way = np.where(forward, stops.number, length[stops.pass_index] - 1 - stops.number)
-    key = stops.setup * (int(way.max()) + 1) + way
-    _, place = np.unique(key, return_inverse=True)
-    place = place.reshape(-1)
-    at = place[:, None] == np.arange(place.max() + 1)
-    # Where no place was measured twice this shape is all readings once more.
-    if at.shape[1] < len(place):
-        yield "the same places in all passes", at
-    if 0 < np.count_nonzero(forward) < len(forward):
-        sense = np.where(forward, 1, -1).astype(np.int8)
-        yield "forward against backward, place by place", at * sense[:, None]
     setups = stops.setup[:, None] == np.arange(len(stops.setups))
     moved = np.column_stack([setups * stops.moved[:, axis][:, None] for axis in range(3)])
     yield "the axis that has just moved", moved
@@ -215,6 +204,18 @@ def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
         "slow changes with time",
         np.column_stack([slow, *(slow * scaled[:, axis][:, None] for axis in range(len(AXES)))]),
     )
+
+
+def _places(stops: Stops) -> Iterator[tuple[str, NDArray[np.int64], Vector]]:
+    length = np.array([np.count_nonzero(stops.pass_index == i) for i in range(len(stops.lines))])
+    forward = np.array([line.direction == FORWARD for line in stops.lines])[stops.pass_index]
+    way = np.where(forward, stops.number, length[stops.pass_index] - 1 - stops.number)
+    place = stops.setup * (int(way.max()) + 1) + way
+    # Where no place was measured twice this shape is all readings once more.
+    if len(np.unique(place)) < len(place):
+        yield "the same places in all passes", place, np.ones(len(place))
+    if 0 < np.count_nonzero(forward) < len(forward):
+        yield "forward against backward, place by place", place, np.where(forward, 1.0, -1.0)
 
 
 def _slow(stops: Stops) -> Vector:

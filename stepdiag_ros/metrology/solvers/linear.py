@@ -1,6 +1,6 @@
 """What the two formulations of Ibaraki & Hata have in common: both are linear in the readings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -184,8 +184,7 @@ def _applied(
     given = np.column_stack([observations.excess, systematic, by_reading])
     ends = np.cumsum([1, systematic.shape[1]])
     covariance, products = np.zeros((1, 1)), np.zeros((1, 1))
-    for start in range(0, len(given), _AT_ONCE):
-        here = slice(start, min(start + _AT_ONCE, len(given)))
+    for here in in_parts(len(given)):
         linear = formulation(observations, here)
         told = np.all(np.isfinite(linear.curves), axis=1)
         matrix = np.concatenate([np.where(told[:, None], linear.curves, 0.0), linear.parameters])
@@ -194,6 +193,12 @@ def _applied(
         covariance = covariance + matrix @ matrix.T
     values, shifts, modes = np.split(products, ends, axis=1)
     return _Applied(told, linear.names, values[:, 0], covariance, shifts, modes)
+
+
+def in_parts(count: int) -> Iterator[slice]:
+    """Return slices of readings for which a formulation's matrix is made at once."""
+    starts = range(0, count, _AT_ONCE)
+    return (slice(start, min(start + _AT_ONCE, count)) for start in starts)
 
 
 def accumulate(increments: Vector) -> Vector:

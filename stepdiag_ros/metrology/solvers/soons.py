@@ -16,7 +16,7 @@ and (c1, c3) on one. For ``YXZ`` with pnp and npp these are IH eqs. (24)-(28) fo
 step diagonal shows the three rotations of c1, nor that of c2 about c1.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -210,15 +210,23 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
             f"needs {' and '.join(needed)} in three orders of the moves for the chain {chain}; "
             f"missing: {', '.join(missing)}"
         )
-    moves = {line: _moves(observations, names == line) for line in needed}
-    differences = np.stack([_difference(moves, equation, volume) for equation in equations])
     inverse = np.linalg.inv(matrix_of_equations(chain, np.asarray(volume.step)))
-    increments = np.tensordot(inverse, differences, axes=1)
-    zero = np.zeros_like(increments[:, :1])
-    matrix = np.concatenate([zero, np.cumsum(increments, axis=1)], axis=1)
+    increments = np.tensordot(inverse, _differences(observations, equations, names), axes=1)
+    matrix = np.zeros((len(increments), volume.blocks + 1, len(names)))
+    np.cumsum(increments, axis=1, out=matrix[:, 1:])
+    del increments  # as large as the matrix
     shared = all(len(np.unique(observations.setup[names == line])) == 1 for line in needed)
     used = np.isin(names, needed)
     return _result(observations, chain, matrix, shared, len(set(observations.passes[used])))
+
+
+def _differences(
+    observations: Observations, equations: Sequence[Equation], names: NDArray[np.str_]
+) -> Vector:
+    """Return ``_difference`` of all equations, shape (5, blocks, n); ``names``: of the lines."""
+    lines = {equation.line for equation in equations}
+    moves = {line: _moves(observations, names == line) for line in lines}
+    return np.stack([_difference(moves, one, observations.volume) for one in equations])
 
 
 def _moves(observations: Observations, here: NDArray[np.bool_]) -> dict[Place, Vector]:
@@ -294,9 +302,10 @@ def _result(
     names = angles_seen(chain)
     excess = observations.excess
     values = matrix @ excess
-    spread = (matrix * noise).reshape(-1, len(excess))
+    spread = matrix * noise
+    uncertainty = np.linalg.norm(spread, axis=2)
+    spread = spread.reshape(-1, len(excess))
     covariance = spread @ spread.T
-    uncertainty = np.linalg.norm(matrix * noise, axis=2)
     not_determined = [
         f"{', '.join(angles_not_seen(chain))}: no step diagonal shows these angles on a machine of "
         f"the chain {chain}; linear lines beside the diagonals show some of them (rigid_body)."
