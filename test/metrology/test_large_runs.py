@@ -108,9 +108,9 @@ def test_readings_that_are_taken_a_few_at_a_time_give_the_same(monkeypatch, meth
 
 def test_nothing_is_left_out_up_to_the_limit():
     rigid, nine = MOST_VALUES // 18 - 1, MOST_VALUES // 9 - 1
-    assert left_out(12, MOST_STOPS) == {} and left_out(rigid, 5000) == {}
+    assert left_out(12, MOST_STOPS) == {} == left_out(rigid, MOST_STOPS)
     assert left_out_sentence(12, MOST_STOPS, ("rigid_body", DIAGNOSIS)) == ""
-    assert set(left_out(12, MOST_STOPS + 1)) == {DIAGNOSIS} == set(left_out(rigid, MOST_STOPS))
+    assert set(left_out(12, MOST_STOPS + 1)) == {DIAGNOSIS}
     assert set(left_out(rigid + 1)) == {"rigid_body", VISIBILITY}
     assert set(left_out(nine)) == {"rigid_body", VISIBILITY}
     assert {"conventional", DIAGNOSIS} < set(left_out(nine + 1))

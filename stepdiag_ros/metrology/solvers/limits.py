@@ -13,8 +13,6 @@ MOST_VALUES = 1000
 """Free values at the nodes up to which whole matrices are made: they take 8 MB each."""
 MOST_STOPS = 10_000
 """Stops up to which a run is diagnosed: that takes half a minute and 0.5 GB."""
-_MOST_STOPS_TIMES_BLOCKS = 500_000
-"""The same where there are many places to compare: 80 blocks, half a minute and 0.7 GB."""
 DIAGNOSIS = "diagnosis"
 BUDGET = "uncertainty budget"
 VISIBILITY = "visibility"
@@ -53,11 +51,9 @@ def left_out(blocks: int, stops: int = 0) -> dict[str, str]:
         for name, count in _CURVES.items()
         if count * (blocks + 1) > MOST_VALUES
     }
-    most = min(MOST_STOPS, _MOST_STOPS_TIMES_BLOCKS // blocks)
-    if stops > most and DIAGNOSIS not in reasons:
+    if stops > MOST_STOPS and DIAGNOSIS not in reasons:
         reasons[DIAGNOSIS] = (
-            f"left out for its size: {blocks} blocks with {stops:,} stops; of so many blocks, up to"
-            f" {most:,} stops are evaluated"
+            f"left out for its size: {stops:,} stops; up to {MOST_STOPS:,} stops are evaluated"
         )
     return reasons
 
