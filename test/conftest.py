@@ -1,6 +1,8 @@
 """Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
 
+import os
 import signal
+import tempfile
 from pathlib import Path
 
 import jsonschema
@@ -44,6 +46,17 @@ SLOW = (
     "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments",
 )
 """Beginnings of the names of live tests that take a minute or two each."""
+
+
+def pytest_configure(config):
+    """Let processes that tests start compile the package once where none may write beside it.
+
+    A node would compile 200 modules as it starts, and live tests start a dozen nodes each.
+    """
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+        folder = tempfile.TemporaryDirectory(prefix="stepdiag_ros_bytecode_")
+        config.add_cleanup(folder.cleanup)
+        os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
 def pytest_collection_modifyitems(items):
