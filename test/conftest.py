@@ -1,7 +1,9 @@
-"""Which tests are live or slow, how they are spread, and what holds around every test."""
+"""Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
 
+import os
 import signal
 import subprocess
+import tempfile
 from pathlib import Path
 from unittest import mock
 
@@ -23,32 +25,24 @@ settings.load_profile("same examples")
 
 LIVE = (
     "campaign",
-    "linuxcnc",
-    "devices/cnc_peers",
-    "foxglove_live",
-    "monitor_live",
-    "watch_live",
-    "nodes",
     "conformance",
+    "devices/cnc_peers",
     "embedded",
-    "interoperability",
     "examples",
+    "foxglove_live",
+    "interoperability",
+    "linuxcnc",
+    "monitor_live",
+    "nodes",
+    "watch_live",
 )
-"""Where tests run nodes, controllers or peers in real time, in the order in which they begin."""
-LONGEST = (
-    "site",
-    "blind",
-    "house",
-    "hostile",
-    "documents",
-    "metrology/test_coverage.py",
-    "metrology/tracker",
-    "bags",
-    "bands",
-)
-"""Where tests calculate for long; those begin before all others that calculate."""
-SPREAD = ("nodes", "metrology/test_coverage.py", "documents", "house")
-"""Where tests of a file may run in several processes, except those with a fixture in common."""
+"""Where tests run nodes, controllers or peers in real time.
+
+Those want a computer that does nothing else: the system under test stops a machine whose nodes
+are silent for two seconds. All others may run beside each other, in as many processes as there
+are processors.
+"""
+
 
 SLOW = (
     "campaign/test_fault_campaign.py",
@@ -58,42 +52,31 @@ SLOW = (
 """Beginnings of the names of live tests that take a minute or two each."""
 
 
-HERE = Path(__file__).parent
-
-
-def is_in(path, places):
-    """Return whether a file is one of these places in this folder, or in one of them."""
-    return any(path.is_relative_to(HERE / place) for place in places)
-
-
 def pytest_configure(config):
-    """Hand out tests in the order of ``pytest_collection_modifyitems``."""
-    config.option.loadscopereorder = False
+    """Let processes that tests start compile the package once where none may write beside it.
 
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config, items):
-    """Mark live tests by where they are and slow ones by their names; begin with what takes long.
-
-    Where tests are spread by groups, a group is what shares a fixture, or else a file.
+    A node would compile 200 modules as it starts, and live tests start a dozen nodes each.
     """
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+        folder = tempfile.TemporaryDirectory(prefix="stepdiag_ros_bytecode_")
+        config.add_cleanup(folder.cleanup)
+        os.environ["PYTHONPYCACHEPREFIX"] = folder.name
+
+
+def is_live(path):
+    """Return whether a file is in one of the live rooms."""
+    here = Path(__file__).parent
+    return any(path.is_relative_to(here / room) for room in LIVE)
+
+
+def pytest_collection_modifyitems(items):
+    """Mark live tests by where they are, and slow ones by their names."""
+    here = Path(__file__).parent
     for item in items:
-        if is_in(item.path, LIVE):
+        if is_live(item.path):
             item.add_marker("live")
-        if f"{item.path.relative_to(HERE).as_posix()}::{item.name}".startswith(SLOW):
+        if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
             item.add_marker("slow")
-        alone = is_in(item.path, SPREAD) and not shares_a_fixture(item)
-        if getattr(config.option, "loadgroup", False) and not alone:
-            item.add_marker(pytest.mark.xdist_group(item.path.relative_to(HERE).as_posix()))
-    order = (*LIVE, *LONGEST, ".")
-    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
-
-
-def shares_a_fixture(item):
-    """Return whether a test has a fixture that is made once for its file."""
-    found = item._fixtureinfo.name2fixturedefs
-    shared = {name for name, given in found.items() if given[-1].scope in ("module", "class")}
-    return bool(shared - {"domain_of_the_module"})
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -110,7 +93,7 @@ def one_thread():
 @pytest.fixture(scope="module", autouse=True)
 def domain_of_the_module(request):
     """Give a live module a ROS domain, in which is what its tests share, and quick processes."""
-    if not is_in(request.path, LIVE):
+    if not is_live(request.path):
         yield None
         return
     with own_domain() as number, mock.patch.object(subprocess, "Popen", ForkedPopen):
