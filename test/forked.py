@@ -21,6 +21,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -62,8 +64,6 @@ class Source:
     """The process from which others are forked, as seen by the one that asks it."""
 
     def __init__(self, channel: socket.socket) -> None:
-        # An orphan becomes a child of the nearest ancestor that says so.
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
         self._channel = channel
         self._one_at_a_time = Lock()
 
@@ -85,9 +85,20 @@ class Source:
 
     def fork(self, job: Job, files: list[int]) -> int:
         """Return the number of a new process (``files``: its three standard files)."""
-        with self._one_at_a_time:
+        with self._one_at_a_time, _adopting():
             socket.send_fds(self._channel, [pickle.dumps(job)], files)
             return int(self._channel.recv(20))
+
+
+@contextmanager
+def _adopting() -> Iterator[None]:
+    """Let orphans become children of this process; at other times they go to init, as ever."""
+    prctl = ctypes.CDLL(None).prctl
+    prctl(PR_SET_CHILD_SUBREAPER, 1)
+    try:
+        yield
+    finally:
+        prctl(PR_SET_CHILD_SUBREAPER, 0)
 
 
 _Popen = subprocess.Popen
