@@ -167,6 +167,8 @@ class LinkedNode(TimedNode):
         self._repeating: list[Outlet] = []
         self._memories: defaultdict[str, list[Memory]] = defaultdict(list)
         self._newest_time = 0
+        self._heard_lately: set[str] = set()
+        self._left_alone = False
         self._link_check = LinkCheck(self)
         self.every(TEND_PERIOD, self._tend_links, real=True)
         self.every(LOOK_PERIOD, self._look_at_links, real=True)
@@ -286,6 +288,7 @@ class LinkedNode(TimedNode):
         self._memories[name].append(memory)
 
         def hear(data: bytes) -> None:
+            self._heard_lately.add(name)
             self._follow_time()
             if memory.is_news(data, lambda: self._has_happened(decoded(data, kind))):
                 callback(data if raw else decoded(data, kind))
@@ -321,13 +324,24 @@ class LinkedNode(TimedNode):
             return
         for outlet in self._repeating:
             outlet.repeat()
-        # Once who replayed a run has ended, the next replay may be of the same run; its description
-        # may come before the time is seen to go back.
+        self._await_another_replay()
+        self._link_check.look_at_suspect()
+
+    def _await_another_replay(self) -> None:
+        """Take a run's description for news again once who replayed it has ended.
+
+        The next replay may be of the same run, and its description may come before the time is seen
+        to go back. What was said last may still be on its way when its publisher has gone.
+        """
         name = self.resolve_topic_name(RUN_DESCRIPTION.name)
-        if name in self._memories and self._is_simulated() and not self.count_publishers(name):
+        if name not in self._memories or not self._is_simulated():
+            return
+        alone = not self.count_publishers(name)
+        if alone and self._left_alone and name not in self._heard_lately:
             for memory in self._memories[name]:
                 memory.begin_anew()
-        self._link_check.look_at_suspect()
+        self._left_alone = alone
+        self._heard_lately.clear()
 
     def _look_at_links(self) -> None:
         if self.context.ok():
