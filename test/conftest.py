@@ -2,12 +2,16 @@
 
 import os
 import signal
+import subprocess
 import tempfile
 from pathlib import Path
+from unittest import mock
 
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+from domains import own_domain
+from forked import ForkedPopen
 from hypothesis import settings
 from threadpoolctl import ThreadpoolController
 
@@ -34,12 +38,24 @@ LIVE = (
 )
 """Where tests run nodes, controllers or peers in real time.
 
-Those want a computer that does nothing else: the system under test stops a machine whose nodes
-are silent for two seconds. All others may run beside each other, in as many processes as there
-are processors.
+Each is in a ROS domain of its own, so that they may run beside each other.
 """
-
-
+FIRST = (
+    "linuxcnc",
+    "devices/cnc_peers",
+    "nodes/test_whole_run.py",
+    "nodes/test_faults.py",
+    "nodes",
+    "monitor_live",
+    "foxglove_live",
+    "site",
+    "blind",
+    "house",
+    "documents",
+    "hostile",
+    "metrology/test_coverage.py",
+)
+"""What takes longest begins first, so that no process is left alone with it at the end."""
 SLOW = (
     "campaign/test_fault_campaign.py",
     "linuxcnc/test_closed_loop.py",
@@ -49,25 +65,34 @@ SLOW = (
 
 
 def pytest_configure(config):
-    """Let processes that tests start compile the package once where none may write beside it.
+    """Keep the order of ``FIRST``; compile the package once where none may write beside it.
 
     A node would compile 200 modules as it starts, and live tests start a dozen nodes each.
     """
+    config.option.loadscopereorder = False
     if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
         folder = tempfile.TemporaryDirectory(prefix="stepdiag_ros_bytecode_")
         config.add_cleanup(folder.cleanup)
         os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
-def pytest_collection_modifyitems(items):
-    """Mark live tests by where they are, and slow ones by their names."""
+def is_in(path, places):
+    """Return whether a file is one of these places in this folder, or in one of them."""
     here = Path(__file__).parent
-    places = [here / place for place in LIVE]
+    return any(path.is_relative_to(here / place) for place in places)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark live tests by where they are and slow ones by their names; begin with what is long."""
+    here = Path(__file__).parent
     for item in items:
-        if any(item.path.is_relative_to(place) for place in places):
+        if is_in(item.path, LIVE):
             item.add_marker("live")
         if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
             item.add_marker("slow")
+    order = (*FIRST, ".")
+    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -79,6 +104,16 @@ def one_thread():
     """
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain_of_the_module(request):
+    """Give a live module a ROS domain, in which is what its tests share, and quick processes."""
+    if not is_in(request.path, LIVE):
+        yield None
+        return
+    with own_domain() as number, mock.patch.object(subprocess, "Popen", ForkedPopen):
+        yield number
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,7 +5,6 @@ Only rclpy's public interface is used, so that they serve tests on any client li
 
 from __future__ import annotations
 
-import itertools
 import os
 import subprocess
 import sys
@@ -16,22 +15,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from domains import own_domain
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 
 _ROOT = Path(__file__).parents[1]
-_domains = itertools.count(os.getpid())
 
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    number = next(_domains) % 99 + 1
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     # A sourced ROS 2 has its own entries there, which its processes need.
     before = os.environ.get("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (before, str(_ROOT)))))
-    return number
+    with own_domain() as number:
+        yield number
 
 
 @pytest.fixture

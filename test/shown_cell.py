@@ -1,18 +1,8 @@
 """A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
 
-import pytest
-
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
-
-
-def in_domain(number):
-    """Run in a ROS domain on this computer alone; a generator for a fixture."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
 
 
 class ShownCell:

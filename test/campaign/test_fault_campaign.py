@@ -3,7 +3,6 @@
 ``benchmarks/fault_campaign.py`` does the same with any number of faults, and on LinuxCNC.
 """
 
-import itertools
 import os
 import sys
 from pathlib import Path
@@ -13,13 +12,10 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 SEED, DOZEN = 20261121, 12
-_domains = itertools.count(os.getpid())
 
 
 @pytest.fixture
 def campaign(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 80 + 101))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     import fault_campaign

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from domains import taken_domain
 
 from stepdiag_ros.embedded import ddsdomain, ddslib
 
@@ -109,19 +110,17 @@ def talker(name: str, **variables: str) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("own", ["LOCALHOST", "SUBNET"])
-def test_nodes_find_those_that_they_shall(
-    monkeypatch: pytest.MonkeyPatch, domain: int, own: str
-) -> None:
+def test_nodes_find_those_that_they_shall(monkeypatch: pytest.MonkeyPatch, own: str) -> None:
     import rclpy
     from std_msgs.msg import String
 
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", own)
-    other = str(domain % 100 + 1)
     with (
+        taken_domain() as other,
         talker("here", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"),
         talker("network", ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET"),
         talker("alone", ROS_AUTOMATIC_DISCOVERY_RANGE="OFF"),
-        talker("elsewhere", ROS_DOMAIN_ID=other),
+        talker("elsewhere", ROS_DOMAIN_ID=str(other)),
     ):
         rclpy.init(args=[])
         heard: set[str] = set()

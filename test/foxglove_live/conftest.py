@@ -1,19 +1,11 @@
 """A simulated cell with the scene and the server for Foxglove, and an operator who leads it."""
 
-import os
 import re
 
 import pytest
-from shown_cell import ShownCell, in_domain
+from shown_cell import ShownCell
 
 from stepdiag_ros import topics
-
-DOMAIN = os.getpid() % 30 + 201
-
-
-@pytest.fixture(scope="module", autouse=True)
-def domain():
-    yield from in_domain(DOMAIN)
 
 
 class ServedCell(ShownCell):

@@ -93,7 +93,11 @@ def test_a_viewer_gets_what_the_recorder_gets(seen, topic):
     if not wanted:
         assert topic is topics.DIAGNOSIS and not got
         return
-    # Before the run and after it there are states too.
+    if topic.qos.depth == 1:
+        # Each takes the place of the one before, which a slow subscriber may then never get.
+        places = [wanted.index(data) for data in got if data in wanted]
+        assert places == sorted(places) and places[-1] == len(wanted) - 1
+        return
     first = got.index(wanted[0])
     assert got[first : first + len(wanted)] == wanted
 

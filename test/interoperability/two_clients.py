@@ -49,8 +49,6 @@ def environment(client: str) -> dict[str, str]:
     if client == "embedded":
         kept = {key: value for key, value in kept.items() if key not in _OF_A_SOURCED_ROS}
         kept["PYTHONPATH"] = str(ROOT)
-    kept["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
-    kept["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     return kept
 
 

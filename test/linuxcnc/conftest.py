@@ -1,6 +1,5 @@
 """A real LinuxCNC with simulated drives, isolated; one for all tests of a module."""
 
-import itertools
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,17 +10,6 @@ from linuxcnc_watched import Watched
 
 from stepdiag_ros.devices.cnc import CncState
 from stepdiag_ros.devices.cnc.linuxcnc_instance import LinuxCncInstance, missing
-
-_domains = itertools.count(os.getpid())
-"""From 181 on: no other live tests use those, so that these may run beside them."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def domain() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 20 + 181))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
 
 
 @pytest.fixture(scope="session")

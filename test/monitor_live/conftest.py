@@ -1,6 +1,5 @@
 """A simulated cell with the monitor node, an operator who hears all of it, and a browser."""
 
-import itertools
 import os
 import re
 import shutil
@@ -8,11 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from shown_cell import ShownCell, in_domain
+from shown_cell import ShownCell
 
 from stepdiag_ros import topics
 
-_domains = itertools.count(os.getpid())
 KEPT = (
     topics.STOP,
     topics.BLOCK,
@@ -21,11 +19,6 @@ KEPT = (
     topics.RUN_STATE,
     *(topic for topic, _ in topics.WEATHER.values()),
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def domain():
-    yield from in_domain(next(_domains) % 30 + 201)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,18 +1,16 @@
 """A simulated cell of real node processes, watched by an operator in the test."""
 
-import itertools
-import os
 import time
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from domains import own_domain
+from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.sequence import State
-
-_domains = itertools.count(os.getpid())
 
 
 @pytest.fixture(autouse=True)
@@ -23,9 +21,6 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """
     from rclpy.node import Node
 
-    number = next(_domains) % 80 + 101
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     made: list[weakref.ref[Node]] = []
     begin = Node.__init__
 
@@ -34,7 +29,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         made.append(weakref.ref(self))
 
     monkeypatch.setattr(Node, "__init__", noted)
-    yield number
+    with own_domain() as number:
+        yield number
     for one in made:
         node = one()
         if node is not None:
@@ -78,7 +74,6 @@ class CellUnderTest:
         peers = self.operator.watch.peers
         self.wait(
             lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
-            120.0,
             "all nodes are up",
         )
         return self
@@ -96,13 +91,13 @@ class CellUnderTest:
                 said = self.said.setdefault(values["role"], [])
                 said.append((time.monotonic(), status.message))
 
-    def wait(self, condition: Callable[[], bool], limit: float, what: str) -> None:
-        if not self.operator.spin_until(condition, limit):
+    def wait(self, condition: Callable[[], bool], what: str) -> None:
+        if not self.operator.spin_until(condition, PATIENCE):
             logs = "\n".join(
                 f"== {log.name}\n{log.read_text()[-1500:]}"
                 for log in sorted((self.folder / "logs").glob("*.log"))
             )
-            raise AssertionError(f"not in {limit} s: {what}\n{logs}")
+            raise AssertionError(f"not in {PATIENCE} s: {what}\n{logs}")
 
     def start(self, plan: str = "") -> str:
         return self._insist(lambda: self.operator.start(plan))
@@ -110,10 +105,10 @@ class CellUnderTest:
     def resume(self) -> None:
         """Resume as an operator would: again, until the node that was started is up."""
         self._insist(lambda: self.operator.call("sequencer/resume"))
-        self.wait_for_state(State.RUNNING, 30.0)
+        self.wait_for_state(State.RUNNING)
 
-    def _insist(self, ask: Callable[[], str], limit: float = 40.0) -> str:
-        deadline = time.monotonic() + limit
+    def _insist(self, ask: Callable[[], str]) -> str:
+        deadline = time.monotonic() + PATIENCE
         while True:
             try:
                 return ask()
@@ -125,8 +120,11 @@ class CellUnderTest:
     def state(self) -> int:
         return -1 if self.operator.state is None else self.operator.state.state
 
-    def wait_for_state(self, state: int, limit: float) -> None:
-        self.wait(lambda: self.state() == state, limit, f"run state {state}, it is {self.state()}")
+    def wait_for_state(self, state: int) -> None:
+        """Wait for a state of the run; a run that is to finish must not be stopped on the way."""
+        stopped = {State.FAULT, State.ABORTED} if state == State.FINISHED else set()
+        self.wait(lambda: self.state() in {state, *stopped}, f"run state {state}")
+        assert self.state() == state, self.operator.text
 
     def bag_is_closed(self) -> bool:
         recorders = [p for p in self.operator.watch.peers.values() if p.role == "recorder"]

@@ -39,13 +39,13 @@ def meddle(cell):
         topics.MACHINE_COMMAND.name,
         quality(topics.MACHINE_COMMAND),
     )
-    cell.wait(lambda: commands.get_subscription_count() >= 1, 20.0, "the bridge listens")
+    cell.wait(lambda: commands.get_subscription_count() >= 1, "the bridge listens")
     # No number of a command that the sequencer has sent or will send.
     x, y, z = before = tuple(cell.machine.position)
     stop = StopCommand(1000, 0, 1, "", 0, "X", (x + 0.001, y, z), 0)
     now = cell.operator.now()
     commands.publish(from_stop_command(stop, cell.operator.started_run, now, 0.1, PURPOSE_POSITION))
-    cell.wait_for_state(State.FAULT, 20.0)
+    cell.wait_for_state(State.FAULT)
     name = cell.operator.get_name()
     assert name in cell.operator.state.text and "beside node /sequencer" in cell.operator.state.text
     cell.operator.spin_until(lambda: False, 0.5)
@@ -66,13 +66,13 @@ def plan_file(tmp_path_factory):
 def test_diagonals_on_the_node_graph(make_cell, plan_file):
     with make_cell(plan=str(plan_file), factor=10.0) as cell:
         cell.start()
-        cell.wait(lambda: len(cell.stops) >= 1, 20.0, "a stop")
+        cell.wait(lambda: len(cell.stops) >= 1, "a stop")
         cell.operator.call("sequencer/pause")
-        cell.wait_for_state(State.PAUSED, 30.0)
+        cell.wait_for_state(State.PAUSED)
         meddle(cell)
         cell.resume()
-        cell.wait_for_state(State.FINISHED, 120.0)
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED)
+        cell.wait(cell.bag_is_closed, "the bag is closed")
         (bag,) = cell.folder.glob("*.mcap")
 
     run = load_run(bag)

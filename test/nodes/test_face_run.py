@@ -34,8 +34,8 @@ def plan_file(tmp_path_factory):
 def test_a_face_on_the_node_graph(make_cell, plan_file):
     with make_cell(plan=str(plan_file), factor=10.0) as cell:
         cell.start()
-        cell.wait_for_state(State.FINISHED, 120.0)
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED)
+        cell.wait(cell.bag_is_closed, "the bag is closed")
         (bag,) = cell.folder.glob("*.mcap")
 
     run = load_run(bag)

@@ -30,8 +30,8 @@ def test_a_fast_instrument_with_a_late_clock(make_cell):
     made.nodes["interferometer"].parameters["device_file"] = "late_clock"
     with made as cell:
         cell.start()
-        cell.wait_for_state(State.FINISHED, 150.0)
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED)
+        cell.wait(cell.bag_is_closed, "the bag is closed")
     (path,) = cell.folder.glob("*.mcap")
     assert told_live(path) == pytest.approx(LATE * 1e6, abs=50.0)
     info = bag_info(path)

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import re
 import time
 
 from stepdiag_ros.bags.reader import BagReader
@@ -12,6 +13,7 @@ from stepdiag_ros.conversion import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 
 SAID_LIMIT = 3.0
+"""Seconds of silence after which a node is said to be lost at the latest, by who says so."""
 ROLES = {
     "interferometer": "interferometer",
     "bridge": "cnc_bridge",
@@ -38,7 +40,7 @@ def stands_still(cell, said) -> None:
         late = (m for m in cell.positions[heard:] if to_nanoseconds(m.header.stamp) > rest)
         return [tuple(message.position) for message in late]
 
-    cell.wait(lambda: len(after()) > 10, 20.0, "positions go on")
+    cell.wait(lambda: len(after()) > 10, "positions go on")
     assert len(set(after())) == 1, "the machine moves"
 
 
@@ -54,15 +56,15 @@ def test_a_killed_node_stops_the_run_which_can_be_resumed(make_cell, tmp_path):
     assert load_plan(str(plan))[0].stop_count > load_plan("quick")[0].stop_count
     with make_cell(plan=str(plan), factor=8.0) as cell:
         cell.start()
-        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         for name in ROLES:
             count = len(cell.stops)
-            cell.wait(lambda: len(cell.stops) > count + 1, 30.0, "stops go on")  # noqa: B023
+            cell.wait(lambda: len(cell.stops) > count + 1, "stops go on")  # noqa: B023
             kill_in_the_run(cell, name)
             cell.restart(name)
             cell.resume()
-        cell.wait_for_state(State.FINISHED, 120.0)
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED)
+        cell.wait(cell.bag_is_closed, "the bag is closed")
         finished_lines = {message.line_index for message in cell.lines}
         assert finished_lines == set(range(cell.operator.state.line_count))
 
@@ -77,9 +79,9 @@ def kill_in_the_run(cell, name) -> None:
     """Kill a node, and assert that the run is stopped and that all others say why."""
     killed = time.monotonic()
     cell.kill(name)
-    cell.wait_for_state(State.FAULT, SAID_LIMIT)
-    assert time.monotonic() - killed < SAID_LIMIT
-    assert name in cell.operator.state.text
+    cell.wait_for_state(State.FAULT)
+    (silence,) = re.findall(rf"{name} is silent for ([0-9.]+) s", cell.operator.state.text)
+    assert float(silence) < SAID_LIMIT
     others = set(ROLES.values()) - {ROLES[name]}
 
     def all_said() -> bool:
@@ -91,8 +93,7 @@ def kill_in_the_run(cell, name) -> None:
             for role in others
         )
 
-    left = SAID_LIMIT - (time.monotonic() - killed)
-    cell.wait(all_said, max(left, 0.0), f"all of {others} say that {name} is gone")
+    cell.wait(all_said, f"all of {others} say that {name} is gone")
     if name != "bridge":
         stands_still(cell, cell.operator.state)
 
@@ -109,12 +110,12 @@ def _healthy_roles(cell) -> set[str]:
 def test_a_killed_clock_stops_the_run(make_cell):
     with make_cell(factor=5.0) as cell:
         cell.start()
-        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         cell.kill("clock")
-        cell.wait_for_state(State.FAULT, SAID_LIMIT)
+        cell.wait_for_state(State.FAULT)
         assert "clock" in cell.operator.state.text
         cell.operator.call("sequencer/abort")
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait(cell.bag_is_closed, "the bag is closed")
     (bag,) = bags(cell)
     with BagReader(bag) as reader:
         assert sum(1 for _ in reader.records()) > 100
@@ -123,25 +124,22 @@ def test_a_killed_clock_stops_the_run(make_cell):
 def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_cell):
     with make_cell(factor=5.0) as cell:
         cell.start()
-        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
-        killed = time.monotonic()
+        cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         cell.kill("sequencer")
         cell.wait(
             lambda: (
                 cell.machine.state == cell.machine.STATE_STOPPED
                 and "sequencer" in cell.machine.reason
             ),
-            SAID_LIMIT,
             "the bridge has stopped the machine",
         )
-        assert time.monotonic() - killed < SAID_LIMIT
         stands_still(cell, cell.machine)
         cell.restart("sequencer")
-        cell.wait(lambda: "sequencer" in _healthy_roles(cell), 60.0, "the sequencer is back")
+        cell.wait(lambda: "sequencer" in _healthy_roles(cell), "the sequencer is back")
         cell.operator.state = None
         run_id = cell.start()
-        cell.wait_for_state(State.FINISHED, 120.0)
-        cell.wait(cell.bag_is_closed, 30.0, "the bag is closed")
+        cell.wait_for_state(State.FINISHED)
+        cell.wait(cell.bag_is_closed, "the bag is closed")
     assert len(bags(cell)) == 2
     for bag in bags(cell):
         with BagReader(bag) as reader:
@@ -158,18 +156,18 @@ def test_a_recorder_killed_at_20_random_moments_loses_the_block_in_progress_at_m
         known: list[int] = []
         for number in range(20):
             count = len(cell.stops)
-            cell.wait(lambda: len(cell.stops) > count + 1, 30.0, "stops go on")  # noqa: B023
+            cell.wait(lambda: len(cell.stops) > count + 1, "stops go on")  # noqa: B023
             cell.operator.spin_until(lambda: False, chance.uniform(0.0, 0.5))
             cell.kill("recorder")
             known.append(cell.stops[-1].command_id)
-            cell.wait_for_state(State.FAULT, SAID_LIMIT)
+            cell.wait_for_state(State.FAULT)
             cell.restart("recorder")
             cell.resume()
             assert len(bags(cell)) >= number + 1
         count = len(cell.stops)
-        cell.wait(lambda: len(cell.stops) > count, 30.0, "stops go on")
+        cell.wait(lambda: len(cell.stops) > count, "stops go on")
         cell.operator.call("sequencer/abort")
-        cell.wait(cell.bag_is_closed, 30.0, "the last bag is closed")
+        cell.wait(cell.bag_is_closed, "the last bag is closed")
 
     parts = sorted(bags(cell), key=lambda bag: bag.stat().st_mtime)
     assert len(parts) == 21

@@ -51,8 +51,8 @@ def test_effects_are_in_the_readings_and_not_in_the_bag(make_cell, files):
     plan, cell = files
     with make_cell(plan=str(plan), factor=20.0, cell=str(cell)) as nodes:
         nodes.start()
-        nodes.wait_for_state(State.FINISHED, 120.0)
-        nodes.wait(nodes.bag_is_closed, 30.0, "the bag is closed")
+        nodes.wait_for_state(State.FINISHED)
+        nodes.wait(nodes.bag_is_closed, "the bag is closed")
         (bag,) = nodes.folder.glob("*.mcap")
 
     run = load_run(bag)

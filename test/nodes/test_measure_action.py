@@ -258,7 +258,7 @@ def stands_still(cell):
     """Say whether the machine has come to rest half a second after it was told to stop."""
     cell.operator.spin_until(lambda: False, 0.5)
     count = len(cell.positions)
-    cell.wait(lambda: len(cell.positions) > count + 20, 20.0, "positions go on")
+    cell.wait(lambda: len(cell.positions) > count + 20, "positions go on")
     return len({tuple(message.position) for message in cell.positions[-10:]}) == 1
 
 
@@ -281,7 +281,7 @@ def wait_for_stops_of(cell, client, count):
         assert client.poll() is None, client.communicate()[1]
         return len(cell.stops) > count
 
-    cell.wait(there, 30.0, "stops of the run of the client")
+    cell.wait(there, "stops of the run of the client")
 
 
 def test_runs_by_action_in_a_cell(make_cell, tmp_path):
@@ -298,7 +298,7 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         assert not cell.statuses, "a refused goal has moved the machine"
 
         run_id = cell.start(text)
-        cell.wait(lambda: len(cell.stops) >= 5, 30.0, "five stops")
+        cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         # Not the plan of the parameter, but the one of the goal.
         lines = len(load_plan("quick")[0].lines)
         assert operator.state.line_count == lines
@@ -306,14 +306,14 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
             operator.start()
         assert "between runs only" in parameter_is_refused(cell, "quick")
         operator.call("sequencer/pause")
-        cell.wait_for_state(State.PAUSED, 30.0)
+        cell.wait_for_state(State.PAUSED)
         operator.call("sequencer/resume")
         count = len(cell.stops)
-        cell.wait(lambda: len(cell.stops) > count + 1, 20.0, "more stops after resume")
+        cell.wait(lambda: len(cell.stops) > count + 1, "more stops after resume")
         assert operator.started_run == run_id and operator.result is None
         operator.cancel()
         assert stands_still(cell), "the machine moves after its run was cancelled"
-        cell.wait(lambda: operator.result is not None, 30.0, "the result")
+        cell.wait(lambda: operator.result is not None, "the result")
         result = operator.result
         assert result.outcome == ABORTED_OUTCOME and "cancelled" in result.text
         assert result.run_id == run_id and run_id in result.bag and result.bag_closed
@@ -359,7 +359,7 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
                 states.clear()
             return client.poll() is not None
 
-        cell.wait(ended, 90.0, "the client has ended")
+        cell.wait(ended, "the client has ended")
         out, err = client.communicate(timeout=30)
         assert client.returncode == 0, err
 
@@ -369,7 +369,7 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
         wait_for_stops_of(cell, vanishing, stops + 2)
         vanishing.kill()
         vanishing.communicate(timeout=30)
-        cell.wait(lambda: len(cell.stops) > stops + 5, 20.0, "the run goes on")
+        cell.wait(lambda: len(cell.stops) > stops + 5, "the run goes on")
         cell.operator.call("sequencer/abort")
     assert "align laser and mirror" in err and "sequencer/resume goes on" in err
     document = json.loads(out)
@@ -389,7 +389,7 @@ def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
     )
     with make_cell(plan=str(plan), factor=20.0) as cell:
         client = start_client("--json")
-        cell.wait(lambda: client.poll() is not None, 90.0, "the client has ended")
+        cell.wait(lambda: client.poll() is not None, "the client has ended")
         out, err = client.communicate(timeout=30)
     assert client.returncode == 0, err
     assert "warning" in err and all(name in err for name in ("E_XX", "E_YY", "E_ZZ"))

@@ -19,12 +19,7 @@ def measured(folder, **bridge):
     for node in nodes:
         if node.name == "bridge":
             node.parameters.update(bridge)
-    with pytest.MonkeyPatch.context() as patch:
-        # The domain of a test is not yet set when a fixture of the module runs.
-        # Of its own: other tests count theirs from 1 to 99 and from 101.
-        patch.setenv("ROS_DOMAIN_ID", "100")
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        return Session(nodes, folder, lambda _: None).measure()
+    return Session(nodes, folder, lambda _: None).measure()
 
 
 @pytest.fixture(scope="module")

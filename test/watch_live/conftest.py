@@ -1,24 +1,17 @@
 """A simulated cell with one run, a watch that logs it, and an operator who hears all of it."""
 
-import itertools
 import os
 import subprocess
 import sys
 
 import pytest
-from shown_cell import ShownCell, in_domain
+from shown_cell import ShownCell
 
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
 
-_domains = itertools.count(os.getpid())
 KEPT = (topics.STOP, topics.LINE, topics.VOLUMETRIC_ERRORS, topics.DIAGNOSIS, topics.RUN_STATE)
 WATCH = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def domain():
-    yield from in_domain(next(_domains) % 30 + 201)
 
 
 class WatchedCell(ShownCell):

@@ -4,14 +4,12 @@ The machine is an imperfect twin that only the laser sees: it stands where the c
 the axes are, and errs by known errors. On the way something breaks; somebody mends it, and resumes.
 """
 
-import itertools
-import os
 import time
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import yaml
+from domains import own_domain
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
@@ -79,8 +77,6 @@ SILENT = "is silent for"
 """What a run says that is held because a node was not heard."""
 LEAST_MOVES = 36
 """From stop to stop in the whole plan; beside them the machine travels from line to line."""
-_domains = itertools.count(os.getpid())
-"""From 181 on: no other live tests use those, so that these may run beside them."""
 
 
 class PeerRun:
@@ -110,11 +106,8 @@ class PeerRun:
             replace(node, parameters=node.parameters | PATIENCE.get(node.name, {}))
             for node in twin_cell(plan, "demo", cell, folder, driver, device)
         ]
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("ROS_DOMAIN_ID", str(next(_domains) % 20 + 181))
-            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-            with in_graph(), Processes(nodes, folder / "logs") as processes:
-                self._follow(processes, len(nodes))
+        with own_domain(), in_graph(), Processes(nodes, folder / "logs") as processes:
+            self._follow(processes, len(nodes))
 
     def _follow(self, processes, count):
         from stepdiag_ros.nodes.operator import OperatorNode

@@ -1,0 +1,60 @@
+"""ROS domains for tests: each is used by one at a time on this computer, whoever runs tests there.
+
+Nothing is imported here beyond Python itself, so that this serves tests on any client library.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+from unittest import mock
+
+NUMBERS = (*range(1, 101), *range(215, 231))
+"""Whose ports (from 7400 + 250 × number) Linux gives to nobody who asks for any port."""
+FOLDER = Path(tempfile.gettempdir()) / "stepdiag_test_domains"
+
+
+@contextmanager
+def taken_domain() -> Iterator[int]:
+    """Hold a domain that no other test on this computer holds.
+
+    It is the one that was left longest ago: a node that ends late is not met by the next test.
+
+    Raises:
+        RuntimeError: all are taken.
+    """
+    number, lock = _first_free()
+    with lock:
+        yield number
+        os.utime(lock.fileno())
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """Hold a domain (see ``taken_domain``) and let this process and those that it starts use it."""
+    with taken_domain() as number, mock.patch.dict(os.environ):
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        yield number
+
+
+def _first_free() -> tuple[int, IO[str]]:
+    FOLDER.mkdir(exist_ok=True)
+    left = {path.name: path.stat().st_mtime for path in FOLDER.iterdir()}
+    for number in sorted(NUMBERS, key=lambda one: left.get(str(one), 0.0)):
+        try:
+            lock = (FOLDER / str(number)).open("a")
+        except PermissionError:  # another user's
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+        else:
+            return number, lock
+    raise RuntimeError(f"all {len(NUMBERS)} ROS domains are taken by tests; see {FOLDER}")
