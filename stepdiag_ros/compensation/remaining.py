@@ -126,7 +126,7 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
         )
         told = all(curve in corrects for curve in pair)
         changes.append(Change(f"squareness {name}", "rad", before, after, told))
-    places = _places(identified)
+    places = identified.error_map.some_nodes(MOST_PLACES)
     bare = np.stack([_errors(identified, places, places, forward) for forward in (True, False)])
     left = np.stack(
         [
@@ -179,15 +179,6 @@ def _from_corner(both: list[Vector]) -> Vector:
     stacked = np.stack(both)
     counted: Vector = stacked - np.mean(stacked[:, :1], axis=0, keepdims=True)
     return counted
-
-
-def _places(identified: Identified) -> Vector:
-    every = 1
-    nodes = identified.error_map.nodes
-    while np.prod([len(one[::every]) for one in nodes]) > MOST_PLACES:
-        every += 1
-    mesh = np.meshgrid(*(one[::every] for one in nodes), indexing="ij")
-    return np.stack([part.ravel() for part in mesh], axis=1)
 
 
 def _span(both: Vector, positions: Vector, straight: bool) -> float:

@@ -6,6 +6,7 @@ last to its first. The beam's unit vector has the same signs (Ibaraki & Hata 201
 3).
 """
 
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -115,3 +116,13 @@ def beam_direction(line: str, step: Vector) -> Vector:
     direction = line_signs(line) * np.asarray(step, dtype=np.float64)
     unit: Vector = direction / np.linalg.norm(direction)
     return unit
+
+
+def places_of(nodes: Sequence[Vector]) -> Vector:
+    """Return all points of a grid, the last axis fastest, shape (n, 3).
+
+    Args:
+        nodes: coordinates along each axis, m.
+    """
+    mesh = np.meshgrid(*nodes, indexing="ij")
+    return np.stack([part.ravel() for part in mesh], axis=1)

@@ -30,6 +30,7 @@ from stepdiag_ros.metrology.geometry import (
     TRANSLATIONS,
     Vector,
     moving_axis,
+    places_of,
 )
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -272,9 +273,14 @@ class VolumetricMap:
         Args:
             between: number of further places between two nodes, evenly spread.
         """
-        fine = [_refined(nodes, between) for nodes in self.nodes]
-        mesh = np.meshgrid(*fine, indexing="ij")
-        return np.stack([part.ravel() for part in mesh], axis=1)
+        return places_of([_refined(nodes, between) for nodes in self.nodes])
+
+    def some_nodes(self, most: int) -> Vector:
+        """Return the nodes as places, m, shape (n, 3): of too many every second or third."""
+        every = 1
+        while np.prod([len(nodes[::every]) for nodes in self.nodes]) > most:
+            every += 1
+        return places_of([nodes[::every] for nodes in self.nodes])
 
     def tells_any_node(self) -> bool:
         """Say whether the error vector of any node but the first, where it is zero, is determined.
@@ -283,8 +289,7 @@ class VolumetricMap:
         """
         whole, *others = self.nodes
         for number, place in enumerate(whole):
-            mesh = np.meshgrid(place, *others, indexing="ij")
-            layer = np.stack([part.ravel() for part in mesh], axis=1)
+            layer = places_of([np.array([place]), *others])
             told = np.all(np.isfinite(self.errors(layer)), axis=1)
             if np.any(told[0 if number else 1 :]):
                 return True

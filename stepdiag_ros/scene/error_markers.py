@@ -13,7 +13,7 @@ from math import isfinite
 import numpy as np
 
 from stepdiag_ros.metrology.forward import rotation_matrices
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import Vector, places_of
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.report.content import Report, short_title
@@ -131,8 +131,7 @@ class _Drawn:
 def _drawn(result: VolumetricErrors, volume: Volume, options: Options) -> _Drawn:
     found = extremes(result, options.chain)
     chosen = spread(volume.blocks + 1, options.along_an_edge)
-    grid = np.meshgrid(*(volume.nodes(axis)[chosen] for axis in range(3)), indexing="ij")
-    points = np.stack([part.ravel() for part in grid], axis=1)
+    points = places_of([volume.nodes(axis)[chosen] for axis in range(3)])
     vectors = error_vectors(result, options.chain, points)
     sizes = np.linalg.norm(vectors, axis=1)
     known = [*sizes[np.isfinite(sizes)].tolist(), found.accuracy.value]

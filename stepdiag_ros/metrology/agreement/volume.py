@@ -53,7 +53,7 @@ def volume_changes(both: Pair) -> Volumes:
         )
     maps = [VolumetricMap.of_result(result, both.chain) for result in results]
     found = [of_result(result, both.chain) for result in results]
-    spread_places = _every(maps[0], MOST_WITH_UNCERTAINTY)
+    spread_places = maps[0].some_nodes(MOST_WITH_UNCERTAINTY)
     rms_slopes = [_rms_slope(one, spread_places) for one in maps]
     worst_slopes = [_length_slope(one, accuracy) for one, accuracy in zip(maps, found, strict=True)]
     noise = [_rms_noise(one, spread_places) for one in maps]
@@ -80,7 +80,7 @@ def volume_changes(both: Pair) -> Volumes:
 
 
 def _moved(both: Pair, maps: list[VolumetricMap]) -> PlaceChange:
-    places = _every(maps[0], MOST_PLACES)
+    places = maps[0].some_nodes(MOST_PLACES)
     before, after = (one.errors(places) for one in maps)
     row = int(np.argmax(np.sum((after - before) ** 2, axis=1)))
     place = places[row : row + 1]
@@ -137,13 +137,3 @@ def _spread(slope: Vector, result: VolumetricErrors) -> float:
     if not np.any(slope) or not np.isfinite(variance):
         return nan
     return float(np.sqrt(max(variance, 0.0)))
-
-
-def _every(error_map: VolumetricMap, most: int) -> Vector:
-    """Return the nodes of a box as places, m, shape (n, 3): of too many every second or third."""
-    every = 1
-    while np.prod([len(nodes[::every]) for nodes in error_map.nodes]) > most:
-        every += 1
-    x, y, z = (nodes[::every] for nodes in error_map.nodes)
-    mesh = np.meshgrid(x, y, z, indexing="ij")
-    return np.stack([part.ravel() for part in mesh], axis=1)

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import qr
 
 from stepdiag_ros.metrology.discrepancy.joint import run_scales
@@ -312,19 +311,6 @@ class Whitened:
             here = slice(start, start + AT_ONCE)
             left[:, here] = self.projected(self.of(columns[:, here][self.baseline.good]))
         return left
-
-    @property
-    def whitening(self) -> sparse.csr_array:
-        """Return the matrix that makes white noise of unit size of readings (m), shape (n, n)."""
-        count, rho = len(self.baseline.gap), self.correlation
-        follows = np.append(False, self.baseline.passes[1:] == self.baseline.passes[:-1])
-        share = np.where(follows, 1.0 / np.sqrt(1.0 - rho * rho), 1.0)
-        memory = sparse.diags_array(
-            [share, -rho * share[1:] * follows[1:]], offsets=[0, -1], shape=(count, count)
-        )
-        return sparse.csr_array(
-            memory @ sparse.diags_array(1.0 / (self.noise * self.baseline.weight))
-        )
 
     def pulled(self, vectors: Vector) -> Vector:
         """Return whitened vectors times the derivatives of ``of``, its transpose, shape (n, k).

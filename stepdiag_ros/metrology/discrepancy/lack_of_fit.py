@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
+from stepdiag_ros.metrology.discrepancy.loose import pass_shapes
 from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
 from stepdiag_ros.metrology.discrepancy.places import RANK_LIMIT, Places
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -173,17 +174,9 @@ def _chance(squares: float, freedom: float, noise_freedom: float) -> float:
 
 
 def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    passes = stops.pass_index[:, None] == np.arange(len(stops.lines))
-    length = np.array([np.count_nonzero(stops.pass_index == i) for i in range(len(stops.lines))])
-    along = 2.0 * stops.number / np.maximum(length[stops.pass_index] - 1, 1) - 1.0
-    yield (
-        "whole passes shifted or inclined",
-        np.column_stack([passes, passes * along[:, None]]).astype(np.float64),
-    )
-    yield (
-        "whole passes bent",
-        np.column_stack([passes * along[:, None] ** 2, passes * along[:, None] ** 3]),
-    )
+    zeros, slopes = pass_shapes(stops)
+    yield "whole passes shifted or inclined", np.column_stack([zeros, slopes])
+    yield "whole passes bent", np.column_stack([slopes**2, slopes**3])
     setups = stops.setup[:, None] == np.arange(len(stops.setups))
     moved = np.column_stack([setups * stops.moved[:, axis][:, None] for axis in range(3)])
     yield "the axis that has just moved", moved
@@ -207,7 +200,7 @@ def _shapes(stops: Stops) -> Iterator[tuple[str, NDArray[np.generic]]]:
 
 
 def _places(stops: Stops) -> Iterator[tuple[str, NDArray[np.int64], Vector]]:
-    length = np.array([np.count_nonzero(stops.pass_index == i) for i in range(len(stops.lines))])
+    length = np.bincount(stops.pass_index, minlength=len(stops.lines))
     forward = np.array([line.direction == FORWARD for line in stops.lines])[stops.pass_index]
     way = np.where(forward, stops.number, length[stops.pass_index] - 1 - stops.number)
     place = stops.setup * (int(way.max()) + 1) + way

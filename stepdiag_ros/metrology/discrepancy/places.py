@@ -33,11 +33,8 @@ class Places:
     def __init__(self, problem: Whitened, place: NDArray[np.int64], sign: Vector) -> None:
         good = problem.baseline.good
         numbers, own = np.unique(place[good], return_inverse=True)
-        at = sparse.csr_array(
-            (sign[good], (np.arange(len(own)), own.reshape(-1))), shape=(len(own), len(numbers))
-        )
         self._problem = problem
-        self._columns = sparse.csr_array(problem.whitening @ at)
+        self._columns = _whitened(problem, own.reshape(-1), sign[good], len(numbers))
         self._factor = cholesky_banded(_band(self._columns.T @ self._columns))
 
     @cached_property
@@ -77,7 +74,7 @@ class Places:
         total = self._slowness_of_columns() - float(np.sum(self._problem.slowness(span)))
         for start in range(0, turn.shape[1], AT_ONCE):
             some = turn[:, start : start + AT_ONCE]
-            left = span @ some - self._padded(self._columns @ (solved @ some))
+            left = span @ some - self._columns @ (solved @ some)
             total += float(np.sum(self._problem.slowness(left)))
         return total / self.rank
 
@@ -88,7 +85,7 @@ class Places:
             the turn, shape (k, r), and the values at the places that follow the columns best,
             shape (places, k).
         """
-        products = self._columns.T @ spanned[: self._columns.shape[0]]
+        products = self._columns.T @ spanned
         solved: Vector = cho_solve_banded((self._factor, False), products)
         values, vectors = np.linalg.eigh(np.eye(spanned.shape[1]) - products.T @ solved)
         real = values > RANK_LIMIT
@@ -96,13 +93,9 @@ class Places:
 
     def _within(self, gap: Vector) -> Vector:
         """Return the part of a gap that lies in S."""
-        products = self._columns.T @ gap[: self._columns.shape[0]]
-        return self._padded(self._columns @ cho_solve_banded((self._factor, False), products))
-
-    def _padded(self, values: Vector) -> Vector:
-        """Return values of the readings with a row for each loose value, where S has nothing."""
-        rows = len(self._problem.gap) - len(values)
-        return np.concatenate([values, np.zeros((rows, *values.shape[1:]))])
+        solved = cho_solve_banded((self._factor, False), self._columns.T @ gap)
+        within: Vector = self._columns @ solved
+        return within
 
     def _slowness_of_columns(self) -> float:
         """Return the sum of the slowness over orthonormal columns of S."""
@@ -115,6 +108,18 @@ class Places:
             solved = cho_solve_banded((self._factor, False), some)
             total += 2.0 * float(np.trace(solved[start:]))
         return total
+
+
+def _whitened(
+    problem: Whitened, place: NDArray[np.int64], sign: Vector, count: int
+) -> sparse.csr_array:
+    """Return the columns of all places, whitened; ``place`` and ``sign`` of each reading."""
+    parts = []
+    for start in range(0, count, AT_ONCE):
+        numbers = np.arange(start, min(start + AT_ONCE, count))
+        at = np.where(place[:, None] == numbers, sign[:, None], 0.0)
+        parts.append(sparse.csr_array(problem.of(at)))
+    return sparse.csr_array(sparse.hstack(parts, format="csr"))
 
 
 def _band(products: sparse.csr_array) -> Vector:

@@ -17,7 +17,14 @@ from math import fsum, nan, sqrt
 import numpy as np
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
-from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    ROTATIONS,
+    TRANSLATIONS,
+    Vector,
+    places_of,
+)
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -97,8 +104,7 @@ def _error_vectors(
     nodes: tuple[Vector, Vector, Vector], errors: ErrorCurves, chain: str
 ) -> tuple[Vector, Vector]:
     """Return all points of a grid and what the machine misses each of them by, m, shape (n, 3)."""
-    grid = np.meshgrid(*nodes, indexing="ij")
-    points = np.stack([part.ravel() for part in grid], axis=1)
+    points = places_of(nodes)
     if errors.turns:
         actual, _ = tool_point(points, errors, chain)
         return points, actual - points
