@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.taking_up import Patience
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode
@@ -70,7 +71,8 @@ class FollowedRun:
     Args:
         operator: the node that does so.
         tell: is told how far the run is.
-        check: is called several times a second; raises RunFailed if the run cannot go on.
+        check: is called several times a second; raises RunFailed if the run cannot go on, and
+            returns True while a node is stopped that may yet wake.
         on_hold: is called several times a second while the run is held (``HELD``), with what it
             says of itself; returns True to have it resumed, or raises RunFailed to have it ended.
         on_plan: is called once, with the YAML text of the plan, as soon as the run tells it.
@@ -84,7 +86,7 @@ class FollowedRun:
         self,
         operator: "OperatorNode",
         tell: Callable[[Told], None],
-        check: Callable[[], None],
+        check: Callable[[], bool],
         on_hold: Callable[[State, str], bool],
         on_plan: Callable[[str], None] | None = None,
     ) -> None:
@@ -123,14 +125,17 @@ class FollowedRun:
         return measured
 
     def _start(self, plan: str) -> str:
-        operator = self._operator
-        deadline = operator.real_time() + SETTLE_LIMIT
+        operator, patience = self._operator, Patience(SETTLE_LIMIT)
+        held = self._check()
+        patience.is_over(held, operator.real_time())
         while True:
             try:
                 return operator.start(plan)
             except ValueError as error:
-                # The sequencer may not have heard yet what this node has heard already.
-                if operator.real_time() > deadline:
+                # The sequencer may not have heard yet what this node has heard already, and a
+                # node may have woken while the sequencer was asked.
+                was_held, held = held, self._check()
+                if patience.is_over(was_held or held, operator.real_time()):
                     raise RunFailed(str(error)) from None
             operator.spin_until(lambda: False, 0.2)
 

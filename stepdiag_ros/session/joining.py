@@ -61,7 +61,7 @@ class JoinedRun:
                     f"there is no sequencer{where} on ROS domain {domain}: start the nodes first,"
                     " or measure on nodes of its own in the simulated cell with 'stepdiag run'"
                 )
-            run = FollowedRun(operator, self._tell, lambda: None, self._on_hold, self._on_plan)
+            run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
             try:
                 run.measure(plan)
             finally:

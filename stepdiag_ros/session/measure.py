@@ -116,11 +116,18 @@ class Session:
                 raise RunFailed(f"{count}: {what}. {'; '.join(faults) or words}")
         self._check(None, processes)
 
-    def _check(self, run: FollowedRun | None, processes: Processes) -> None:
-        """Raise RunFailed if a node has ended, and say what there is of the run then."""
+    def _check(self, run: FollowedRun | None, processes: Processes) -> bool:
+        """Return whether a node is stopped before the run has begun, and say so.
+
+        Raises:
+            RunFailed: a node has ended; it says what there is of the run then.
+        """
         ended = processes.ended()
         if not ended:
-            return
+            stopped = {} if run is None or run.run_id else processes.stopped()
+            if stopped:
+                self._tell(Told(starting_words([], stopped, 0.0)))
+            return bool(stopped)
         begun = run is not None and (self._folder / f"{run.run_id}.mcap").exists()
         raise RunFailed(ended if begun else f"{ended}; no bag was begun: start the run again")
 

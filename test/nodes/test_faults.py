@@ -80,7 +80,9 @@ def kill_in_the_run(cell, name) -> None:
     killed = time.monotonic()
     cell.kill(name)
     cell.wait_for_state(State.FAULT)
-    (silence,) = re.findall(rf"{name} is silent for ([0-9.]+) s", cell.operator.state.text)
+    # A command that the bridge was just sent shows it as soon as its silence does.
+    said = rf"{name} (?:is silent|has not answered a command) for ([0-9.]+) s"
+    (silence,) = re.findall(said, cell.operator.state.text)
     assert float(silence) < SAID_LIMIT
     others = set(ROLES.values()) - {ROLES[name]}
 
