@@ -15,6 +15,7 @@ import yaml
 from stepdiag_ros import resources
 from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
@@ -63,14 +64,15 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
     if path.is_file():
         return path
     if path.is_dir() and not _BARE_NAME.fullmatch(str(name_or_path)):
-        raise ValueError(f"{path} is a folder; a YAML file is needed")
+        raise Refusal(f"{path} is a folder; a YAML file is needed", fault="wrong_kind")
     if _BARE_NAME.fullmatch(str(name_or_path)):
         packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
         if packaged.is_file():
             return packaged
-    raise ValueError(
+    raise Refusal(
         f"there is no {what} '{name_or_path}': give the path of a YAML file"
-        f" or one of {', '.join(available(folder))}"
+        f" or one of {', '.join(available(folder))}",
+        fault="not_found",
     )
 
 
@@ -83,7 +85,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file (UTF-8)") from None
+        raise Refusal(f"{path}: not a text file (UTF-8)", fault="wrong_kind") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -137,7 +139,10 @@ def chain_from_text(text: str, source: str) -> str:
     chain = parsed.get("chain", "") if isinstance(parsed, Mapping) else ""
     letters = list(chain) if isinstance(chain, str | list) else [chain]
     if not all(isinstance(letter, str) for letter in letters):
-        raise ValueError(f"{source}: 'chain' is {str(chain)[:60]}; expected a text such as YXZ")
+        raise Refusal(
+            f"{source}: 'chain' is {str(chain)[:60]}; expected a text such as YXZ",
+            fault="malformed",
+        )
     return "".join(letters)
 
 

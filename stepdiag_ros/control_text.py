@@ -11,6 +11,8 @@ import textwrap
 import unicodedata
 from dataclasses import dataclass
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 FARTHEST = 99.999999
 """m: the largest coordinate of an axis in millimetres with increments of 1 µm, which have eight
 digits (FANUC, Series 0i Operator's Manual, "Maximum stroke", IS-B)."""
@@ -110,7 +112,8 @@ def refuse_foreign(name: str, text: str, *known: str) -> None:
     allowed = re.compile("|".join(f"(?:{one})" for one in known))
     for number, line in enumerate(text.removesuffix("\n").split("\n"), start=1):
         if not allowed.fullmatch(line):
-            raise ValueError(
+            raise Refusal(
                 f"{name} line {number} would be '{one_line(line)[:60]}', which does not belong into"
-                " such a file: nothing is written; report this with the measurement"
+                " such a file: nothing is written; report this with the measurement",
+                fault="rejected",
             )

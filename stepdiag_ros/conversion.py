@@ -5,13 +5,13 @@ bag's); ``from_*`` fill a new message. Times are whole nanoseconds in data class
 messages. A run's identity is in every message and in no data class, so it is given beside it.
 """
 
-import importlib
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.message_types import NewMessage, new_message
 from stepdiag_ros.metrology.geometry import AXES, CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import Line, kind_of
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.scene.frames import MACHINE
 
@@ -35,34 +36,6 @@ STATUS_IN_POSITION = 2
 
 MOTORS = tuple(f"{axis}_motor" for axis in AXES)
 """Joints of JointState that say where the motors are; a controller's compensation lies between."""
-
-NewMessage = Callable[[str], Any]
-"""Makes an empty message of a full type name such as ``stepdiag_ros/msg/RunState``."""
-
-
-def message_type(type_name: str) -> Any:
-    """Return the class of a type, ``stepdiag_ros/msg/RunState``, of the client that runs here.
-
-    Raises:
-        ValueError: there is none, as where ROS 2 is sourced and the package run from its sources.
-    """
-    package, _, name = type_name.split("/")
-    try:
-        module = importlib.import_module(f"{package}.msg")
-    except ModuleNotFoundError:
-        raise ValueError(
-            f"the ROS 2 that is sourced has no messages of package {package}: build with colcon, "
-            "source install/setup.bash and start outside of the source folder"
-        ) from None
-    try:
-        return getattr(module, name)
-    except AttributeError:
-        raise ValueError(f"package {package} has no message {name}") from None
-
-
-def new_message(type_name: str) -> Any:
-    """Return an empty message of a type; see ``message_type``."""
-    return message_type(type_name)()
 
 
 def to_nanoseconds(stamp: Any) -> int:
@@ -393,9 +366,10 @@ def to_measured_line(message: Any) -> MeasuredLine:
     lengths["target"] = len(target) // 3 if len(target) % 3 == 0 else -1
     wrong = [name for name, length in lengths.items() if length != stops]
     if wrong:
-        raise ValueError(
+        raise Refusal(
             f"MeasuredLine of line {message.line_index}: '{wrong[0]}' does not have one value "
-            f"for each of the {stops} stops"
+            f"for each of the {stops} stops",
+            fault="mismatch",
         )
     return MeasuredLine(
         line=_line_of(message),
@@ -450,7 +424,9 @@ def to_volumetric_errors(message: Any) -> VolumetricErrors:
             continue
         count = len(nodes[moving_axis(name)])
         if not len(values) == len(spread) == count:
-            raise ValueError(f"VolumetricErrors: {name} does not have one value at each node")
+            raise Refusal(
+                f"VolumetricErrors: {name} does not have one value at each node", fault="mismatch"
+            )
         curves[name], uncertainties[name] = values, spread
     columns = (message.parameter, message.value, message.standard_uncertainty, message.unit)
     if len({len(column) for column in columns}) > 1:

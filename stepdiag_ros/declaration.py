@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 Value = bool | int | float | str
 """What a parameter may be."""
 
@@ -54,9 +56,11 @@ class Declaration:
     def __post_init__(self) -> None:
         ranged = type(self.default) in (int, float)
         if ranged is (self.low is None) or ranged is (self.high is None):
-            raise ValueError(f"parameter '{self.name}': a number, and no other, has a range")
+            raise Refusal(
+                f"parameter '{self.name}': a number, and no other, has a range", fault="mismatch"
+            )
         if refusal := self.refusal(self.default):
-            raise ValueError(f"the default of parameter '{self.name}' is {refusal}")
+            raise Refusal(f"the default of parameter '{self.name}' is {refusal}", fault="malformed")
 
     @property
     def type_name(self) -> str:
@@ -172,7 +176,7 @@ class DeclaredNode:
         for declaration in (*self.parameters, USE_SIM_TIME):
             if declaration.name == name:
                 return declaration
-        raise ValueError(self.no_such(name, self.name))
+        raise Refusal(self.no_such(name, self.name), fault="unknown")
 
     def no_such(self, name: str, node: str) -> str:
         """Say that the node, by the name it has now, has no parameter of that name."""
@@ -188,4 +192,6 @@ class DeclaredNode:
             ValueError: says what is expected.
         """
         if refusal := self.find(name).refusal(value):
-            raise ValueError(f"parameter '{name}' of node {self.name} is {refusal}")
+            raise Refusal(
+                f"parameter '{name}' of node {self.name} is {refusal}", fault="out_of_range"
+            )

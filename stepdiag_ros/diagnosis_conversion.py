@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from stepdiag_ros.conversion import NewMessage, doubles, new_message, set_header, to_nanoseconds
+from stepdiag_ros.conversion import doubles, set_header, to_nanoseconds
 from stepdiag_ros.diagnosis_summary import (
     DiagnosisSummary,
     FoundEffect,
@@ -12,7 +12,9 @@ from stepdiag_ros.diagnosis_summary import (
     Limit,
     ModelSource,
 )
+from stepdiag_ros.message_types import NewMessage, new_message
 from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
+from stepdiag_ros.metrology.refusal import Refusal
 
 _TYPE = "stepdiag_ros/msg/Diagnosis"
 _SIZES = ("size", "unit", "meaning", "value", "standard_uncertainty", "band_low", "band_high")
@@ -159,7 +161,9 @@ def _rows(message: Any, *names: str) -> list[tuple[Any, ...]]:
     """Return arrays that belong together, row by row."""
     columns = [getattr(message, name) for name in names]
     if len({len(column) for column in columns}) > 1:
-        raise ValueError(f"Diagnosis: {', '.join(names)} of '{message.label}' differ in length")
+        raise Refusal(
+            f"Diagnosis: {', '.join(names)} of '{message.label}' differ in length", fault="mismatch"
+        )
     return list(zip(*columns, strict=True))
 
 

@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
+
 LONGEST_TEXT = 1_000_000
 """Characters of a YAML text; plans and machines have some thousand."""
 DEEPEST = 50
@@ -122,16 +124,18 @@ def parse_yaml(text: str, source: str) -> Any:
             source and the line.
     """
     if len(text) > LONGEST_TEXT:
-        raise ValueError(f"{source}: longer than {LONGEST_TEXT} characters")
+        raise Refusal(f"{source}: longer than {LONGEST_TEXT} characters", fault="too_many")
     try:
         return yaml.load(text, Loader=_BoundedLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark is not None else ""
-        raise ValueError(f"{source}{line}: {error.problem or 'not valid YAML'}") from None
+        raise Refusal(
+            f"{source}{line}: {error.problem or 'not valid YAML'}", fault="malformed"
+        ) from None
     except yaml.YAMLError as error:
         problem = getattr(error, "reason", None) or "not valid YAML"
-        raise ValueError(f"{source}: {problem}") from None
+        raise Refusal(f"{source}: {problem}", fault="malformed") from None
     except (ValueError, OverflowError) as error:  # a date or a number that there is not
         raise ValueError(f"{source}: {error}") from None
 
@@ -150,11 +154,11 @@ def parse_json(text: str, source: str) -> Any:
     for bracket in re.findall(r"[\[\]{}]", _STRING.sub("", text)):
         depth += 1 if bracket in "[{" else -1
         if depth > DEEPEST:
-            raise ValueError(f"{source}: nested more than {DEEPEST} deep")
+            raise Refusal(f"{source}: nested more than {DEEPEST} deep", fault="too_many")
     try:
         return json.loads(text)
     except ValueError as error:
-        raise ValueError(f"{source} is no JSON document: {error}") from None
+        raise Refusal(f"{source} is no JSON document: {error}", fault="malformed") from None
 
 
 @contextmanager
@@ -172,4 +176,4 @@ def refusals_of(path: Path) -> Iterator[None]:
     except ValueError as error:
         if path.name in str(error):
             raise
-        raise ValueError(f"{path}: {error}") from error
+        raise Refusal(f"{path}: {error}", **fields_of(error)) from error

@@ -12,6 +12,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -168,5 +170,7 @@ def _result(report: "Report", method: str) -> "VolumetricErrors":
             found = one
     if found is None:
         solved = ", ".join(one.method for one in report.results) or "none"
-        raise ValueError(f"there is no result of the method '{method}'; solved were: {solved}")
+        raise Refusal(
+            f"there is no result of the method '{method}'; solved were: {solved}", fault="not_found"
+        )
     return found

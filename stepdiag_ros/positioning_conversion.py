@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.conversion import NewMessage, doubles, new_message, set_header
+from stepdiag_ros.conversion import doubles, set_header
+from stepdiag_ros.message_types import NewMessage, new_message
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 
 _TYPE = "stepdiag_ros/msg/PositioningTest"
@@ -30,15 +32,17 @@ def to_positioning_test(message: Any) -> PositioningTest:
     }
     for attribute, values in columns.items():
         if len(values) != len(columns["target"]):
-            raise ValueError(
+            raise Refusal(
                 f"PositioningTest of {message.name}: '{attribute}' does not have one value for each"
-                f" of {len(columns['target'])} targets"
+                f" of {len(columns['target'])} targets",
+                fault="mismatch",
             )
     names = [str(name) for name in message.parameter]
     if not len(names) == len(message.value) == len(message.expanded_uncertainty):
-        raise ValueError(
+        raise Refusal(
             f"PositioningTest of {message.name}: parameter, value, expanded_uncertainty differ in"
-            " length"
+            " length",
+            fault="mismatch",
         )
     return PositioningTest(
         name=str(message.name),

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.conversion import NewMessage, new_message, set_header, to_nanoseconds
+from stepdiag_ros.conversion import set_header, to_nanoseconds
+from stepdiag_ros.message_types import NewMessage, new_message
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.samples import SampleBlock
 from stepdiag_ros.topics import SAMPLES

@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from typing import Any
 
-from stepdiag_ros.conversion import NewMessage, new_message, set_header
+from stepdiag_ros.conversion import set_header
+from stepdiag_ros.message_types import NewMessage, new_message
 from stepdiag_ros.scene.frames import MACHINE, Placement
 from stepdiag_ros.scene.shapes import Kind, Shape
 

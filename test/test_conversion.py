@@ -9,6 +9,7 @@ import pytest
 from stepdiag_ros import conversion
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -125,7 +126,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("new", [embedded, own_types().new, conversion.new_message])
+@pytest.mark.parametrize("new", [embedded, own_types().new, new_message])
 def test_a_data_class_survives_the_way_through_a_message(name, new):
     value, to, make, arguments = CASES[name]
     message = make(value, *arguments, new=new)
@@ -234,10 +235,10 @@ def test_results_with_arrays_of_different_length_are_refused():
 
 def test_an_unknown_message_is_an_import_error():
     with pytest.raises(ValueError, match="no message Nothing"):
-        conversion.new_message("stepdiag_ros/msg/Nothing")
+        new_message("stepdiag_ros/msg/Nothing")
     # As where ROS 2 is sourced and the package is imported from its sources.
     with pytest.raises(ValueError, match=r"no messages of package unbuilt_msgs: build with colcon"):
-        conversion.new_message("unbuilt_msgs/msg/Nothing")
+        new_message("unbuilt_msgs/msg/Nothing")
 
 
 def test_positions_are_taken_by_the_names_of_the_axes():

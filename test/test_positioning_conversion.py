@@ -8,6 +8,7 @@ import pytest
 from stepdiag_ros import conversion
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
 from stepdiag_ros.positioning_conversion import from_positioning_test, to_positioning_test
 
@@ -33,7 +34,7 @@ def embedded(type_name):
     return registry.message_class(type_name)()
 
 
-@pytest.mark.parametrize("new", [embedded, own_types().new, conversion.new_message])
+@pytest.mark.parametrize("new", [embedded, own_types().new, new_message])
 def test_a_test_survives_the_way_through_a_message(new):
     message = from_positioning_test(TEST, "run", TIME, new=new)
     received = own_types().decode(TYPE, own_types().encode(TYPE, message))

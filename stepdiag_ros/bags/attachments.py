@@ -49,5 +49,8 @@ def _inside(bag: Path, attachment: Attachment) -> PurePosixPath:
     """Return the name as a path that stays in the folder: a bag may come from anywhere."""
     name = PurePosixPath(attachment.name.replace("\\", "/"))
     if name.is_absolute() or not name.parts or ".." in name.parts or "\0" in attachment.name:
-        raise BagError(f"{bag}: the attachment '{attachment.name}' has a name that is no file's")
+        raise BagError(
+            f"{bag}: the attachment '{attachment.name}' has a name that is no file's",
+            fault="malformed",
+        )
     return name

@@ -33,7 +33,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
     rows = read_rows(path, COLUMNS)
     targets = sorted({row.number("target_mm") for row in rows})
     if len(targets) < 2:
-        raise TableError(f"{path} has a single target; a test needs two or more")
+        raise TableError(f"{path} has a single target; a test needs two or more", fault="too_few")
     runs: dict[str, dict[int, dict[float, float]]] = {FORWARD: {}, BACKWARD: {}}
     for row in rows:
         direction = row.one_of("direction", (FORWARD, BACKWARD))
@@ -45,6 +45,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                 row.row,
                 f"target {target:g} mm is there twice in the {direction} run of cycle"
                 f" {row.text('cycle')}",
+                fault="twice",
             )
         # Subtracted in mm, in which both are written exactly.
         run[target] = (row.number("position_mm") - target) * _MILLI
@@ -54,7 +55,8 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                 if target not in run:
                     raise TableError(
                         f"{path}: the {direction} run of cycle {cycle} has no target"
-                        f" {target:g} mm; complete it or leave the run out"
+                        f" {target:g} mm; complete it or leave the run out",
+                        fault="missing",
                     )
 
     def table(direction: str) -> Vector:

@@ -11,6 +11,7 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import METADATA_NAME, Attachment, RunHeader
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import MessageTypes, types_from_schemas
+from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.topics import topic_of
 
 Order = Literal["file", "time"]
@@ -164,7 +165,7 @@ class Bag(ABC):
         try:
             return types_from_schemas(definitions)
         except BagError as error:
-            raise BagError(f"{self.path}: {error}") from None
+            raise BagError(f"{self.path}: {error}", **fields_of(error)) from None
 
     def decode(self, record: Record) -> Any:
         """Return a recorded message as an object with the message's attributes.
@@ -176,19 +177,22 @@ class Bag(ABC):
         if record.type_name != due:
             raise BagError(
                 f"{self.path}: messages on {record.topic} are of type {record.type_name} instead of"
-                f" {due}"
+                f" {due}",
+                fault="mismatch",
             )
         if record.type_name not in self.types:
             raise BagError(
                 f"{self.path}: messages on {record.topic} cannot be decoded: the bag does not have"
-                f" the definition of {record.type_name} as ros2msg text"
+                f" the definition of {record.type_name} as ros2msg text",
+                fault="undetermined",
             )
         try:
             return self.types.decode(record.type_name, record.data)
         except BagError as error:
             raise BagError(
                 f"{self.path}: the message on {record.topic} at {record.log_time} ns "
-                f"cannot be decoded: {error}"
+                f"cannot be decoded: {error}",
+                **fields_of(error),
             ) from None
 
     @cached_property
@@ -217,7 +221,8 @@ class Bag(ABC):
             raise
         except (ValueError, OverflowError) as error:
             raise BagError(
-                f"{self.path}: {record.topic} at {record.log_time} ns: {error}"
+                f"{self.path}: {record.topic} at {record.log_time} ns: {error}",
+                **fields_of(error),
             ) from None
 
     def messages(

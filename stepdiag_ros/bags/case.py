@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
 from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
+from stepdiag_ros.metrology.refusal import fields_of
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"
@@ -128,13 +129,13 @@ def read_case(path: Path) -> Case:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise TableError(f"there is no case file {path}") from None
+        raise TableError(f"there is no case file {path}", fault="not_found") from None
     except (OSError, UnicodeDecodeError):
         raise TableError(f"{path} cannot be read as text") from None
     try:
         return case_of(parse_yaml(text, str(path)) or {}, str(path), text)
     except ValueError as error:
-        raise TableError(str(error)) from None
+        raise TableError(str(error), **fields_of(error)) from None
 
 
 def case_of(mapping: Any, source: str, text: str = "") -> Case:

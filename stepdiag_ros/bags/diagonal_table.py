@@ -40,11 +40,15 @@ def _length(row: PlainRow) -> DiagonalLength:
     measured = 1e-3 * row.number("length_mm")
     uncertainty = 1e-6 * row.number("uncertainty_um") if row.text("uncertainty_um") else None
     if uncertainty is not None and uncertainty <= 0:
-        raise row.wrong("uncertainty_um", "more than 0, or an empty cell where it is not known")
+        raise row.wrong(
+            "uncertainty_um", "more than 0, or an empty cell where it is not known", "out_of_range"
+        )
     nominal = DiagonalLength(name, places[0], places[1], 0.0).nominal
     if abs(measured - nominal) > 0.01 * nominal:
         raise row.wrong(
-            "length_mm", f"a length near the nominal one of {1e3 * nominal:.3f}, that of its ends"
+            "length_mm",
+            f"a length near the nominal one of {1e3 * nominal:.3f}, that of its ends",
+            fault="mismatch",
         )
     return DiagonalLength(
         line=name,

@@ -7,7 +7,8 @@ from pathlib import Path
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports import renishaw_rtl
 from stepdiag_ros.bags.imports.source import read_source
-from stepdiag_ros.metrology.direct import DirectFile, DirectMeasurement, joined, read_direct
+from stepdiag_ros.metrology.direct import DirectFile, DirectMeasurement, joined
+from stepdiag_ros.metrology.direct_reading import read_direct
 
 
 def load_direct(paths: Sequence[str | Path]) -> DirectMeasurement | None:
@@ -27,7 +28,8 @@ def load_direct(paths: Sequence[str | Path]) -> DirectMeasurement | None:
             raise TableError(
                 f"{source.name} is a file of Renishaw's laser software, which does not tell which"
                 " error it holds, in which unit and how certain: make a table of it by"
-                f" 'stepdiag direct {source.name} --curve E_BX --unit arcsec --uncertainty 0.2'"
+                f" 'stepdiag direct {source.name} --curve E_BX --unit arcsec --uncertainty 0.2'",
+                fault="wrong_kind",
             )
         part = read_direct(source.text().text, source.name)
         parts.append(replace(part, files=(DirectFile(source.name, source.sha256, part.names),)))

@@ -1,7 +1,9 @@
 """What can be wrong with a bag or a table, each in one sentence that says what to do."""
 
+from stepdiag_ros.metrology.refusal import Refusal
 
-class BagError(ValueError):
+
+class BagError(Refusal):
     """A bag cannot be read or written; the text names the file, the place and what to do."""
 
 
@@ -17,5 +19,5 @@ class BagWriteError(BagError):
     """Writing failed (disk full, medium gone). What was written before stays readable."""
 
 
-class TableError(ValueError):
+class TableError(Refusal):
     """A run table is refused; the text names the file, the row and the reason."""

@@ -22,6 +22,7 @@ from stepdiag_ros.diagnosis_summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
 from stepdiag_ros.metrology.measurement import latest_attempts
 from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.measured_lines import readings_of
 
 Format = Literal["csv", "parquet"]
@@ -84,10 +85,11 @@ def export_bag(
         ValueError: the format is unknown.
     """
     if format not in ("csv", "parquet"):
-        raise ValueError(f"'{format}' is no format of tables; use csv or parquet")
+        raise Refusal(f"'{format}' is no format of tables; use csv or parquet", fault="unknown")
     if format == "parquet" and importlib.util.find_spec("pyarrow") is None:
         raise BagError(
-            "Parquet needs pyarrow, which is not installed: pip install pyarrow, or use csv"
+            "Parquet needs pyarrow, which is not installed: pip install pyarrow, or use csv",
+            fault="not_installed",
         )
     run = load_run(bag, run_id)
     folder = Path(folder)
@@ -105,7 +107,10 @@ def export_bag(
         writers.append((folder / TRACKER_FILE, lambda: table))
     existing = [path for path, _ in writers if path.exists()]
     if existing and not overwrite:
-        raise BagError(f"{existing[0]} exists already; choose another folder or allow overwriting")
+        raise BagError(
+            f"{existing[0]} exists already; choose another folder or allow overwriting",
+            fault="exists",
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, make in writers:

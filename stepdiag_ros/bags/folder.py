@@ -138,12 +138,16 @@ def _files(folder: Path) -> list[Path]:
         # What was not closed has no metadata.yaml; the names tell the order.
         found = [file for file in folder.iterdir() if file.name.endswith(SUFFIXES)]
         if not found:
-            raise BagError(f"{folder} is no bag: there is neither {METADATA_FILE} nor an MCAP file")
+            raise BagError(
+                f"{folder} is no bag: there is neither {METADATA_FILE} nor an MCAP file",
+                fault="wrong_kind",
+            )
         stems = {re.sub(r"(_\d+)?\.mcap(\.zstd)?$", "", file.name) for file in found}
         if len(stems) > 1:
             raise BagError(
                 f"{folder} holds several bags, such as {found[0].name} and {found[-1].name};"
-                " name one of them"
+                " name one of them",
+                fault="ambiguous",
             )
         return sorted(found, key=_place)
     told = _told(description)
@@ -151,7 +155,8 @@ def _files(folder: Path) -> list[Path]:
     if storage != "mcap":
         raise BagError(
             f"{folder} is recorded as '{storage}', which cannot be read; record with"
-            " 'ros2 bag record -s mcap', or convert it with 'ros2 bag convert'"
+            " 'ros2 bag record -s mcap', or convert it with 'ros2 bag convert'",
+            fault="wrong_kind",
         )
     names = told.get("relative_file_paths")
     if not isinstance(names, list) or not names:
@@ -165,10 +170,14 @@ def _told(description: Path) -> dict[str, Any]:
     try:
         parsed = parse_yaml(description.read_text(encoding="utf-8"), str(description))
     except (OSError, ValueError) as error:
-        raise BagError(f"{description} cannot be read: {sentence(error)}") from None
+        raise BagError(
+            f"{description} cannot be read: {sentence(error)}", fault="unreadable"
+        ) from None
     told = parsed.get("rosbag2_bagfile_information") if isinstance(parsed, dict) else None
     if not isinstance(told, dict):
-        raise BagError(f"{description} is no description of a bag of ros2 bag record")
+        raise BagError(
+            f"{description} is no description of a bag of ros2 bag record", fault="malformed"
+        )
     return told
 
 

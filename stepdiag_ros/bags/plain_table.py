@@ -9,6 +9,7 @@ from pathlib import Path
 from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
+from stepdiag_ros.metrology.refusal import Fault
 
 
 class PlainRow:
@@ -23,10 +24,12 @@ class PlainRow:
     def __init__(self, source: str, number: int, cells: dict[str, str]) -> None:
         self.source, self.row, self._cells = source, number, cells
 
-    def wrong(self, column: str, expected: str) -> TableError:
+    def wrong(self, column: str, expected: str, fault: Fault) -> TableError:
         """Return the error that refuses a cell."""
         found = self._cells[column]
-        return refusal(self.source, self.row, f"'{column}' is '{found}'; expected {expected}")
+        return refusal(
+            self.source, self.row, f"'{column}' is '{found}'; expected {expected}", fault, column
+        )
 
     def text(self, column: str) -> str:
         """Return the text of a cell."""
@@ -38,21 +41,25 @@ class PlainRow:
             value = float(self._cells[column])
         except ValueError:
             comma = " (with a point, not a comma)" if "," in self._cells[column] else ""
-            raise self.wrong(column, f"a number{comma}") from None
+            raise self.wrong(column, f"a number{comma}", fault="malformed") from None
         if not math.isfinite(value):
-            raise self.wrong(column, "a finite number; leave a run without a value out")
+            raise self.wrong(
+                column, "a finite number; leave a run without a value out", fault="out_of_range"
+            )
         return value
 
     def whole(self, column: str) -> int:
         """Return the whole number from 0 in a cell; raises ``TableError`` if it is none."""
         if not (self._cells[column].isascii() and self._cells[column].isdigit()):
-            raise self.wrong(column, "a whole number from 0")
+            raise self.wrong(column, "a whole number from 0", fault="malformed")
         return int(self._cells[column])
 
     def one_of(self, column: str, known: Sequence[str]) -> str:
         """Return the name in a cell; raises ``TableError`` if it is not a known one."""
         if self._cells[column] not in known:
-            raise self.wrong(column, "one of " + ", ".join(name or "nothing" for name in known))
+            raise self.wrong(
+                column, "one of " + ", ".join(name or "nothing" for name in known), fault="unknown"
+            )
         return self._cells[column]
 
 
@@ -85,6 +92,7 @@ def read_rows(
                     source,
                     reader.line_num,
                     f"it has {len(cells)} cells under {len(header)} columns{hint}",
+                    fault="too_many",
                 )
             named = dict.fromkeys(optional, "")
             named.update(
@@ -94,7 +102,7 @@ def read_rows(
     except csv.Error as error:
         raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
     if not rows:
-        raise TableError(f"{source} has no rows; there is nothing measured in it")
+        raise TableError(f"{source} has no rows; there is nothing measured in it", fault="too_few")
     return rows
 
 
@@ -102,12 +110,24 @@ def _check_header(
     source: str, header: list[str], columns: Sequence[str], optional: Sequence[str]
 ) -> None:
     if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise refusal(source, 1, "the columns are not separated by commas; save it with commas")
+        raise refusal(
+            source,
+            1,
+            "the columns are not separated by commas; save it with commas",
+            fault="wrong_kind",
+        )
     for name in columns:
         if name not in header:
-            raise refusal(source, 1, f"column '{name}' is missing; needed are {', '.join(columns)}")
+            raise refusal(
+                source,
+                1,
+                f"column '{name}' is missing; needed are {', '.join(columns)}",
+                fault="missing",
+            )
     for name in header:
         if name not in (*columns, *optional):
-            raise refusal(source, 1, f"there is an unknown column '{name}'")
+            raise refusal(source, 1, f"there is an unknown column '{name}'", fault="unknown")
         if header.count(name) > 1:
-            raise refusal(source, 1, f"column '{name}' is there {header.count(name)} times")
+            raise refusal(
+                source, 1, f"column '{name}' is there {header.count(name)} times", fault="twice"
+            )

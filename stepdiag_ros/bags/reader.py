@@ -41,19 +41,19 @@ def map_file(path: Path) -> mmap.mmap:
     try:
         with path.open("rb") as file:
             if file.seek(0, 2) == 0:
-                raise BagCutError(f"{path} is empty; nothing was recorded into it")
+                raise BagCutError(f"{path} is empty; nothing was recorded into it", fault="too_few")
             file.seek(0)
             if file.read(len(COMPRESSED)) == COMPRESSED:
                 data = _decompressed(path)
             else:
                 data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except FileNotFoundError:
-        raise BagError(f"there is no bag {path}") from None
+        raise BagError(f"there is no bag {path}", fault="not_found") from None
     except OSError as error:
         raise BagError(f"{path} cannot be read: {error.strerror}") from None
     if data[: len(layout.MAGIC)] != layout.MAGIC:
         data.close()
-        raise BagError(f"{path} is no MCAP file")
+        raise BagError(f"{path} is no MCAP file", fault="wrong_kind")
     return data
 
 
@@ -70,10 +70,12 @@ def _decompressed(path: Path) -> mmap.mmap:
                             f"{path}: its content is more than {MOST_EXPANSION} times as large"
                         )
         except zstandard.ZstdError as error:
-            raise BagCorruptError(f"{path} cannot be decompressed: {error}") from None
+            raise BagCorruptError(
+                f"{path} cannot be decompressed: {error}", fault="damaged"
+            ) from None
         target.flush()
         if target.tell() == 0:
-            raise BagCutError(f"{path} is cut off: there is nothing in it")
+            raise BagCutError(f"{path} is cut off: there is nothing in it", fault="cut")
         return mmap.mmap(target.fileno(), 0, access=mmap.ACCESS_READ)
 
 
@@ -186,7 +188,8 @@ class BagReader(Bag):
         if not layout.ends_properly(data):
             raise BagCutError(
                 f"{self.path} is cut off: it was not closed, or is still being recorded; "
-                f"make it whole: stepdiag recover {self.path}"
+                f"make it whole: stepdiag recover {self.path}",
+                fault="cut",
             )
         try:
             self._footer = layout.footer_of(data)
@@ -209,11 +212,13 @@ class BagReader(Bag):
                 self._take(record, check=not intact)
         except layout.Torn as torn:
             raise BagCorruptError(
-                f"{self.path}: the frame is broken at byte {torn.offset}; {self._advice}"
+                f"{self.path}: the frame is broken at byte {torn.offset}; {self._advice}",
+                fault="damaged",
             ) from None
         except layout.Damaged as error:
             raise BagCorruptError(
-                f"{self.path}: the record at byte {offset} is damaged ({error}); {self._advice}"
+                f"{self.path}: the record at byte {offset} is damaged ({error}); {self._advice}",
+                fault="damaged",
             ) from None
         if not intact:
             raise BagCorruptError(
@@ -275,7 +280,8 @@ class BagReader(Bag):
         except layout.Damaged as error:
             raise BagCorruptError(
                 f"{self.path}: the chunk at byte {chunk.offset} is damaged ({error}); "
-                f"{self._advice}"
+                f"{self._advice}",
+                fault="damaged",
             ) from None
 
     def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:

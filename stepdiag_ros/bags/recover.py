@@ -100,7 +100,7 @@ def recover(source: str | Path, target: str | Path) -> RecoveryReport:
     """
     source, target = Path(source), Path(target)
     if target.exists():
-        raise BagError(f"{target} exists already; a bag is never overwritten")
+        raise BagError(f"{target} exists already; a bag is never overwritten", fault="exists")
     if not target.parent.is_dir():
         raise BagError(f"{target}: the folder {target.parent} does not exist")
     report = RecoveryReport(source, target)
@@ -108,7 +108,9 @@ def recover(source: str | Path, target: str | Path) -> RecoveryReport:
     try:
         found = _search(data, report)
         if not (found.chunks or found.metadata or found.attachments):
-            raise BagError(f"{source}: nothing in it can be saved, not one record is whole")
+            raise BagError(
+                f"{source}: nothing in it can be saved, not one record is whole", fault="damaged"
+            )
         _write(data, found, report)
     finally:
         data.close()

@@ -32,6 +32,7 @@ from stepdiag_ros.metrology.measurement import (
     latest_attempts,
 )
 from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.positioning_conversion import to_positioning_test
@@ -227,7 +228,7 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
         try:
             plan = plan_from_text(description.plan, source)
         except ValueError as error:
-            raise BagError(str(error)) from None
+            raise BagError(str(error), **fields_of(error)) from None
         parts = _parts(bag, found, plan)
         return RecordedRun(
             path=bag.path,

@@ -82,11 +82,18 @@ def choose_run(bag: Bag, run_id: str | None = None) -> FoundRun:
     """
     found = runs_in(bag)
     if not found:
-        raise BagError(f"{bag.path} holds no run: there is no RunDescription in it")
+        raise BagError(
+            f"{bag.path} holds no run: there is no RunDescription in it", fault="missing"
+        )
     if run_id is None and len(found) > 1:
-        raise BagError(f"{bag.path} holds several runs; say which by --run: {', '.join(found)}")
+        raise BagError(
+            f"{bag.path} holds several runs; say which by --run: {', '.join(found)}",
+            fault="ambiguous",
+        )
     if run_id is not None and run_id not in found:
-        raise BagError(f"{bag.path} holds no run '{run_id}', but {', '.join(found)}")
+        raise BagError(
+            f"{bag.path} holds no run '{run_id}', but {', '.join(found)}", fault="not_found"
+        )
     return next(iter(found.values())) if run_id is None else found[run_id]
 
 

@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.intake import parse_json
+from stepdiag_ros.metrology.refusal import Refusal
 
 SUFFIX = ".sig"
 PUBLIC_SUFFIX = ".pub"
@@ -88,7 +89,7 @@ def new_key(path: Path) -> Path:
     public = path.with_name(path.name + PUBLIC_SUFFIX)
     for one in (path, public):
         if one.exists():
-            raise ValueError(f"{one} exists already; a key is never overwritten")
+            raise Refusal(f"{one} exists already; a key is never overwritten", fault="exists")
     key = Ed25519PrivateKey.generate()
     private_text = key.private_bytes(
         serialization.Encoding.PEM,
@@ -125,7 +126,9 @@ def seal(path: Path, key_path: Path, words: str = "") -> Path:
         raise ValueError(f"{path} is no file; a seal is of one file")
     target = seal_path(path)
     if target.exists():
-        raise ValueError(f"{target} exists already; remove it to seal {path.name} anew")
+        raise Refusal(
+            f"{target} exists already; remove it to seal {path.name} anew", fault="exists"
+        )
     key = _private_key(key_path)
     content: dict[str, Any] = {
         "sha256": sha256_of(path),
@@ -180,10 +183,11 @@ def require_seal(path: Path, public_key: Path) -> Seal:
     if found is None:
         raise ValueError(f"{path} has no seal ({seal_path(path).name}); make one: stepdiag seal")
     if not found.right:
-        raise ValueError(f"the seal of {path} is wrong: {found.problem}")
+        raise Refusal(f"the seal of {path} is wrong: {found.problem}", fault="mismatch")
     if found.key != wanted:
-        raise ValueError(
-            f"{path} is sealed by key {found.key}, not by that of {public_key} ({wanted})"
+        raise Refusal(
+            f"{path} is sealed by key {found.key}, not by that of {public_key} ({wanted})",
+            fault="mismatch",
         )
     return found
 
@@ -209,7 +213,9 @@ def _private_key(path: Path) -> Ed25519PrivateKey:
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm):
-        raise ValueError(f"{path} is no private key; make one: stepdiag seal --new-key") from None
+        raise Refusal(
+            f"{path} is no private key; make one: stepdiag seal --new-key", fault="wrong_kind"
+        ) from None
     if not isinstance(key, Ed25519PrivateKey):
         raise ValueError(f"{path} is no Ed25519 key; make one: stepdiag seal --new-key")
     return key
@@ -219,7 +225,9 @@ def _public_key(path: Path) -> str:
     try:
         key = serialization.load_pem_public_key(path.read_bytes())
     except (ValueError, UnsupportedAlgorithm):
-        raise ValueError(f"{path} is no public key; 'stepdiag seal --new-key' makes one") from None
+        raise Refusal(
+            f"{path} is no public key; 'stepdiag seal --new-key' makes one", fault="wrong_kind"
+        ) from None
     if not isinstance(key, Ed25519PublicKey):
         raise ValueError(f"{path} is no Ed25519 key; 'stepdiag seal --new-key' makes one")
     return _base64(key)

@@ -75,7 +75,8 @@ def load_table(
         if rows[0].told.overrun is not None:
             raise TableError(
                 f"{path} tells the overrun of every pass itself (column 'overrun_m'); leave"
-                " --overrun out"
+                " --overrun out",
+                fault="too_many",
             )
         known = {"overrun_m": overrun} if isfinite(overrun) else {}
         told = replace(told, plan={**told.plan, **known})

@@ -70,25 +70,28 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
                     if _same(row, stops[expected - 1])
                     else (f"stop {row.stop} of '{which}' is there twice")
                 )
-                raise refusal(source, row.number, twice)
+                raise refusal(source, row.number, twice, fault="twice")
             if row.stop == 0:
                 raise refusal(
                     source,
                     row.number,
                     f"'{which}' begins again after {expected} stops; count its repeats, "
                     "or take out the rows that are there twice",
+                    fault="too_many",
                 )
             if row.stop > expected:
                 raise refusal(
                     source,
                     row.number,
                     f"stop {expected} of '{which}' is missing before stop {row.stop}",
+                    fault="missing",
                 )
             raise refusal(
                 source,
                 row.number,
                 f"stop {row.stop} of '{which}' comes after stop {expected - 1}; stops count from 0 "
                 "along the direction",
+                fault="out_of_order",
             )
         passes.append(stops)
     return passes
@@ -138,13 +141,19 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
         high[moves] = np.fmax(high, points.max(axis=0))[moves]
     blocks = counts.most_common(1)[0][0]
     if blocks < 1:
-        raise refusal(source, passes[0][0].number, "the line has a single stop; nothing moved")
+        raise refusal(
+            source,
+            passes[0][0].number,
+            "the line has a single stop; nothing moved",
+            fault="too_few",
+        )
     low, high = _with_standing_axis(low, high, stepped, passes[0][0])
     for axis, name in enumerate(AXES):
         if not high[axis] - low[axis] > 0:
             raise TableError(
                 f"{source}: no line moves {name}, so the size of the measured box is not known; "
-                "put a case.yaml with origin_m, step_m and blocks beside the table"
+                "put a case.yaml with origin_m, step_m and blocks beside the table",
+                fault="undetermined",
             )
     step = (high - low) / blocks
     if step.max() > LARGEST_STEP:
@@ -153,6 +162,7 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
             passes[0][1].number,
             f"the blocks would be {step.max():g} m long; positions are in metres, these look like "
             "millimetres (if they are right, state step_m in a case.yaml beside the table)",
+            fault="out_of_range",
         )
     return Volume(_rounded(low), _rounded(step), blocks)
 
@@ -245,21 +255,27 @@ def _check_positions(line: Line, stops: tuple[Row, ...], volume: Volume, source:
         return
     moved = _moved_like(line, actual, volume)
     if moved:
-        raise refusal(source, stops[0].number, f"the row says '{line}', but {moved}")
+        raise refusal(
+            source, stops[0].number, f"the row says '{line}', but {moved}", fault="mismatch"
+        )
     for row, nominal in zip(stops, expected, strict=False):
         if not _equal(np.asarray(row.position), nominal).all():
-            raise refusal(source, row.number, _position_reason(row, line, nominal, volume))
+            raise refusal(
+                source, row.number, _position_reason(row, line, nominal, volume), fault="mismatch"
+            )
     if len(stops) < len(expected):
         raise refusal(
             source,
             stops[-1].number,
             f"'{line}' ends at stop {len(stops) - 1}; stop {len(stops)} to {len(expected) - 1} "
             "are missing",
+            fault="too_few",
         )
     raise refusal(
         source,
         stops[len(expected)].number,
         f"'{line}' goes on behind its last stop {len(expected) - 1}",
+        fault="too_many",
     )
 
 
@@ -314,6 +330,7 @@ def _check_repeats(lines: tuple[tuple[Line, tuple[Row, ...]], ...], source: str)
                 source,
                 stops[0].number,
                 f"'{line}' was measured already from row {seen[which]} on; count its repeats",
+                fault="twice",
             )
         seen[which] = stops[0].number
 
@@ -333,7 +350,12 @@ def _check_readings(
             nominal = float(beam @ (np.asarray(row.position) - np.asarray(start.position)))
             reading = row.reading - start.reading
             if abs(reading - nominal) > READING_TOLERANCE * length:
-                raise refusal(source, row.number, _reading_reason(line, row, nominal, reading))
+                raise refusal(
+                    source,
+                    row.number,
+                    _reading_reason(line, row, nominal, reading),
+                    fault="out_of_range",
+                )
 
 
 def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> str:

@@ -17,6 +17,7 @@ from stepdiag_ros.bags.table_rows import Row, refusal
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import COURSE_KEYS, STEP_DIAGONAL, Line, Plan, Volume
+from stepdiag_ros.metrology.refusal import fields_of
 
 _NANOSECONDS = 1e9
 
@@ -113,7 +114,7 @@ def _plan(mapping: Mapping[str, Any], case: Case) -> Plan:
     try:
         return Plan.from_mapping(mapping, case.source or "the plan of the table")
     except ValueError as error:
-        raise TableError(str(error)) from None
+        raise TableError(str(error), **fields_of(error)) from None
 
 
 def _measured(one: _Pass, index: int, reading_noise: float, overrun: float) -> MeasuredLine:
@@ -197,6 +198,7 @@ def _places_in_groups(groups: Sequence[_Group], passes: Sequence[_Pass], source:
                 one.stops[0].number,
                 "'line_index' counts the lines of a plan, which is not told; put its 'lines' into"
                 " a case.yaml beside the table, or leave the column out",
+                fault="undetermined",
             )
     places: list[int] = []
     begin = 0
@@ -221,7 +223,12 @@ def _places_in_plan(passes: Sequence[_Pass], plan: Plan, source: str) -> list[in
             known = one.line in plan.lines
             why = "is measured more often than the plan says" if known else "is not in the plan"
             at = "" if told is None else f" at the place {told} of 'line_index'"
-            raise refusal(source, row.number, f"'{one.line}' {why}{at} ('lines' of the case file)")
+            raise refusal(
+                source,
+                row.number,
+                f"'{one.line}' {why}{at} ('lines' of the case file)",
+                fault="mismatch",
+            )
         del free[place]
         places.append(place)
     return places

@@ -21,6 +21,7 @@ from stepdiag_ros.metrology.plan import (
     LINE_NAMES,
     STEP_DIAGONAL,
 )
+from stepdiag_ros.metrology.refusal import Fault
 
 ENVIRONMENT_COLUMNS = (
     "air_temperature_degC",
@@ -129,7 +130,9 @@ class Row:
     standard_uncertainty: float | None = None
 
 
-def refusal(source: str, row: int, reason: str) -> TableError:
+def refusal(
+    source: str, row: int, reason: str, fault: Fault | None = None, column: str = ""
+) -> TableError:
     """Return the error that refuses a table because of one row, in one line and not without end.
 
     A cell in quotes may hold line breaks, and so may what is said of it.
@@ -137,7 +140,9 @@ def refusal(source: str, row: int, reason: str) -> TableError:
     sentence = " ".join(reason.splitlines())
     if len(sentence) > _LONGEST_REASON:
         sentence = f"{sentence[:_LONGEST_REASON]}…"
-    return TableError(f"{source}, row {row}: {sentence}")
+    return TableError(
+        f"{source}, row {row}: {sentence}", fault=fault, about=column, where=source, row=row
+    )
 
 
 def read_text(path: Path) -> str:
@@ -149,9 +154,11 @@ def read_text(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
-        raise TableError(f"there is no table {path}") from None
+        raise TableError(f"there is no table {path}", fault="not_found") from None
     except UnicodeDecodeError:
-        raise TableError(f"{path} is no text in UTF-8; save it as CSV (UTF-8)") from None
+        raise TableError(
+            f"{path} is no text in UTF-8; save it as CSV (UTF-8)", fault="wrong_kind"
+        ) from None
     except OSError as error:
         raise TableError(f"{path} cannot be read: {error.strerror}") from None
 
@@ -182,6 +189,7 @@ def parse_rows(text: str, source: str) -> list[Row]:
                     reader.line_num,
                     f"it has {len(cells)} cells under {len(header)} columns; is there a decimal"
                     " comma?",
+                    fault="too_many",
                 )
             row = _row(_RowCells(cells, places, source, reader.line_num))
             if row.time < latest:
@@ -190,20 +198,28 @@ def parse_rows(text: str, source: str) -> list[Row]:
                     row.number,
                     f"time goes back from {latest:g} s to {row.time:g} s; "
                     "rows stand in the order of measurement",
+                    fault="out_of_order",
                 )
             latest = latest if isnan(row.time) else row.time
             rows.append(row)
     except csv.Error as error:
-        raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
+        raise refusal(
+            source, reader.line_num, f"this is no CSV ({error})", fault="malformed"
+        ) from None
     if not rows:
-        raise TableError(f"{source} has no rows; there is nothing measured in it")
+        raise TableError(f"{source} has no rows; there is nothing measured in it", fault="too_few")
     return rows
 
 
 def _places(header: list[str], source: str) -> dict[str, int]:
     names = [name.strip() for name in header]
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
-        raise refusal(source, 1, "the columns are not separated by commas; save it with commas")
+        raise refusal(
+            source,
+            1,
+            "the columns are not separated by commas; save it with commas",
+            fault="wrong_kind",
+        )
     known = (*COLUMNS, *OPTIONAL_COLUMNS)
     missing = [name for name in COLUMNS if name not in names]
     if missing:
@@ -211,13 +227,17 @@ def _places(header: list[str], source: str) -> dict[str, int]:
         hint = f"; there is an unknown column '{unknown[0]}'" if unknown else ""
         if missing[0] in ENVIRONMENT_COLUMNS:
             hint += "; its cells may be empty if it was not measured"
-        raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}")
+        raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}", fault="missing")
     for name in names:
         if name in known and names.count(name) > 1:
-            raise refusal(source, 1, f"column '{name}' is there {names.count(name)} times")
+            raise refusal(
+                source, 1, f"column '{name}' is there {names.count(name)} times", fault="twice"
+            )
         near = get_close_matches(name, known, n=1, cutoff=_MISSPELT)
         if name not in known and near:
-            raise refusal(source, 1, f"unknown column '{name}'; did you mean '{near[0]}'?")
+            raise refusal(
+                source, 1, f"unknown column '{name}'; did you mean '{near[0]}'?", fault="unknown"
+            )
     return {name: names.index(name) for name in known if name in names}
 
 
@@ -228,13 +248,20 @@ class _RowCells:
         self._cells, self._places = cells, places
         self._source, self.number = source, number
         if len(cells) <= max(places.values()):
-            raise refusal(source, number, f"it has only {len(cells)} cells; is the table cut off?")
+            raise refusal(
+                source,
+                number,
+                f"it has only {len(cells)} cells; is the table cut off?",
+                fault="too_few",
+            )
 
-    def wrong(self, column: str, expected: str) -> TableError:
+    def wrong(self, column: str, expected: str, fault: Fault) -> TableError:
         return refusal(
             self._source,
             self.number,
             f"'{column}' is '{self.text(column)}'; expected {expected}",
+            fault,
+            column,
         )
 
     def has(self, column: str) -> bool:
@@ -253,28 +280,34 @@ class _RowCells:
             return None
         value = self.number_or_unknown(column)
         if value < 0.0:
-            raise self.wrong(column, "a number from 0, or an empty cell where it is not known")
+            raise self.wrong(
+                column,
+                "a number from 0, or an empty cell where it is not known",
+                fault="out_of_range",
+            )
         return value
 
     def number_of(self, column: str) -> float:
         text = self.text(column)
         if text.lower().lstrip("+-") in ("nan", "inf", "infinity"):
             raise self.wrong(
-                column, "a finite number; leave a stop without a value out, with its line"
+                column,
+                "a finite number; leave a stop without a value out, with its line",
+                fault="out_of_range",
             )
         if not _NUMBER.fullmatch(text):
             comma = " (with a point, not a comma)" if "," in text else ""
-            raise self.wrong(column, f"a number{comma}")
+            raise self.wrong(column, f"a number{comma}", fault="malformed")
         return float(text)
 
     def whole(self, column: str) -> int:
         if not _WHOLE.fullmatch(self.text(column)):
-            raise self.wrong(column, "a whole number from 0")
+            raise self.wrong(column, "a whole number from 0", fault="malformed")
         return int(self.text(column))
 
     def one_of(self, column: str, known: tuple[str, ...]) -> str:
         if self.text(column) not in known:
-            raise self.wrong(column, "one of " + ", ".join(known))
+            raise self.wrong(column, "one of " + ", ".join(known), fault="unknown")
         return self.text(column)
 
     def environment(self, column: str) -> float:
@@ -283,7 +316,7 @@ class _RowCells:
         low, high, meaning = _PLAUSIBLE[column]
         value = self.number_of(column)
         if not low <= value <= high:
-            raise self.wrong(column, meaning)
+            raise self.wrong(column, meaning, fault="out_of_range")
         return value
 
 
@@ -294,7 +327,7 @@ def _row(cells: _RowCells) -> Row:
     if kind == STEP_DIAGONAL:
         order = cells.one_of("order", move_orders(line))
     elif cells.text("order"):
-        raise cells.wrong("order", f"nothing for a line of kind {kind}")
+        raise cells.wrong("order", f"nothing for a line of kind {kind}", fault="mismatch")
     which = Pass(
         kind,
         line,
@@ -320,16 +353,22 @@ def _reading(cells: _RowCells) -> float:
     if settled:
         return cells.number_of("reading_m")
     if cells.text("reading_m"):
-        raise cells.wrong("reading_m", "an empty cell: 'settled' says that the stop was rejected")
+        raise cells.wrong(
+            "reading_m",
+            "an empty cell: 'settled' says that the stop was rejected",
+            fault="mismatch",
+        )
     return float("nan")
 
 
 def _told(cells: _RowCells) -> Told:
     if cells.has("setup") and not cells.text("setup"):
-        raise cells.wrong("setup", "the name of the alignment that the pass was measured in")
+        raise cells.wrong(
+            "setup", "the name of the alignment that the pass was measured in", fault="missing"
+        )
     attempt = cells.whole("attempt") if cells.has("attempt") else None
     if attempt == 0:
-        raise cells.wrong("attempt", "a whole number from 1")
+        raise cells.wrong("attempt", "a whole number from 1", fault="out_of_range")
     return Told(
         line_index=cells.whole("line_index") if cells.has("line_index") else None,
         attempt=attempt,
@@ -353,6 +392,7 @@ def same_in_pass(stops: Sequence[Row], source: str) -> None:
                     row.number,
                     f"'{name}' changes within '{row.which}' from {expected} to {value}; it holds"
                     " for a whole pass",
+                    fault="mismatch",
                 )
     known = [row for row in stops if not isnan(row.time)]
     if known and len(known) < len(stops):
@@ -361,4 +401,5 @@ def same_in_pass(stops: Sequence[Row], source: str) -> None:
             source,
             row.number,
             "'time_s' is ''; expected a number, since other stops of the pass have one",
+            fault="missing",
         )

@@ -17,6 +17,7 @@ from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.refusal import Fault
 from stepdiag_ros.metrology.tracker.readings import NAMES, TrackerReading
 
 REQUIRED = (
@@ -73,6 +74,7 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
                     source,
                     reader.line_num,
                     f"it has {len(cells)} cells under {len(header)} columns{hint}",
+                    fault="malformed",
                 )
             row = dict(zip(header, (unguarded(cell.strip()) for cell in cells), strict=True))
             reading = _reading(_Row(row, source, reader.line_num), planned)
@@ -82,13 +84,16 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
                     source,
                     reader.line_num,
                     f"{reading} of station {reading.station} is there already in row {seen[key]}",
+                    fault="twice",
                 )
             seen[key] = reader.line_num
             readings.append(reading)
     except csv.Error as error:
-        raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
+        raise refusal(
+            source, reader.line_num, f"this is no CSV ({error})", fault="malformed"
+        ) from None
     if not readings:
-        raise TableError(f"{source} has no rows; there is nothing in it")
+        raise TableError(f"{source} has no rows; there is nothing in it", fault="too_few")
     return tuple(readings)
 
 
@@ -116,17 +121,29 @@ def _text(value: float) -> str:
 
 def _check_header(header: list[str], source: str) -> None:
     if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise refusal(source, 1, "the columns are not separated by commas; save it with commas")
+        raise refusal(
+            source,
+            1,
+            "the columns are not separated by commas; save it with commas",
+            fault="wrong_kind",
+        )
     for name in REQUIRED:
         if name not in header:
             unknown = [other for other in header if other and other not in COLUMNS]
             hint = f"; there is an unknown column '{unknown[0]}'" if unknown else ""
-            raise refusal(source, 1, f"column '{name}' is missing{hint}")
+            raise refusal(source, 1, f"column '{name}' is missing{hint}", fault="missing")
     for name in header:
         if name not in COLUMNS:
-            raise refusal(source, 1, f"unknown column '{name}'; known are {', '.join(COLUMNS)}")
+            raise refusal(
+                source,
+                1,
+                f"unknown column '{name}'; known are {', '.join(COLUMNS)}",
+                fault="unknown",
+            )
         if header.count(name) > 1:
-            raise refusal(source, 1, f"column '{name}' is there {header.count(name)} times")
+            raise refusal(
+                source, 1, f"column '{name}' is there {header.count(name)} times", fault="twice"
+            )
 
 
 class _Row:
@@ -138,37 +155,41 @@ class _Row:
     def text(self, column: str) -> str:
         return self._cells.get(column, "")
 
-    def wrong(self, column: str, expected: str) -> TableError:
+    def wrong(self, column: str, expected: str, fault: Fault) -> TableError:
         return refusal(
             self._source,
             self._number,
             f"'{column}' is '{self.text(column)}'; expected {expected}",
+            fault,
+            column,
         )
 
     def number(self, column: str, what: str) -> float:
         text = self.text(column)
         if not _NUMBER.fullmatch(text):
-            raise self.wrong(column, f"{what}, a number with a point")
+            raise self.wrong(column, f"{what}, a number with a point", fault="malformed")
         value = float(text)
         if not abs(value) <= _LONGEST:
-            raise self.wrong(column, f"{what} within {_LONGEST:g} m; is it in millimetres?")
+            raise self.wrong(
+                column, f"{what} within {_LONGEST:g} m; is it in millimetres?", fault="out_of_range"
+            )
         return value
 
     def whole(self, column: str, low: int) -> int:
         text = self.text(column)
         if not _WHOLE.fullmatch(text) or int(text) < low:
-            raise self.wrong(column, f"a whole number from {low}")
+            raise self.wrong(column, f"a whole number from {low}", fault="out_of_range")
         return int(text)
 
     def one_of(self, column: str, known: tuple[str, ...]) -> str:
         if self.text(column) not in known:
-            raise self.wrong(column, "one of " + ", ".join(known))
+            raise self.wrong(column, "one of " + ", ".join(known), fault="unknown")
         return self.text(column)
 
 
 def _reading(row: _Row, planned: bool) -> TrackerReading:
     if not row.text("station"):
-        raise row.wrong("station", "a name for the tracker's place")
+        raise row.wrong("station", "a name for the tracker's place", fault="missing")
     change = math.nan
     if not planned or row.text("length_change_m"):
         change = row.number("length_change_m", "the measured length change in m")
@@ -176,7 +197,11 @@ def _reading(row: _Row, planned: bool) -> TrackerReading:
     if row.text("standard_uncertainty_m"):
         uncertainty = row.number("standard_uncertainty_m", "a standard uncertainty in m")
         if uncertainty <= 0:
-            raise row.wrong("standard_uncertainty_m", "more than zero, or an empty cell if unknown")
+            raise row.wrong(
+                "standard_uncertainty_m",
+                "more than zero, or an empty cell if unknown",
+                fault="out_of_range",
+            )
     return TrackerReading(
         station=row.text("station"),
         line=row.one_of("line", NAMES),

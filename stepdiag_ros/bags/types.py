@@ -103,7 +103,9 @@ class MessageTypes:
             if end > len(cdr) - _HEADER:
                 raise ValueError("the end is missing")
         except _UNDECODABLE as error:
-            raise BagError(f"these {len(cdr)} bytes are no {type_name} ({error})") from None
+            raise BagError(
+                f"these {len(cdr)} bytes are no {type_name} ({error})", fault="malformed"
+            ) from None
         return message
 
     def encode(self, type_name: str, message: Any) -> bytes:
@@ -148,11 +150,11 @@ class MessageTypes:
         for constant, _, value in self._store.fielddefs[type_name][0]:
             if constant == name:
                 return value
-        raise BagError(f"{type_name} has no constant {name}")
+        raise BagError(f"{type_name} has no constant {name}", fault="unknown")
 
     def _require(self, type_name: str) -> None:
         if type_name not in self._store.fielddefs:
-            raise BagError(f"message type {type_name} is not known here")
+            raise BagError(f"message type {type_name} is not known here", fault="unknown")
 
     def fields(self, type_name: str) -> Sequence[tuple[str, Any]]:
         """Return the fields of a type: name and kind, as rosbags has it."""
@@ -210,9 +212,13 @@ class MessageTypes:
             try:
                 values[name] = self._value(kind, getattr(message, name))
             except AttributeError:
-                raise BagError(f"{type_name}: the message has no field '{name}'") from None
+                raise BagError(
+                    f"{type_name}: the message has no field '{name}'", fault="unknown"
+                ) from None
             except (TypeError, ValueError, OverflowError) as error:
-                raise BagError(f"{type_name}: field '{name}' cannot be written ({error})") from None
+                raise BagError(
+                    f"{type_name}: field '{name}' cannot be written ({error})", fault="malformed"
+                ) from None
         return self._store.types[type_name](**values)
 
     def _value(self, kind: Any, value: Any) -> Any:

@@ -112,9 +112,13 @@ class BagWriter:
         try:
             self._file = UnbufferedFile(self.path)
         except FileExistsError:
-            raise BagError(f"{self.path} exists already; a bag is never overwritten") from None
+            raise BagError(
+                f"{self.path} exists already; a bag is never overwritten", fault="exists"
+            ) from None
         except FileNotFoundError:
-            raise BagError(f"{self.path}: the folder {self.path.parent} does not exist") from None
+            raise BagError(
+                f"{self.path}: the folder {self.path.parent} does not exist", fault="not_found"
+            ) from None
         except OSError as error:
             raise BagWriteError(f"{self.path} cannot be written: {error.strerror}") from error
         self._mcap = mcap_writer(self._file, chunk_size, compress)
@@ -171,7 +175,8 @@ class BagWriter:
         if known_type != type_name:
             raise BagError(
                 f"{self.path}: topic {topic} has type {known_type}; "
-                f"a message of {type_name} does not fit"
+                f"a message of {type_name} does not fit",
+                fault="mismatch",
             )
         count = self._counts[topic] + 1
         try:  # not by _guarded: this runs a thousand times a second
@@ -261,7 +266,7 @@ class BagWriter:
         if self._failure is not None:
             raise self._failure
         if self._closed:
-            raise BagError(f"{self.path} is closed; nothing can be added")
+            raise BagError(f"{self.path} is closed; nothing can be added", fault="stopped")
 
     def _guarded(self, action: Callable[[], Result]) -> Result:
         try:

@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.output import number
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.air.recompensation import AirChoice
@@ -59,7 +60,9 @@ def air_choice(arguments: Namespace) -> "AirChoice | None":
     given = {name: value for name, value in given.items() if value is not None}
     if given and arguments.air != "own":
         option = "--" + next(iter(given)).replace("_", "-")
-        raise ValueError(f"{option} only serves a compensation for the air: give --air own too")
+        raise Refusal(
+            f"{option} only serves a compensation for the air: give --air own too", fault="mismatch"
+        )
     if arguments.air is None:
         return None
     from stepdiag_ros.metrology.air.recompensation import AirChoice

@@ -98,7 +98,7 @@ class _Attendant:
 
         attended = sys.stdin is not None and sys.stdin.isatty()
         if state is State.FAULT and not attended:
-            raise RunFailed(f"the run has stopped: {text}")
+            raise RunFailed(f"the run has stopped: {text}", fault="stopped")
         news = f"{state.name} {text}"
         if news != self._said:
             self._said = news

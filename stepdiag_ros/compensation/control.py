@@ -22,6 +22,7 @@ from stepdiag_ros.compensation.identified import Identified, curve_at
 from stepdiag_ros.control_text import FARTHEST, Comment, refuse_foreign
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, Vector, translation
+from stepdiag_ros.metrology.refusal import Refusal
 
 MILLI = 1e3
 """Metres to mm."""
@@ -213,9 +214,10 @@ def wanted(
     reference = np.array([reference_of(identified, axis, layout)])
     error_there = curve_at(identified, name, positions) - curve_at(identified, name, reference)
     if not np.all(np.isfinite(error_there)):
-        raise ValueError(
+        raise Refusal(
             f"{name} is not determined by these lines, so it cannot be compensated; "
-            "'stepdiag plan' proposes lines that tell it"
+            "'stepdiag plan' proposes lines that tell it",
+            fault="undetermined",
         )
     if error == axis:
         error_there = error_there + sense * identified.half_reversal(axis, positions)
@@ -236,9 +238,10 @@ def refuse_far(positions: Vector, what: str) -> None:
     # Written so that what is no number is refused, too.
     wrong = ~(np.abs(positions) <= FARTHEST)
     if np.any(wrong):
-        raise ValueError(
+        raise Refusal(
             f"{what} has a position of {positions[wrong][0]:g} m; a control takes positions"
-            f" within {FARTHEST * MILLI:.3f} mm of its zero"
+            f" within {FARTHEST * MILLI:.3f} mm of its zero",
+            fault="out_of_range",
         )
 
 
@@ -250,9 +253,10 @@ def refuse_large(values: Vector, limit: float, what: str) -> None:
     """
     largest = float(np.max(np.abs(values)))
     if not largest <= limit:
-        raise ValueError(
+        raise Refusal(
             f"{what}: a correction of {largest * MILLI:.4f} mm is beyond the limit of "
-            f"{limit * MILLI:g} mm; such an error is set right mechanically, not in a table"
+            f"{limit * MILLI:g} mm; such an error is set right mechanically, not in a table",
+            fault="out_of_range",
         )
 
 
@@ -263,7 +267,10 @@ def refuse_long(count: int, most: int, what: str, advice: str) -> None:
         ValueError: says how many there may be, and what to do.
     """
     if count > most:
-        raise ValueError(f"{what} would have {count} entries, the control takes {most}: {advice}")
+        raise Refusal(
+            f"{what} would have {count} entries, the control takes {most}: {advice}",
+            fault="too_many",
+        )
 
 
 def axis_of(name: str, names: str, where: str) -> int:
@@ -292,5 +299,8 @@ def axis_names(names: str) -> list[str]:
     found = [name.strip() for name in names.split(",")]
     fit = all(re.fullmatch(AXIS, name) for name in found)
     if len(found) != len(AXES) or len(set(found)) < len(AXES) or not fit:
-        raise ValueError(f"axes is '{names}'; expected three different names, such as X1,Y1,Z1")
+        raise Refusal(
+            f"axes is '{names}'; expected three different names, such as X1,Y1,Z1",
+            fault="malformed",
+        )
     return found

@@ -39,6 +39,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 PITCH = "PITCH.TXT"
 PARAMETERS = "parameters_3620.txt"
@@ -152,7 +153,7 @@ class _Fanuc:
             try:
                 one = [parameters[(key, name)] for key in range(3620, 3625)]
             except KeyError as missing:
-                raise ValueError(f"{PARAMETERS}: {missing} is missing") from None
+                raise Refusal(f"{PARAMETERS}: {missing} is missing", fault="missing") from None
             number, first, last, magnification = (int(value) for value in one[:4])
             interval = one[4] / MILLI
             numbers = np.arange(first - 1 - number, last - number + 1, dtype=np.float64)
@@ -188,9 +189,10 @@ def _increments(
         found = np.diff(sums)
         if np.all(np.abs(found) <= limit):
             return found.tolist(), magnification
-    raise ValueError(
+    raise Refusal(
         f"{name}: the correction changes by more than {limit} units in one interval; take a smaller"
-        " --spacing, a larger magnification, or the option for larger values (value_limit=127)"
+        " --spacing, a larger magnification, or the option for larger values (value_limit=127)",
+        fault="out_of_range",
     )
 
 
@@ -207,7 +209,7 @@ def _values(text: str) -> dict[int, int]:
     for number, line in enumerate(lines[1:-1], 2):
         found = _LINE.fullmatch(line)
         if found is None:
-            raise ValueError(f"{PITCH} line {number}: '{line}' is not understood")
+            raise Refusal(f"{PITCH} line {number}: '{line}' is not understood", fault="malformed")
         values[int(found[1]) - 10000] = int(found[2])
     return values
 

@@ -23,6 +23,7 @@ from stepdiag_ros.control_text import Comment
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
@@ -166,9 +167,10 @@ def map_from_text(text: str, source: str) -> Identified:
     document = parse_json(text, source)
     expected = schemas.identifier("volumetric_map")
     if not isinstance(document, dict) or document.get("schema") != expected:
-        raise ValueError(
+        raise Refusal(
             f"{source} is no volumetric map ({expected}); 'stepdiag compensate RESULT --for"
-            " generic' makes one"
+            " generic' makes one",
+            fault="wrong_kind",
         )
     try:
         x, y, z = (known_numbers(document["nodes"][letter]) for letter in AXES)
@@ -197,9 +199,9 @@ def map_from_text(text: str, source: str) -> Identified:
             verdict = Verdict(origin.verdict.partition(":")[0], "so says the map.")
         return Identified(error_map, reversal, origin, tuple(document["remarks"]), verdict=verdict)
     except KeyError as missing:
-        raise ValueError(f"{source}: {missing} is missing") from None
+        raise Refusal(f"{source}: {missing} is missing", fault="missing") from None
     except (TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{source}: {error}") from None
+        raise Refusal(f"{source}: {error}", **fields_of(error)) from None
 
 
 def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
@@ -218,13 +220,16 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
         data = path.read_bytes()
         text = data.decode("utf-8")
     except OSError as error:
-        raise ValueError(f"correction: {path} cannot be read: {error.strerror}") from None
+        raise Refusal(
+            f"correction: {path} cannot be read: {error.strerror}", fault="unreadable"
+        ) from None
     except UnicodeDecodeError:
         raise ValueError(f"correction: {path} is no text file") from None
     identified = map_from_text(text, str(path))
     if not identified.error_map.tells_any_node():
-        raise ValueError(
-            f"{path}: no error in the box is determined, so no target can be corrected"
+        raise Refusal(
+            f"{path}: no error in the box is determined, so no target can be corrected",
+            fault="undetermined",
         )
     origin = identified.origin
     return TargetCorrection(

@@ -36,6 +36,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.control_text import NUMBER
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_ENTRIES = 256
 STEEPEST = 1.0 / 64.0
@@ -125,7 +126,7 @@ class _Heidenhain:
                     added = -numbers[:, columns.index(name) - 1] / MILLI
                     tables.append(Table(axis, error, positions, added, added))
             except (ValueError, IndexError) as wrong:
-                raise ValueError(f"{file}: {wrong}") from None
+                raise Refusal(f"{file}: {wrong}", fault="missing") from None
         return TableSet(tuple(tables))
 
 
@@ -156,7 +157,9 @@ def _table(
 def _rows(text: str, name: str) -> tuple[list[str], list[list[str]]]:
     lines = [line.split() for line in text.splitlines() if line.strip()]
     if len(lines) < 4 or lines[0][:1] != ["BEGIN"] or lines[-1] != ["[END]"]:
-        raise ValueError(f"{name}: expected BEGIN, a line of titles, rows and [END]")
+        raise Refusal(
+            f"{name}: expected BEGIN, a line of titles, rows and [END]", fault="malformed"
+        )
     return lines[1], lines[2:-1]
 
 

@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import LINEAR
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns, all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
@@ -61,7 +62,10 @@ class Origin:
 
     def __post_init__(self) -> None:
         if not re.fullmatch("(?:[0-9a-f]{64})?", self.sha256):
-            raise ValueError(f"sha256 is '{one_line(self.sha256)[:70]}', not 64 hexadecimal digits")
+            raise Refusal(
+                f"sha256 is '{one_line(self.sha256)[:70]}', not 64 hexadecimal digits",
+                fault="malformed",
+            )
 
     def lines(self) -> list[str]:
         """Return the origin in words, each part on one line that can be shown as it is."""

@@ -29,6 +29,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_LINES = 256
 LARGEST = 1e-3
@@ -133,7 +134,9 @@ class _LinuxCnc:
 def _joints(given: Any) -> list[int]:
     numbers = [part.strip() for part in str(given).split(",")]
     if len(numbers) != len(AXES) or not all(re.fullmatch("[0-9]{1,2}", part) for part in numbers):
-        raise ValueError(f"joints is '{given}'; expected three numbers, such as 0,1,2")
+        raise Refusal(
+            f"joints is '{given}'; expected three numbers, such as 0,1,2", fault="malformed"
+        )
     return [int(part) for part in numbers]
 
 
@@ -159,9 +162,13 @@ def _rows(text: str, name: str) -> Vector:
         except ValueError:
             row = []
         if len(row) != 3:
-            raise ValueError(f"{name} line {number}: expected nominal, forward and reverse")
+            raise Refusal(
+                f"{name} line {number}: expected nominal, forward and reverse", fault="malformed"
+            )
         if rows and row[0] <= rows[-1][0]:
-            raise ValueError(f"{name} line {number}: the nominal position does not rise")
+            raise Refusal(
+                f"{name} line {number}: the nominal position does not rise", fault="out_of_order"
+            )
         rows.append(row)
     if not 1 <= len(rows) <= MOST_LINES:
         raise ValueError(f"{name} has {len(rows)} lines; LinuxCNC takes 1 to {MOST_LINES}")

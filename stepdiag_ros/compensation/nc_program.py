@@ -21,8 +21,9 @@ from stepdiag_ros.compensation.nc_motion import (
 )
 from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusal
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.refusal import Fault
 
-Refuse = Callable[[str], NcError]
+Refuse = Callable[[str, Fault], NcError]
 
 MOTIONS = {"G0": RAPID, "G1": LINE, "G2": ARC, "G3": ARC}
 CYCLES = ("G73", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
@@ -134,7 +135,12 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
         if block.bare:
             if block.mark not in ("", "%"):
                 if numbered:
-                    raise refusal(source, block.number, "a second program or subprogram begins")
+                    raise refusal(
+                        source,
+                        block.number,
+                        "a second program or subprogram begins",
+                        fault="unsupported",
+                    )
                 numbered = True
             yield Step(block, state, np.zeros(3))
             continue
@@ -144,13 +150,13 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
 
 
 def _step(block: Block, before: State, source: str, settings: NcSettings) -> Step:
-    def refuse(reason: str) -> NcError:
-        return refusal(source, block.number, reason)
+    def refuse(reason: str, fault: Fault) -> NcError:
+        return refusal(source, block.number, reason, fault)
 
     state, machine, other = _modal(block, before, source, settings)
     for word in block.words:
         if word.letter == "M" and word.code in _SUBPROGRAMS:
-            raise refuse(f"{word.code}: subprograms cannot be corrected")
+            raise refuse(f"{word.code}: subprograms cannot be corrected", "unsupported")
     if "G4" in block.codes:
         return Step(block, state, np.zeros(3))
     for code in ("G28", "G30"):
@@ -162,23 +168,26 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
     if moving or other:
         for word in block.words:
             if word.letter not in _ALLOWED and not (other and word.letter in "PQL"):
-                raise refuse(f"the word {word.letter} in a block that moves is not understood")
+                raise refuse(
+                    f"the word {word.letter} in a block that moves is not understood",
+                    "unsupported",
+                )
     elif block.has("ABCUVWE"):
-        raise refuse("only the axes X, Y and Z are followed")
+        raise refuse("only the axes X, Y and Z are followed", "unsupported")
     if block.skipped and (moving or other or state is not before):
-        raise refuse("a move or a mode in a block that the operator may skip (/)")
+        raise refuse("a move or a mode in a block that the operator may skip (/)", "unsupported")
     changed = any(word.code == "M6" for word in block.words)
     if state.length != before.length and not block.has("Z"):
         # Some controls move Z by the difference of the lengths now, others with the next Z.
         state = _unknown(state, [2])
     if not block.has("XYZ") and not (state.motion in ("G2", "G3") and block.has("IJKR")):
         if moving and state.motion in ("G2", "G3", ""):
-            raise refuse("an arc without a motion mode or an end")
+            raise refuse("an arc without a motion mode or an end", "undetermined")
         return Step(block, _unknown(state, [0, 1, 2]) if changed else state, np.zeros(3))
     if changed:
-        raise refuse("a tool change and a move in one block; write them in two")
+        raise refuse("a tool change and a move in one block; write them in two", "unsupported")
     if not state.motion:
-        raise refuse("coordinates without a motion mode (G0 to G3) before them")
+        raise refuse("coordinates without a motion mode (G0 to G3) before them", "undetermined")
     zero = _zero(state, machine, settings, refuse)
     if state.motion in CYCLES:
         # Where Z ends depends on G98, G99 and R; the next move with Z tells it again.
@@ -191,7 +200,7 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
             passed=f"the canned cycle {state.motion} is not corrected",
         )
     if machine and not state.absolute:
-        raise refuse("G53 with incremental coordinates (G91)")
+        raise refuse("G53 with incremental coordinates (G91)", "unsupported")
     end = _end(block, state, zero, machine)
     motion = _motion(block, state, zero, end, refuse)
     return Step(block, replace(state, position=end), zero, motion, machine)
@@ -204,7 +213,9 @@ def _modal(
     state, machine, cycle = before, False, False
     motions = [code for code in block.codes if code in (*MOTIONS, *CYCLES)]
     if len(motions) > 1:
-        raise refusal(source, block.number, f"{' and '.join(motions)} in one block")
+        raise refusal(
+            source, block.number, f"{' and '.join(motions)} in one block", fault="mismatch"
+        )
     for code in block.codes:
         if code in MOTIONS:
             state = replace(state, motion=code)
@@ -215,6 +226,7 @@ def _modal(
                     block.number,
                     f"the canned cycle {code} cannot be corrected; write it out, or let it pass"
                     " uncorrected (--cycles pass)",
+                    fault="unsupported",
                 )
             state, cycle = replace(state, motion=code), True
         elif code in _PLANES:
@@ -237,7 +249,9 @@ def _modal(
             state = replace(state, motion="" if state.motion in CYCLES else state.motion)
         elif code not in (*_HARMLESS, "G28", "G30"):
             reason = _REASONS.get(code, "it is not known what it moves")
-            raise refusal(source, block.number, f"{code} cannot be corrected: {reason}")
+            raise refusal(
+                source, block.number, f"{code} cannot be corrected: {reason}", fault="unsupported"
+            )
     return state, machine, cycle or state.motion in CYCLES
 
 
@@ -250,6 +264,7 @@ def _tool_length(block: Block, source: str, settings: NcSettings) -> float:
             block.number,
             f"G43 {which}: its length is needed, as the errors depend on where Z stands"
             " (--tool-length H=MM)",
+            fault="undetermined",
         )
     return settings.tool_lengths[int(number)]
 
@@ -266,7 +281,8 @@ def _zero(state: State, machine: bool, settings: NcSettings, refuse: Refuse) -> 
     if state.system not in settings.offsets:
         raise refuse(
             f"where the zero of {state.system} lies on the machine is not told (--offset"
-            f" {state.system}=X,Y,Z)"
+            f" {state.system}=X,Y,Z)",
+            "undetermined",
         )
     zero: Vector = np.array(settings.offsets[state.system]) + np.array([0.0, 0.0, state.length])
     return zero
@@ -292,11 +308,12 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
         raise refuse(
             f"where {' and '.join(missing)} stands when this feed move begins is not known; go"
             " there by G0 in absolute coordinates before, or say where the program begins"
-            " (--start)"
+            " (--start)",
+            "undetermined",
         )
     if kind != ARC:
         if block.has("IJKR"):
-            raise refuse("I, J, K or R in a straight move")
+            raise refuse("I, J, K or R in a straight move", "mismatch")
         return Motion(kind, start, end)
     first, second, _ = state.plane
     clockwise = state.motion == "G2"
@@ -310,7 +327,7 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
             center = _center(block, state, zero)
             arc = arc_by_center(start, end, state.plane, center[[first, second]], clockwise)
     except ValueError as error:
-        raise refuse(str(error)) from None
+        raise refuse(str(error), "mismatch") from None
     return Motion(ARC, start, end, arc)
 
 

@@ -12,6 +12,7 @@ from stepdiag_ros.compensation.nc_program import MOTIONS
 from stepdiag_ros.compensation.nc_rewrite import COMMENT, Rewritten
 from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusal
 from stepdiag_ros.control_text import FARTHEST
+from stepdiag_ros.metrology.refusal import Fault
 
 SOURCE = "the rewritten program"
 
@@ -34,12 +35,18 @@ def refuse_foreign_words(original: str, rewritten: Rewritten) -> None:
         lines = made[first - 1 : first - 1 + count]
         owned.update(one.number for one in lines)
         if _acting(lines) != _acting([block]):
-            raise _foreign(lines[0], f"it is not what line {block.number} of the original does")
+            raise _foreign(
+                lines[0],
+                f"it is not what line {block.number} of the original does",
+                fault="mismatch",
+            )
         for one in lines:
             _refuse_far(one)
     for block in made:
         if block.number not in owned and not re.fullmatch(COMMENT.pattern, block.text):
-            raise _foreign(block, "it is no comment, and stands for no line of the original")
+            raise _foreign(
+                block, "it is no comment, and stands for no line of the original", fault="too_many"
+            )
 
 
 def _acting(blocks: list[Block]) -> tuple[Counter[str], tuple[str, ...], tuple[str, ...]]:
@@ -62,8 +69,12 @@ def _refuse_far(block: Block) -> None:
     for word in block.words:
         # In either unit; whoever programs in inches has the shorter reach.
         if word.letter in "XYZ" and not abs(word.value) <= FARTHEST * 1e3:
-            raise _foreign(block, f"{word.letter} is {word.value:g}, beyond what a control takes")
+            raise _foreign(
+                block,
+                f"{word.letter} is {word.value:g}, beyond what a control takes",
+                fault="out_of_range",
+            )
 
 
-def _foreign(block: Block, why: str) -> NcError:
-    return refusal(SOURCE, block.number, f"{why}; nothing is written")
+def _foreign(block: Block, why: str, fault: Fault) -> NcError:
+    return refusal(SOURCE, block.number, f"{why}; nothing is written", fault)

@@ -24,6 +24,7 @@ from stepdiag_ros.compensation.nc_program import MOTIONS, NcSettings, Step, step
 from stepdiag_ros.compensation.nc_words import Block, NcError, Word, refusal
 from stepdiag_ros.control_text import Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.refusal import Fault, Refusal
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
@@ -98,10 +99,11 @@ def rewrite(
     """
     finest = 0.5 * 10.0**-settings.decimals * 1e-3
     if settings.tolerance < 3.0 * finest:
-        raise ValueError(
+        raise Refusal(
             f"a tolerance of {1e6 * settings.tolerance:g} µm cannot be kept with"
             f" {settings.decimals} decimals of a millimetre; allow {3e6 * finest:g} µm, or write"
-            " more decimals"
+            " more decimals",
+            fault="out_of_range",
         )
     writer = _Writer(source, error_map, settings)
     steps = list(steps_of(text, source, settings.program))
@@ -192,8 +194,8 @@ class _Writer:
 
     # -- one block ------------------------------------------------------------
 
-    def _refuse(self, block: Block, reason: str) -> NcError:
-        return refusal(self._source, block.number, reason)
+    def _refuse(self, block: Block, reason: str, fault: Fault) -> NcError:
+        return refusal(self._source, block.number, reason, fault)
 
     def _follow(self, step: Step) -> None:
         """Take note of where a block that is passed as it is sends the axes.
@@ -245,6 +247,7 @@ class _Writer:
                     step.block,
                     f"the tolerance of {1e6 * self._settings.tolerance:g} µm cannot be kept on this"
                     " move; if it begins where the axes stand uncorrected, go there by G0 before",
+                    fault="out_of_range",
                 )
             if not np.isfinite(found.remaining):
                 raise self._not_known(step)
@@ -269,6 +272,7 @@ class _Writer:
                     f"machine position X, Y, Z = {words} mm is outside the measured box, where the"
                     " errors are not known; keep the way inside, or let the correction of the"
                     " nearest place in it go on (--outside hold)",
+                    fault="out_of_range",
                 )
             self._held.append(step.block.number)
 
@@ -277,6 +281,7 @@ class _Writer:
             step.block,
             "the errors on this way are not known: "
             f"{', '.join(self._map.unknown_curves)} were not determined everywhere",
+            fault="undetermined",
         )
 
     def _resolution(self, step: Step) -> float:
@@ -362,6 +367,7 @@ class _Writer:
                     block,
                     f"{word.code} stands beside a move that has to be divided; write it in a line"
                     " of its own",
+                    fault="mismatch",
                 )
         return [word for word in others if word not in last], last
 

@@ -7,13 +7,15 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from stepdiag_ros.metrology.refusal import Fault, Refusal
+
 _WORD = re.compile(r"([A-Za-z])[ \t]*([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _SPACE = re.compile(r"[ \t]+")
 _PROGRAM_NUMBER = re.compile(r"[ \t]*[O:]\d+[ \t]*", re.IGNORECASE)
 
 
-class NcError(ValueError):
+class NcError(Refusal):
     """A program is refused; the text names the file, the line and the reason."""
 
 
@@ -82,9 +84,9 @@ def blocks_of(text: str, source: str) -> list[Block]:
     ]
 
 
-def refusal(source: str, number: int, reason: str) -> NcError:
+def refusal(source: str, number: int, reason: str, fault: Fault | None = None) -> NcError:
     """Return the error that refuses a program because of one line."""
-    return NcError(f"{source}, line {number}: {reason}")
+    return NcError(f"{source}, line {number}: {reason}", fault=fault, where=source, row=number)
 
 
 def _block(line: str, number: int, source: str) -> Block:
@@ -93,7 +95,9 @@ def _block(line: str, number: int, source: str) -> Block:
     if rest.strip() in ("", "%") or _PROGRAM_NUMBER.fullmatch(rest):
         return Block(number, line, (), comments, skipped=False, bare=True, mark=rest.strip())
     if "(" in rest or ")" in rest:
-        raise refusal(source, number, "a comment is not closed or stands in another one")
+        raise refusal(
+            source, number, "a comment is not closed or stands in another one", fault="malformed"
+        )
     skipped = rest.lstrip().startswith("/")
     rest = rest.lstrip().removeprefix("/") if skipped else rest
     words = []
@@ -111,11 +115,12 @@ def _block(line: str, number: int, source: str) -> Block:
                 number,
                 f"'{shown}' is no word of a letter and a number; macros, variables and calls of"
                 " subprograms cannot be corrected",
+                fault="malformed",
             )
         words.append(Word(found[1].upper(), float(found[2]), found[2]))
         place = found.end()
     letters = [word.letter for word in words if word.letter not in "GM"]
     for letter in letters:
         if letters.count(letter) > 1:
-            raise refusal(source, number, f"the word {letter} is there twice")
+            raise refusal(source, number, f"the word {letter} is there twice", fault="twice")
     return Block(number, line, tuple(words), comments, skipped, bare=not words)

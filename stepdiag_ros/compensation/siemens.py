@@ -36,6 +36,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.refusal import Refusal
 
 ENC_FILE = "AX_EEC.INI"
 CEC_FILE = "NC_CEC.INI"
@@ -226,7 +227,9 @@ def _collect(
         found = _ENTRY.match(line.strip())
         if found is None:
             if line.strip().startswith("$"):
-                raise ValueError(f"{name} line {number}: '{line.strip()}' is not understood")
+                raise Refusal(
+                    f"{name} line {number}: '{line.strip()}' is not understood", fault="malformed"
+                )
             continue
         kind, suffix, index, value = found.groups()
         parts = [part.strip() for part in index.split(",")]
@@ -248,7 +251,7 @@ def _grid(entry: Mapping[str, str], points: int, where: str) -> Vector:
     except (KeyError, ValueError):
         raise ValueError(f"{where}: MIN, MAX and STEP are needed, as numbers") from None
     if points < 2 or abs(low + (points - 1) * step - high) > 1e-3 * step:
-        raise ValueError(f"{where}: {points} points do not fit MIN, MAX and STEP")
+        raise Refusal(f"{where}: {points} points do not fit MIN, MAX and STEP", fault="mismatch")
     return np.linspace(low, high, points)
 
 

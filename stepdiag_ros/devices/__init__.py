@@ -26,6 +26,7 @@ from stepdiag_ros.devices.interferometer import InterferometerDevice
 from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Refusal
 
 Kind = Literal["cnc", "interferometer", "weather"]
 Device = CncDevice | InterferometerDevice | WeatherDevice
@@ -42,6 +43,12 @@ class Surroundings:
 
     machine: Machine | None = None
     cell: SimulatedCell | None = None
+
+    def machine_for(self, driver: str) -> Machine:
+        """Return the machine for a driver that needs one; ``Refusal`` if there is none."""
+        if self.machine is None:
+            raise Refusal(f"the {driver} needs a machine", fault="missing", about="machine")
+        return self.machine
 
 
 _DRIVERS: dict[tuple[Kind, str], str] = {
@@ -119,13 +126,14 @@ def _driver(kind: Kind, name: str) -> Callable[..., Callable[[int], Device]]:
             found.append(entry.load())
         except (ImportError, AttributeError) as error:
             place = f"the {kind} driver '{name}' ({entry.value})"
-            raise ValueError(f"{place} cannot be loaded: {error}") from error
+            raise Refusal(f"{place} cannot be loaded: {error}", fault="failed") from error
     if not found:
         known = ", ".join(known_drivers(kind))
-        raise ValueError(f"there is no {kind} driver '{name}'; known: {known}")
+        raise Refusal(f"there is no {kind} driver '{name}'; known: {known}", fault="unknown")
     if len(found) > 1:
-        raise ValueError(
-            f"there are {len(found)} {kind} drivers '{name}': remove a package that brings one"
+        raise Refusal(
+            f"there are {len(found)} {kind} drivers '{name}': remove a package that brings one",
+            fault="ambiguous",
         )
     return found[0]
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Lost, Refusal
 
 Fields = Mapping[str, str]
 
@@ -25,11 +26,11 @@ SKIPPED = "_"
 _FORMATS = ("decimal", "hex")
 
 
-class NoMessage(ValueError):
+class NoMessage(Refusal):
     """A message does not look as the settings say; the text says what is wrong with it."""
 
 
-class StartedAgain(ConnectionError):
+class StartedAgain(Lost):
     """The device says that it was started anew: whatever it counted is lost."""
 
 
@@ -72,9 +73,10 @@ class MessageSettings:
             separator = None if text.strip(" ") in ("", "blanks") else text
             columns = _names(section, "columns")
         elif not pattern.groupindex:
-            raise ValueError(
+            raise Refusal(
                 f"{section.source}: 'pattern' has no named group; write (?P<name>…) around each"
-                " value"
+                " value",
+                fault="missing",
             )
         settings = cls(
             encoding=encoding,
@@ -107,7 +109,9 @@ class MessageSettings:
         except UnicodeDecodeError:
             raise NoMessage(f"{shown(message)} is no {self.encoding} text") from None
         if self.restarted is not None and self.restarted.search(text):
-            raise StartedAgain(f"the device was started again: it said {shown(message)}")
+            raise StartedAgain(
+                f"the device was started again: it said {shown(message)}", fault="restarted"
+            )
         if self.skip is not None and self.skip.search(text):
             return None
         if self.pattern is not None:
@@ -232,8 +236,9 @@ def field_of(section: Section, key: str, default: str, message: MessageSettings)
     name = section.text(key, default=default) if default else section.text(key)
     if name not in message.names:
         known = ", ".join(message.names)
-        raise ValueError(
-            f"{section.source}: '{key}' is '{name}'; the message has the fields {known}"
+        raise Refusal(
+            f"{section.source}: '{key}' is '{name}'; the message has the fields {known}",
+            fault="unknown",
         )
     return name
 
@@ -256,14 +261,16 @@ def _pattern(section: Section, key: str) -> re.Pattern[str] | None:
     try:
         return re.compile(text)
     except re.error as error:
-        raise ValueError(f"{section.source}: '{key}' is no regular expression: {error}") from None
+        raise Refusal(
+            f"{section.source}: '{key}' is no regular expression: {error}", fault="malformed"
+        ) from None
 
 
 def _names(section: Section, key: str) -> tuple[str, ...]:
     names = section.texts(key)
     doubled = [name for name in names if name != SKIPPED and names.count(name) > 1]
     if doubled:
-        raise ValueError(f"{section.source}: '{key}' has '{doubled[0]}' twice")
+        raise Refusal(f"{section.source}: '{key}' has '{doubled[0]}' twice", fault="twice")
     if all(name == SKIPPED for name in names):
-        raise ValueError(f"{section.source}: '{key}' names no column")
+        raise Refusal(f"{section.source}: '{key}' names no column", fault="too_few")
     return names

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import FramingSettings
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Silent
 
 SECOND = 1_000_000_000
 CONNECT_WITHIN = 20 * SECOND
@@ -177,7 +178,7 @@ class Talk:
                     f"{self.url} has not answered {request!r} within {limit / SECOND:g} s"
                 )
         elif not self._settings.requests and time_ns - self._heard > limit:
-            raise TimeoutError(f"{self.url} has sent nothing for {limit / SECOND:g} s")
+            raise Silent(f"{self.url} has sent nothing for {limit / SECOND:g} s", fault="silent")
 
     def _send(self, commands: tuple[bytes, ...]) -> None:
         for command in commands:

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Lost, Refusal
 
 if TYPE_CHECKING:
     from serial import SerialBase
@@ -81,8 +82,9 @@ class LinkSettings:
         url = section.text("url")
         stop_bits = section.number("stop_bits", low=1.0, high=2.0, default=1.0)
         if stop_bits not in (1.0, 1.5, 2.0):
-            raise ValueError(
-                f"{section.source}: 'stop_bits' is {stop_bits:g}; expected 1, 1.5 or 2"
+            raise Refusal(
+                f"{section.source}: 'stop_bits' is {stop_bits:g}; expected 1, 1.5 or 2",
+                fault="unknown",
             )
         settings = cls(
             url=url,
@@ -95,7 +97,7 @@ class LinkSettings:
         )
         section.finish()
         if trouble := _trouble(url):
-            raise ValueError(f"{section.source}: 'url' is '{url}'; {trouble}")
+            raise Refusal(f"{section.source}: 'url' is '{url}'; {trouble}", fault="malformed")
         return settings
 
 
@@ -177,7 +179,7 @@ class Link:
         """
         self._check()
         if len(self._unsent) + len(data) > MOST_UNSENT:
-            raise ConnectionError(f"{self.url} takes nothing of what is sent to it")
+            raise Lost(f"{self.url} takes nothing of what is sent to it", fault="lost")
         self._unsent += data
         if self._done.is_set():
             self._flush()
@@ -213,9 +215,9 @@ class Link:
 
     def _check(self) -> None:
         if self._closed:
-            raise ConnectionError(f"{self.url} is closed")
+            raise Lost(f"{self.url} is closed", fault="stopped")
         if self._failure:
-            raise ConnectionError(self._failure)
+            raise Lost(self._failure, fault="lost")
 
     def _flush(self) -> None:
         while self._unsent and (room := self._do(_room)):
@@ -230,7 +232,7 @@ class Link:
         except Exception as error:
             # Beside OSError, a port that is pulled out brings TypeError, struct.error and others.
             self._failure = f"the link {self.url} is broken: {_why(error)}"
-            raise ConnectionError(self._failure) from error
+            raise Lost(self._failure, fault="lost") from error
 
 
 def _opened(settings: LinkSettings) -> "SerialBase":

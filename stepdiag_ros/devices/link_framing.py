@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Refusal
 
 LONGEST = 4096
 """Bytes of a message, unless the settings say otherwise."""
@@ -44,9 +45,10 @@ class Lines:
         *lines, self._kept = (self._kept + data).split(self._terminator)
         if max(map(len, (*lines, self._kept))) > self._longest:
             self._kept = b""
-            raise ValueError(
+            raise Refusal(
                 f"more than {self._longest} bytes came without the terminator {self._terminator!r}:"
-                " are the terminator and the speed of the port right?"
+                " are the terminator and the speed of the port right?",
+                fault="too_many",
             )
         return [stripped for line in lines if (stripped := line.strip(b"\r\n"))]
 

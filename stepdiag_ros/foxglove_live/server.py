@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.bags.writer import MESSAGE_ENCODING, SCHEMA_ENCODING
 from stepdiag_ros.foxglove_live.holding import Holding
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.monitor.access import is_loopback
 from stepdiag_ros.sparing import Handler, Sparing
 from stepdiag_ros.topics import RUN_DESCRIPTION, Topic
@@ -60,10 +61,11 @@ class Place:
 
     def __post_init__(self) -> None:
         if not self.is_local and not self.open_to_network:
-            raise ValueError(
+            raise Refusal(
                 f"other computers can reach the address '{self.address}', and everybody there may"
                 " look on, because viewers do not log in: say open_to_network too if that is"
-                " wanted, or stay on 127.0.0.1 and use ssh -L"
+                " wanted, or stay on 127.0.0.1 and use ssh -L",
+                fault="exposed",
             )
 
     @property
@@ -155,7 +157,7 @@ class FoxgloveServer:
         try:
             import foxglove
         except ImportError:
-            raise ValueError(INSTALL) from None
+            raise Refusal(INSTALL, fault="not_installed") from None
         self._title = title
         self._place = place
         self._playback = playback
@@ -218,9 +220,10 @@ class FoxgloveServer:
             )
         except RuntimeError as error:
             reason = str(error).removeprefix("FoxgloveError: ").removeprefix("Failed to bind port:")
-            raise ValueError(
+            raise Refusal(
                 f"viewers cannot be served on {place.address} port {place.port}: {reason.strip()};"
-                " choose another port, or 0 for any that is free"
+                " choose another port, or 0 for any that is free",
+                fault="busy",
             ) from None
 
     def close(self) -> None:

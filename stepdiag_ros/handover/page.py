@@ -16,6 +16,7 @@ from rich.table import Table
 
 from stepdiag_ros import __version__
 from stepdiag_ros.handover.pictures import Drawn
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_ROWS_IN_PRINT = 30
 """A table of more rows is left out of print."""
@@ -194,7 +195,7 @@ def page(
         ValueError: the lead's tone is none.
     """
     if lead.tone not in TONES:
-        raise ValueError(f"there is no tone '{lead.tone}'; use {', '.join(TONES)}")
+        raise Refusal(f"there is no tone '{lead.tone}'; use {', '.join(TONES)}", fault="unknown")
     return (
         environment()
         .get_template("page.html")

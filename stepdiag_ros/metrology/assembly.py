@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
+from stepdiag_ros.metrology.plan_commands import check_command
 from stepdiag_ros.metrology.rising import Rising
 from stepdiag_ros.metrology.window import STATUS_WORDS, Window, examine
 
@@ -144,24 +145,7 @@ class Assembler:
         Raises:
             ValueError: the command does not belong to the plan, or contradicts one before it.
         """
-        if not 0 <= command.line_index < len(self._plan.lines):
-            raise ValueError(
-                f"command {command.command_id} is for line {command.line_index}, but the plan "
-                f"'{self._plan.name}' has {len(self._plan.lines)} lines: was the plan changed?"
-            )
-        targets = self._plan.lines[command.line_index].stops(self._plan.volume)
-        if not 0 <= command.stop < len(targets):
-            raise ValueError(
-                f"command {command.command_id} is for stop {command.stop}, but line "
-                f"{command.line_index} has {len(targets)} stops: was the plan changed?"
-            )
-        # Written so that a target that is no number is refused too.
-        if not np.max(np.abs(targets[command.stop] - np.asarray(command.target))) <= 1e-9:
-            raise ValueError(
-                f"command {command.command_id} goes to {command.target} m, but stop {command.stop} "
-                f"of line {command.line_index} is at {tuple(targets[command.stop].tolist())} m: "
-                "was the plan changed?"
-            )
+        check_command(command, self._plan)
         if not self._commands_taken.is_new(command.command_id, command):
             return []
         self._commands.append(command)

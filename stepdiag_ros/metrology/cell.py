@@ -37,6 +37,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 
 _WAVES = 3
@@ -241,9 +242,10 @@ class SimulatedCell:
             ValueError: one is outside of the curves.
         """
         if beyond := self.errors.outside(positions):
-            raise ValueError(
+            raise Refusal(
                 f"{what} asks for {beyond} in the cell '{self.name}'; measure within, or give the"
-                " cell longer curves (travel_low_m and travel_high_m, or nodes_m)"
+                " cell longer curves (travel_low_m and travel_high_m, or nodes_m)",
+                fault="out_of_range",
             )
 
     def displacement(self, positions: Vector, alignment: Alignment) -> Vector:
@@ -400,10 +402,11 @@ def _effects(section: Section, mapping: Mapping[str, Any]) -> tuple[ActiveEffect
         active = active_effect(part, known)
         part.finish()
         if active.effect.typical:
-            raise ValueError(
+            raise Refusal(
                 f"{part.source}: '{active.effect.name}' is only the typical size of unknown errors,"
                 " which cannot be simulated; give the errors themselves under errors (curves E_AX"
-                " to E_CZ, or rotation_rad)"
+                " to E_CZ, or rotation_rad)",
+                fault="unsupported",
             )
         made.append(active)
     return tuple(made)
@@ -438,7 +441,7 @@ def _given_errors(section: Section, source: str) -> ErrorCurves:
     try:
         return ErrorCurves.from_curves(nodes, curves)
     except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
+        raise Refusal(f"{source}: {error}", **fields_of(error)) from None
 
 
 def _generated_errors(section: Section, source: str, seed: int) -> ErrorCurves:
@@ -457,7 +460,7 @@ def _generated_errors(section: Section, source: str, seed: int) -> ErrorCurves:
         "rotation": section.number("rotation_rad", low=0.0, high=1e-2, default=0.0),
     }
     if np.any(low >= high):
-        raise ValueError(f"{source}: travel_low_m is not below travel_high_m")
+        raise Refusal(f"{source}: travel_low_m is not below travel_high_m", fault="mismatch")
     share = np.linspace(0.0, 1.0, _FINE_NODES)
     curves: dict[str, Vector] = {}
     for name in (*TRANSLATIONS, *ROTATIONS):

@@ -6,6 +6,8 @@ from math import inf, nan
 from numbers import Real
 from typing import Any, TypeVar
 
+from stepdiag_ros.metrology.refusal import Fault, Refusal
+
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
 _MISSING: Any = object()
@@ -51,9 +53,11 @@ class Section:
 
     def __init__(self, mapping: Any, source: str) -> None:
         if mapping is None:
-            raise ValueError(f"{source}: expected keys with values, found nothing")
+            raise Refusal(f"{source}: expected keys with values, found nothing", fault="too_few")
         if not isinstance(mapping, Mapping):
-            raise ValueError(f"{source}: expected keys with values, found {_shown(mapping)}")
+            raise Refusal(
+                f"{source}: expected keys with values, found {_shown(mapping)}", fault="malformed"
+            )
         self._mapping = mapping
         self._source = source
         self._taken: set[str] = set()
@@ -70,12 +74,22 @@ class Section:
             if default is _MISSING:
                 near = get_close_matches(key, self.keys(), n=1)
                 hint = f"; is '{near[0]}' a typing error?" if near else ""
-                raise ValueError(f"{self._source}: '{key}' is missing{hint}")
+                raise Refusal(
+                    f"{self._source}: '{key}' is missing{hint}",
+                    fault="missing",
+                    about=key,
+                    where=self._source,
+                )
             return default
         return value
 
-    def _wrong(self, key: str, value: Any, expected: str) -> ValueError:
-        return ValueError(f"{self._source}: '{key}' is {_shown(value)}; expected {expected}")
+    def _wrong(self, key: str, value: Any, expected: str, fault: Fault) -> Refusal:
+        return Refusal(
+            f"{self._source}: '{key}' is {_shown(value)}; expected {expected}",
+            fault=fault,
+            about=key,
+            where=self._source,
+        )
 
     def number(
         self, key: str, low: float = -1e12, high: float = 1e12, default: Any = _MISSING
@@ -87,15 +101,17 @@ class Section:
             try:
                 value = float(value)
             except ValueError:
-                raise self._wrong(key, value, "a number") from None
+                raise self._wrong(key, value, "a number", fault="malformed") from None
         if isinstance(value, bool) or not isinstance(value, Real):
-            raise self._wrong(key, value, "a number")
+            raise self._wrong(key, value, "a number", "malformed")
         try:
             number = float(value)
         except OverflowError:
             number = inf
         if not low <= number <= high:
-            raise self._wrong(key, value, f"a number from {low:g} to {high:g}")
+            raise self._wrong(
+                key, value, f"a number from {low:g} to {high:g}", fault="out_of_range"
+            )
         return number
 
     def unknown(self, key: str) -> bool:
@@ -114,21 +130,23 @@ class Section:
         """Return a whole number within [low, high]."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self._wrong(key, value, f"a whole number from {low} to {high}")
+            raise self._wrong(
+                key, value, f"a whole number from {low} to {high}", fault="out_of_range"
+            )
         return value
 
     def flag(self, key: str, default: Any = _MISSING) -> bool:
         """Return true or false."""
         value = self._take(key, default)
         if not isinstance(value, bool):
-            raise self._wrong(key, value, "true or false")
+            raise self._wrong(key, value, "true or false", fault="malformed")
         return value
 
     def text(self, key: str, default: Any = _MISSING) -> str:
         """Return a text."""
         value = self._take(key, default)
         if not isinstance(value, str):
-            raise self._wrong(key, value, "a text")
+            raise self._wrong(key, value, "a text", "malformed")
         return value
 
     def texts(self, key: str, default: Any = _MISSING) -> tuple[str, ...]:
@@ -136,7 +154,7 @@ class Section:
         value = self._take(key, default)
         listed = [value] if isinstance(value, str) else value
         if not isinstance(listed, Sequence) or not all(isinstance(text, str) for text in listed):
-            raise self._wrong(key, value, "a list of texts")
+            raise self._wrong(key, value, "a list of texts", fault="malformed")
         return tuple(listed)
 
     def names(self, key: str, known: Sequence[str], default: Any = _MISSING) -> tuple[str, ...]:
@@ -148,10 +166,12 @@ class Section:
             or not listed
             or len(set(map(str, listed))) < len(listed)
         ):
-            raise self._wrong(key, value, f"one or more different names of {', '.join(known)}")
+            raise self._wrong(
+                key, value, f"one or more different names of {', '.join(known)}", "malformed"
+            )
         for name in listed:
             if name not in known:
-                raise self._wrong(key, name, f"one of {', '.join(known)}")
+                raise self._wrong(key, name, f"one of {', '.join(known)}", fault="unknown")
         return tuple(listed)
 
     def table(self, key: str, known: Sequence[str]) -> dict[str, str]:
@@ -161,14 +181,18 @@ class Section:
         """
         value = self._take(key, {})
         if not isinstance(value, Mapping):
-            raise self._wrong(key, value, f"a table of texts to one of {', '.join(known)}")
+            raise self._wrong(
+                key, value, f"a table of texts to one of {', '.join(known)}", "malformed"
+            )
         table = {}
         for text, name in value.items():
             # YAML 1.1 reads ON, OFF, YES and NO as true and false.
             if isinstance(text, bool) or not isinstance(text, str | int):
-                raise self._wrong(key, text, "texts; write it in quotes")
+                raise self._wrong(key, text, "texts; write it in quotes", fault="malformed")
             if name not in known:
-                raise self._wrong(f"{key}: {text}", name, f"one of {', '.join(known)}")
+                raise self._wrong(
+                    f"{key}: {text}", name, f"one of {', '.join(known)}", fault="unknown"
+                )
             table[str(text)] = str(name)
         return table
 
@@ -178,9 +202,9 @@ class Section:
         """Return a list of numbers, of the given length if one is given."""
         value = self._take(key, default)
         if not isinstance(value, Sequence) or isinstance(value, str):
-            raise self._wrong(key, value, "a list of numbers")
+            raise self._wrong(key, value, "a list of numbers", "malformed")
         if count is not None and len(value) != count:
-            raise self._wrong(key, value, f"a list of {count} numbers")
+            raise self._wrong(key, value, f"a list of {count} numbers", fault="malformed")
         item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
         return tuple(item.number(f"{key}[{i}]") for i in range(len(value)))
 
@@ -191,7 +215,9 @@ class Section:
         x, y, z = self.numbers(key, count=3, default=default)
         for value in (x, y, z):
             if not low <= value <= high:
-                raise self._wrong(key, [x, y, z], f"three numbers from {low:g} to {high:g}")
+                raise self._wrong(
+                    key, [x, y, z], f"three numbers from {low:g} to {high:g}", "out_of_range"
+                )
         return x, y, z
 
     def vectors(
@@ -200,7 +226,7 @@ class Section:
         """Return a list of at least one triple of numbers (X, Y, Z), each within [low, high]."""
         value = self._take(key, _MISSING)
         if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-            raise self._wrong(key, value, "a list of places [x, y, z]")
+            raise self._wrong(key, value, "a list of places [x, y, z]", fault="malformed")
         item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
         return tuple(item.vector(f"{key}[{i}]", low, high) for i in range(len(value)))
 
@@ -212,7 +238,7 @@ class Section:
         """Return a list of at least one nested mapping."""
         value = self._take(key, _MISSING)
         if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-            raise self._wrong(key, value, "a list with at least one entry")
+            raise self._wrong(key, value, "a list with at least one entry", fault="malformed")
         return [Section(entry, f"{self._source}: {key}[{i}]") for i, entry in enumerate(value)]
 
     def given(self, keys: Sequence[str]) -> dict[str, Any]:
@@ -230,4 +256,9 @@ class Section:
             if key not in self._taken:
                 near = get_close_matches(str(key), sorted(self._taken), n=1)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
-                raise ValueError(f"{self._source}: unknown key '{key}'{hint}")
+                raise Refusal(
+                    f"{self._source}: unknown key '{key}'{hint}",
+                    fault="unknown",
+                    about=str(key),
+                    where=self._source,
+                )

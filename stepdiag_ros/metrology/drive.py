@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,10 @@ class Trajectory:
             ValueError: feed or acceleration is not positive.
         """
         if not feed > 0.0 or not acceleration > 0.0:
-            raise ValueError(
+            raise Refusal(
                 f"feed is {feed:g} m/s and acceleration {acceleration:g} m/s²; "
-                "both must be positive"
+                "both must be positive",
+                fault="out_of_range",
             )
         way = abs(target - start)
         if way == 0.0:

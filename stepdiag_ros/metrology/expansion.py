@@ -15,6 +15,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 
 REFERENCE_TEMPERATURE = 20.0
 """degC (ISO 1)."""
@@ -59,9 +60,10 @@ def to_reference_temperature(
             material is not known at a stop that has a reading.
     """
     if not 0.0 <= coefficient <= LARGEST_COEFFICIENT:
-        raise ValueError(
+        raise Refusal(
             f"the expansion coefficient is {coefficient:g}; expected 0 to {LARGEST_COEFFICIENT:g}"
-            " per K, for example 11.5e-6 for steel"
+            " per K, for example 11.5e-6 for steel",
+            fault="out_of_range",
         )
     return replace(
         measurement,
@@ -74,10 +76,11 @@ def _corrected(line: MeasuredLine, coefficient: float, temperature: float | None
     material = recorded if temperature is None else np.full(len(recorded), temperature)
     unknown = np.flatnonzero(np.isfinite(line.displacement) & ~np.isfinite(material))
     if len(unknown):
-        raise ValueError(
+        raise Refusal(
             f"line {line.line}: the material temperature at stop {unknown[0]} is not known, so"
             " nothing can be corrected to 20 degC; give the temperature, or leave the correction"
-            " out"
+            " out",
+            fault="undetermined",
         )
     scale = at_reference_temperature(np.ones(len(material)), coefficient, material)
     return replace(

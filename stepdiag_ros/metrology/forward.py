@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector, inner
+from stepdiag_ros.metrology.refusal import Refusal
 
 _CORRECTION = 1e-4
 """A target that was corrected for errors lies some micrometres beyond the last node: no more, m."""
@@ -64,9 +65,14 @@ class ErrorCurves:
     def __post_init__(self) -> None:
         for axis, nodes, values in zip(AXES, self.nodes, self.values, strict=True):
             if nodes.ndim != 1 or len(nodes) < 2 or not np.all(np.diff(nodes) > 0):
-                raise ValueError(f"nodes of axis {axis}: expected two or more, ascending")
+                raise Refusal(
+                    f"nodes of axis {axis}: expected two or more, ascending", fault="out_of_order"
+                )
             if values.shape != (len(nodes), 6) or not np.all(np.isfinite(values)):
-                raise ValueError(f"errors of axis {axis}: expected 6 finite values at each node")
+                raise Refusal(
+                    f"errors of axis {axis}: expected 6 finite values at each node",
+                    fault="out_of_range",
+                )
 
     @classmethod
     def from_curves(cls, nodes: Sequence[Vector], curves: Mapping[str, Vector]) -> "ErrorCurves":
@@ -83,13 +89,15 @@ class ErrorCurves:
         values = tuple(np.zeros((len(axis_nodes), 6)) for axis_nodes in (x, y, z))
         for name, curve in curves.items():
             if name not in TRANSLATIONS and name not in ROTATIONS:
-                raise ValueError(
-                    f"'{name}' is no error curve; use names such as E_XX, E_YX or E_AX"
+                raise Refusal(
+                    f"'{name}' is no error curve; use names such as E_XX, E_YX or E_AX",
+                    fault="unknown",
                 )
             axis = AXES.index(name[3])
             if np.shape(curve) != (len(values[axis]),):
-                raise ValueError(
-                    f"{name}: {np.size(curve)} values for {len(values[axis])} nodes of {name[3]}"
+                raise Refusal(
+                    f"{name}: {np.size(curve)} values for {len(values[axis])} nodes of {name[3]}",
+                    fault="mismatch",
                 )
             values[axis][:, "XYZABC".index(name[2])] = curve
         return cls((x, y, z), (values[0], values[1], values[2]))
@@ -225,7 +233,9 @@ def tool_point(
         ValueError: no such chain.
     """
     if chain not in CHAINS:
-        raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
+        raise Refusal(
+            f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+        )
     positions = np.asarray(positions, dtype=np.float64)
     turns = errors.turns
     point = np.zeros(positions.shape)

@@ -12,6 +12,8 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 Vector = NDArray[np.float64]
 
 AXES = ("X", "Y", "Z")
@@ -71,9 +73,10 @@ def line_signs(line: str) -> NDArray[np.int64]:
         return np.array([int(line == name) for name in LINEAR_LINES], dtype=np.int64)
     if len(line) == 3 and set(line) <= set(_SENSES) and line.count("0") <= 1:
         return np.array([_SENSES[letter] for letter in line], dtype=np.int64)
-    raise ValueError(
+    raise Refusal(
         f"'{line}' is no line: use x, y, z, a body diagonal such as ppp, npp, pnp, ppn, or a face "
-        "diagonal such as pp0, n0p, 0np"
+        "diagonal such as pp0, n0p, 0np",
+        fault="unknown",
     )
 
 

@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.simulation import planned_run, read_again
 
 
@@ -42,9 +43,10 @@ class LiveEffects:
 
     def __init__(self, plan: Plan, cell: SimulatedCell) -> None:
         if plan.tracker is not None:
-            raise ValueError(
+            raise Refusal(
                 f"the effects of the cell '{cell.name}' act on a beam that stands still, and plan"
-                f" '{plan.name}' is measured with a tracker; take a cell without 'effects'"
+                f" '{plan.name}' is measured with a tracker; take a cell without 'effects'",
+                fault="unsupported",
             )
         self._effects = cell.effects
         self._bare = replace(cell, effects=())
@@ -59,9 +61,10 @@ class LiveEffects:
                 active.readings(self._stops)
             except ValueError as error:
                 label = active.effect.label(active.setting)
-                raise ValueError(
+                raise Refusal(
                     f"the cell '{cell.name}' has the effect '{label}', which cannot act in the plan"
-                    f" '{plan.name}': {error}"
+                    f" '{plan.name}': {error}",
+                    **fields_of(error),
                 ) from None
 
     def at(

@@ -7,6 +7,7 @@ from typing import Any
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY, size_of
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,10 @@ class Machine:
         section.finish()
         for axis, low, high in zip(AXES, machine.travel_low_m, machine.travel_high_m, strict=True):
             if low >= high:
-                raise ValueError(
-                    f"{source}: travel_low_m of {axis} is {low:g}, not below travel_high_m {high:g}"
+                raise Refusal(
+                    f"{source}: travel_low_m of {axis} is {low:g},"
+                    f" not below travel_high_m {high:g}",
+                    fault="mismatch",
                 )
         return machine
 

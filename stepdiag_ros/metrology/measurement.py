@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 class Environment(NamedTuple):
@@ -167,7 +168,7 @@ class MeasuredLine:
     def __post_init__(self) -> None:
         for name in ("time", "target", "displacement", "standard_uncertainty"):
             if np.any(np.isinf(getattr(self, name))):
-                raise ValueError(f"{self.line}: '{name}' of a stop is infinite")
+                raise Refusal(f"{self.line}: '{name}' of a stop is infinite", fault="out_of_range")
 
     @property
     def complete(self) -> bool:

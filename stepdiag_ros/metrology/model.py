@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.effects.description import active_effect, as_mapping
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.geometry import CHAINS, TRANSLATIONS
+from stepdiag_ros.metrology.refusal import Refusal
 
 FREE = "free"
 FIXED, FITTED = "fixed", "fitted"
@@ -109,7 +110,9 @@ class MachineModel:
         labels = [effect.label for effect in effects]
         for label in labels:
             if labels.count(label) > 1:
-                raise ValueError(f"{source}: '{label}' is there twice; add the sizes up in one")
+                raise Refusal(
+                    f"{source}: '{label}' is there twice; add the sizes up in one", fault="twice"
+                )
         return cls(name, chain, curves, effects)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -137,21 +140,23 @@ def _curves(section: Section, given: Any) -> dict[str, tuple[float, ...]]:
     if given == FREE:
         return {}
     if not isinstance(given, Mapping):
-        raise ValueError(
+        raise Refusal(
             f"{section.source}: 'curves' is {given!r}; expected '{FREE}', or values in m at the"
-            f" nodes of the measured box under the names {', '.join(TRANSLATIONS)}"
+            f" nodes of the measured box under the names {', '.join(TRANSLATIONS)}",
+            fault="malformed",
         )
     part = Section(given, f"{section.source}: curves")
     found = {name: part.numbers(name) for name in TRANSLATIONS if name in given}
     for name in given:
         if name not in TRANSLATIONS:
-            raise ValueError(
-                f"{part.source}: '{name}' is no translation; use {', '.join(TRANSLATIONS)}"
+            raise Refusal(
+                f"{part.source}: '{name}' is no translation; use {', '.join(TRANSLATIONS)}",
+                fault="unknown",
             )
     part.finish()
     for name, values in found.items():
         if len(values) < 2:
-            raise ValueError(f"{part.source}: '{name}' needs a value for each node")
+            raise Refusal(f"{part.source}: '{name}' needs a value for each node", fault="malformed")
     return found
 
 
@@ -186,8 +191,9 @@ def _provenance(section: Section, entry: Mapping[str, Any]) -> Provenance:
     part.finish()
     digits = set("0123456789abcdef")
     if made.sha256 and (len(made.sha256) != 64 or not set(made.sha256) <= digits):
-        raise ValueError(
-            f"{part.source}: 'sha256' is '{made.sha256}'; expected 64 hexadecimal digits"
+        raise Refusal(
+            f"{part.source}: 'sha256' is '{made.sha256}'; expected 64 hexadecimal digits",
+            fault="malformed",
         )
     return made
 

@@ -19,6 +19,7 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
     move_orders,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.route import Route
@@ -475,14 +476,16 @@ def _orders(names: tuple[str, ...], group: Section) -> dict[str, tuple[str, ...]
     orders = {name: tuple(one for one in told if one in move_orders(name)) for name in names}
     for name, own in orders.items():
         if not own:
-            raise ValueError(
+            raise Refusal(
                 f"{group.source}: no order in 'orders' is one of {name}; use"
-                f" {', '.join(move_orders(name))}"
+                f" {', '.join(move_orders(name))}",
+                fault="mismatch",
             )
     idle = [one for one in told if not any(one in own for own in orders.values())]
     if idle:
-        raise ValueError(
-            f"{group.source}: the order {idle[0]} moves the axes of none of {', '.join(names)}"
+        raise Refusal(
+            f"{group.source}: the order {idle[0]} moves the axes of none of {', '.join(names)}",
+            fault="mismatch",
         )
     return orders
 
@@ -491,8 +494,6 @@ def _check_offset(names: tuple[str, ...], offset: tuple[float, ...], source: str
     for name in names:
         for axis, sign, shift in zip(AXES, line_signs(name), offset, strict=True):
             if sign and shift:
-                raise ValueError(
-                    f"{source}: offset_m shifts {axis}, which {name} moves along; a diagonal may "
-                    "only be shifted along an axis that stands (give other planes a group of their "
-                    "own)"
-                )
+                said = f"{source}: offset_m shifts {axis}, which {name} moves along; a diagonal may"
+                advice = "be shifted along an axis that stands (give other planes a group of their"
+                raise Refusal(f"{said} only {advice} own)", fault="mismatch")

@@ -14,6 +14,7 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import Vector, beam_direction
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import BACKWARD, Line
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 
@@ -112,8 +113,9 @@ def solve_repeats(
     """
     parts = split_repeats(measurement)
     if len(parts) < 2:
-        raise ValueError(
-            f"the lines have {len(parts)} repeats in common; a spread needs two or more"
+        raise Refusal(
+            f"the lines have {len(parts)} repeats in common; a spread needs two or more",
+            fault="too_few",
         )
     found: dict[str, RepeatResults] = {}
     reasons: dict[str, str] = {}

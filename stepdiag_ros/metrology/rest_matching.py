@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector, beam_direction
 from stepdiag_ros.metrology.plan import FORWARD, Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.stillness import Rest, smallest_step
 
 MISSING = 1.0
@@ -167,9 +168,10 @@ def match(
     if not places or not rests:
         return []
     if len(places) * len(rests) > _MOST_CELLS:
-        raise ValueError(
+        raise Refusal(
             f"{len(rests)} rests and {len(places)} stops are too many for one recording: record "
-            "each setup in a file of its own, and say which lines it holds"
+            "each setup in a file of its own, and say which lines it holds",
+            fault="too_many",
         )
     first, last = (OUTSIDE if begins_here else JUNK, MISSING), (JUNK, MISSING)
     if goes_on:

@@ -1,5 +1,7 @@
 """A stream of numbered events, in which a repetition is known and a contradiction is refused."""
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 MOST = 100_000
 """Events of a stream, far more than a run has."""
 
@@ -26,11 +28,14 @@ class Rising:
         told = repr(event)  # in which what is no number is like itself
         if number > self._last:
             if len(self._taken) >= MOST:
-                raise ValueError(f"more than {MOST} {self._what}s of one run")
+                raise Refusal(f"more than {MOST} {self._what}s of one run", fault="too_many")
             self._last = number
             self._taken[number] = told
             return True
         if self._taken.get(number) != told:
             known = f"another {self._what} {number}" if number in self._taken else "a later one"
-            raise ValueError(f"{self._what} {number} comes after {known}: who else publishes them?")
+            raise Refusal(
+                f"{self._what} {number} comes after {known}: who else publishes them?",
+                fault="out_of_order",
+            )
         return False

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_IN_BLOCK = 5000
 """Samples in one block, at most, so that no message holds up the others on its way."""
@@ -48,16 +49,18 @@ class SampleBlock:
     def __post_init__(self) -> None:
         count = len(self.raw_displacement)
         if count == 0 or not self.period > 0.0:
-            raise ValueError(
+            raise Refusal(
                 "a block needs at least one sample and a period above zero;"
-                f" this one has {count} samples, {self.period:g} s apart"
+                f" this one has {count} samples, {self.period:g} s apart",
+                fault="too_few",
             )
         for name in ("signal_strength", "status"):
             told = len(getattr(self, name))
             if told not in (1, count):
-                raise ValueError(
+                raise Refusal(
                     f"a block of {count} samples has {told} values of {name}: it needs one for each"
-                    " sample, or one for all"
+                    " sample, or one for all",
+                    fault="mismatch",
                 )
 
     def __len__(self) -> int:

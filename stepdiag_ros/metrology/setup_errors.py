@@ -25,6 +25,7 @@ from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.lengths import length_readings
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, in_parts, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
@@ -259,7 +260,7 @@ def tilts_for_conventional_errors(
             made = conventional_errors(volume, {line: direction})
             unknown = [name for name in errors if name not in made]
             if unknown:
-                raise ValueError(f"'{unknown[0]}' is no translational error curve")
+                raise Refusal(f"'{unknown[0]}' is no translational error curve", fault="unknown")
             columns.append([made[name] for name in errors])
     wanted = np.array(list(errors.values()))
     angles = np.linalg.lstsq(np.array(columns).T, wanted, rcond=None)[0].reshape(3, 2)

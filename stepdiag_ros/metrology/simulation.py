@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.forward import Alignment
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD, Line, Plan
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 def simulate(
@@ -35,7 +36,9 @@ def simulate(
             where the cell's errors are not given.
     """
     if readings_per_stop < 1:
-        raise ValueError(f"readings_per_stop is {readings_per_stop}; expected 1 or more")
+        raise Refusal(
+            f"readings_per_stop is {readings_per_stop}; expected 1 or more", fault="out_of_range"
+        )
     noise = cell.reading_noise / np.sqrt(readings_per_stop)
     return read_again(planned_run(plan, cell), cell, noise, seed)
 

@@ -12,6 +12,7 @@ and claims nothing there.
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 STEPS = 50
@@ -53,8 +54,9 @@ def target_for(error_map: VolumetricMap, wanted: Vector) -> Vector:
         target = further
         if not np.any(moved > REACHED):
             return target
-    raise ValueError(
-        "no target can be found: the errors change faster with the position than any machine's"
+    raise Refusal(
+        "no target can be found: the errors change faster with the position than any machine's",
+        fault="failed",
     )
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import stop_times
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.observations import observe
@@ -123,8 +124,9 @@ def visibility(
             one with more unknowns than ``MOST_UNKNOWNS``.
     """
     if not stop_uncertainty > 0.0:
-        raise ValueError(
-            f"the stop uncertainty is {stop_uncertainty:g} m; expected a number above 0"
+        raise Refusal(
+            f"the stop uncertainty is {stop_uncertainty:g} m; expected a number above 0",
+            fault="out_of_range",
         )
     if not plan.lines:
         raise ValueError(f"the plan '{plan.name}' has no lines, so it can tell nothing")
@@ -200,6 +202,8 @@ def _readings_of(effect: Effect, measurement: Measurement) -> Vector:
     for line in measurement.lines:
         change = np.asarray(effect.change(line), dtype=np.float64)
         if change.shape != line.displacement.shape:
-            raise ValueError(f"the effect '{effect.name}' must give one value for each stop")
+            raise Refusal(
+                f"the effect '{effect.name}' must give one value for each stop", fault="mismatch"
+            )
         parts.append(change[np.isfinite(line.displacement)])
     return np.concatenate(parts)

@@ -33,6 +33,7 @@ from stepdiag_ros.metrology.geometry import (
     places_of,
 )
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 EDGE = 1e-9
@@ -78,24 +79,33 @@ class VolumetricMap:
         for letter, nodes in zip(AXES, self.nodes, strict=True):
             ascending = nodes.ndim == 1 and len(nodes) >= 2 and bool(np.all(np.diff(nodes) > 0))
             if not ascending or not np.all(np.isfinite(nodes)):
-                raise ValueError(f"nodes of axis {letter}: expected two or more, ascending")
+                raise Refusal(
+                    f"nodes of axis {letter}: expected two or more, ascending", fault="out_of_order"
+                )
         for name, values in (*self.curves.items(), *self.standard_uncertainty.items()):
             if name not in CURVES:
-                raise ValueError(f"'{name}' is no error curve; use names such as E_XX or E_AX")
+                raise Refusal(
+                    f"'{name}' is no error curve; use names such as E_XX or E_AX", fault="unknown"
+                )
             nodes = self.nodes[moving_axis(name)]
             if values.shape != nodes.shape:
-                raise ValueError(
-                    f"{name}: {values.size} values for {len(nodes)} nodes of {name[3]}"
+                raise Refusal(
+                    f"{name}: {values.size} values for {len(nodes)} nodes of {name[3]}",
+                    fault="mismatch",
                 )
         missing = [name for name in TRANSLATIONS if name not in self.curves]
         if missing:
-            raise ValueError(f"an error map needs {', '.join(missing)}")
+            raise Refusal(f"an error map needs {', '.join(missing)}", fault="missing")
         if self.chain and self.chain not in CHAINS:
-            raise ValueError(
-                f"'{self.chain}' is no kinematic chain; use one of {', '.join(CHAINS)}"
+            raise Refusal(
+                f"'{self.chain}' is no kinematic chain; use one of {', '.join(CHAINS)}",
+                fault="unknown",
             )
         if not self.chain and any(name in ROTATIONS for name in self.curves):
-            raise ValueError("a map with rotations needs the order of the machine's axes (chain)")
+            raise Refusal(
+                "a map with rotations needs the order of the machine's axes (chain)",
+                fault="missing",
+            )
 
     @classmethod
     def of_result(

@@ -13,6 +13,8 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 LEAST_TOKEN = 16
 """Characters of a token, at least; one that is made here has 32."""
 
@@ -100,20 +102,24 @@ def make_access(address: str, token_file: str) -> Access:
     if token_file:
         return Access(address, _read_token(Path(token_file)), made=False)
     if not is_loopback(address):
-        raise ValueError(
+        raise Refusal(
             f"other computers can reach the address '{address}': give a token_file too, which holds"
-            f" {LEAST_TOKEN} characters or more and which only you can read"
+            f" {LEAST_TOKEN} characters or more and which only you can read",
+            fault="exposed",
         )
     return Access(address, secrets.token_hex(LEAST_TOKEN), made=True)
 
 
 def _read_token(path: Path) -> str:
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise ValueError(f"{path}: others can read the token: run chmod 600 on the file")
+        raise Refusal(
+            f"{path}: others can read the token: run chmod 600 on the file", fault="exposed"
+        )
     token = path.read_text(encoding="utf-8").partition("\n")[0].strip()
     if len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable():
-        raise ValueError(
-            f"{path}: the token in the first line must have {LEAST_TOKEN} plain characters or more"
+        raise Refusal(
+            f"{path}: the token in the first line must have {LEAST_TOKEN} plain characters or more",
+            fault="too_few",
         )
     return token
 

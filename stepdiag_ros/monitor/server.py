@@ -19,6 +19,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.intake import parse_json
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.monitor.access import Access
 from stepdiag_ros.monitor.control import ACTIONS, Answer, Ask
 from stepdiag_ros.monitor.state import State
@@ -146,9 +147,10 @@ class MonitorServer:
             raise ValueError(f"the page's server did not start in {START_LIMIT:g} s") from None
         except OSError as error:
             where = f"{self._offer.access.address} port {self._wanted_port}"
-            raise ValueError(
+            raise Refusal(
                 f"the page cannot be served on {where}: {error.strerror or error}; choose another"
-                " port, or 0 for any that is free"
+                " port, or 0 for any that is free",
+                fault="busy",
             ) from None
 
     def close(self) -> None:

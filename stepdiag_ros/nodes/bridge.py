@@ -14,7 +14,6 @@ from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.conversion import (
     MOTORS,
     from_command_status,
-    new_message,
     set_header,
     to_nanoseconds,
 )
@@ -29,6 +28,7 @@ from stepdiag_ros.devices.cnc import (
     Traits,
     traits_of,
 )
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import spin

@@ -12,10 +12,10 @@ from stepdiag_ros.conversion import (
     STATUS_IN_POSITION,
     from_command_status,
     from_stop_command,
-    new_message,
     set_header,
     to_reading,
 )
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
 from stepdiag_ros.metrology.measurement import Arrival, StopCommand
 from stepdiag_ros.metrology.plan import Plan

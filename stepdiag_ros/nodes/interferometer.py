@@ -17,12 +17,12 @@ from stepdiag_ros.conversion import (
     axis_positions,
     from_reading,
     motor_positions,
-    new_message,
     to_command,
     to_nanoseconds,
 )
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
 from stepdiag_ros.metrology.fringe_count import CountCheck

@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
 from stepdiag_ros.control_text import one_line
-from stepdiag_ros.conversion import message_type
+from stepdiag_ros.message_types import message_type
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
 from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater

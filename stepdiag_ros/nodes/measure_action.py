@@ -9,6 +9,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from stepdiag_ros import topics
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.run.conclusion import UNKNOWN, Aftermath, Outcome
 from stepdiag_ros.run.sequence import Progress, State
@@ -27,7 +28,7 @@ def measure_type() -> Any:
     return import_module("stepdiag_ros.action").Measure
 
 
-class NotReadyYet(ValueError):
+class NotReadyYet(Refusal):
     """No run can begin because of nodes that may be starting still: a refusal that may pass."""
 
 

@@ -13,10 +13,10 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_given, without_effects
 from stepdiag_ros.conversion import (
     from_stop_command,
-    new_message,
     set_header,
     to_nanoseconds,
 )
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import (

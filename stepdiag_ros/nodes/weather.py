@@ -9,9 +9,10 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell
-from stepdiag_ros.conversion import new_message, set_header
+from stepdiag_ros.conversion import set_header
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
+from stepdiag_ros.message_types import new_message
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air

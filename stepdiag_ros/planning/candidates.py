@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.plan import (
     Line,
     Volume,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.expectation import POSITIONING, STRAIGHTNESS, Expectation
 
 BLOCKS = (3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
@@ -304,14 +305,16 @@ def travel_box(
         first = ends[0] + margin if low is None else low[axis]
         last = ends[1] - margin if high is None else high[axis]
         if first >= last:
-            raise ValueError(
+            raise Refusal(
                 f"no box is left along {letter}: from {first:g} m to {last:g} m; "
-                "take a smaller margin or another box"
+                "take a smaller margin or another box",
+                fault="too_few",
             )
         if first < ends[0] + margin - 1e-12 or last > ends[1] - margin + 1e-12:
-            raise ValueError(
+            raise Refusal(
                 f"the box runs {letter} from {first:g} m to {last:g} m, but with a margin of "
-                f"{margin:g} m the travel is {ends[0] + margin:g} m to {ends[1] - margin:g} m"
+                f"{margin:g} m the travel is {ends[0] + margin:g} m to {ends[1] - margin:g} m",
+                fault="out_of_range",
             )
         corners.append((first, last))
     (x0, x1), (y0, y1), (z0, z1) = corners

@@ -8,6 +8,7 @@ import numpy as np
 from stepdiag_ros.metrology.drive import StraightMove
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.moves import Pass, Point, dwell_of, passes_of
 
 
@@ -34,7 +35,9 @@ class Assumptions:
         """
         for name in ("linear_alignment_s", "diagonal_alignment_s", "settling_s"):
             if not 0.0 <= getattr(self, name) < 1e6:
-                raise ValueError(f"{name} is {getattr(self, name):g} s; expected 0 or more")
+                raise Refusal(
+                    f"{name} is {getattr(self, name):g} s; expected 0 or more", fault="out_of_range"
+                )
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,7 @@ def duration(
     """
     assumptions = assumptions or Assumptions()
     if not plan.feed > 0.0:
-        raise ValueError("the plan has no feed_m_per_s, so its duration is not known")
+        raise Refusal("the plan has no feed_m_per_s, so its duration is not known", fault="missing")
     clock = Clock(machine, plan.feed, assumptions.settling_s)
     dwell = dwell_of(plan)
     place = start

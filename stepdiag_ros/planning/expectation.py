@@ -25,6 +25,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.summary import (
@@ -85,8 +86,9 @@ def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> Expectation:
         ValueError: the uncertainty is not positive, or there is no such chain.
     """
     if not 0.0 < stop_uncertainty < 1.0:
-        raise ValueError(
-            f"the uncertainty of a stop is {stop_uncertainty:g} m; it must be positive"
+        raise Refusal(
+            f"the uncertainty of a stop is {stop_uncertainty:g} m; it must be positive",
+            fault="out_of_range",
         )
     # In units of a stop's uncertainty the matrices are the same for every laser.
     design = Design(observe(nominal_measurement(plan, 1.0)), chain)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.nc_program import Dialect, Move, nc_program
 from stepdiag_ros.run.feasibility import beyond_machine
 
@@ -107,7 +108,7 @@ def program_of(plan: Plan, machine: Machine, dialect: Dialect | None = None) -> 
     """
     beyond = beyond_machine(plan, machine)
     if beyond:
-        raise ValueError(f"no NC program: {beyond}")
+        raise Refusal(f"no NC program: {beyond}", fault="out_of_range")
     return nc_program(
         moves_of(plan),
         feed_m_per_s=plan.feed,

@@ -13,6 +13,7 @@ from typing import Literal
 
 from stepdiag_ros.control_text import FARTHEST, NUMBER, Comment, refuse_foreign
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.refusal import Refusal
 
 DwellForm = Literal["P_ms", "P_s", "X_s", "F_s"]
 DWELL_FORMS: dict[DwellForm, str] = {
@@ -84,12 +85,20 @@ class Dialect:
             ValueError: names the attribute, what is wrong and what is expected.
         """
         if self.dwell not in DWELL_FORMS:
-            raise ValueError(f"the dwell form '{self.dwell}' is none of {', '.join(DWELL_FORMS)}")
+            raise Refusal(
+                f"the dwell form '{self.dwell}' is none of {', '.join(DWELL_FORMS)}",
+                fault="unknown",
+            )
         if not 3 <= self.decimals <= 6:
-            raise ValueError(f"{self.decimals} decimals of a millimetre: expected 3 to 6")
+            raise Refusal(
+                f"{self.decimals} decimals of a millimetre: expected 3 to 6", fault="out_of_range"
+            )
         number = self.program_number
         if number is not None and not 1 <= number <= _LARGEST_NUMBER:
-            raise ValueError(f"the program number {number} is not from 1 to {_LARGEST_NUMBER}")
+            raise Refusal(
+                f"the program number {number} is not from 1 to {_LARGEST_NUMBER}",
+                fault="out_of_range",
+            )
 
 
 @dataclass(frozen=True)
@@ -226,17 +235,21 @@ def _coordinates(move: Move, decimals: int) -> tuple[str, str, str]:
 
 def _check(moves: list[Move], feed: float) -> None:
     if not moves:
-        raise ValueError("an NC program needs at least one move")
+        raise Refusal("an NC program needs at least one move", fault="too_few")
     if not _SLOWEST <= feed <= _FASTEST:
-        raise ValueError(
-            f"the feed of an NC program is {feed:g} m/s; expected {_SLOWEST:g} to {_FASTEST:g} m/s"
+        raise Refusal(
+            f"the feed of an NC program is {feed:g} m/s; expected {_SLOWEST:g} to {_FASTEST:g} m/s",
+            fault="out_of_range",
         )
     for number, move in enumerate(moves, start=1):
         if not all(abs(value) <= FARTHEST for value in move.target_m):
-            raise ValueError(f"move {number}: the target {move.target_m} is no position")
+            raise Refusal(
+                f"move {number}: the target {move.target_m} is no position", fault="out_of_range"
+            )
         if not 0.0 <= move.dwell_s <= _LONGEST_DWELL:
-            raise ValueError(
-                f"move {number}: a dwell of {move.dwell_s:g} s; expected 0 to {_LONGEST_DWELL:g} s"
+            raise Refusal(
+                f"move {number}: a dwell of {move.dwell_s:g} s; expected 0 to {_LONGEST_DWELL:g} s",
+                fault="out_of_range",
             )
 
 
@@ -245,10 +258,11 @@ def _check_resolved(moves: list[Move], index: int, changed: list[int], decimals:
     for axis in range(3):
         # A way below a nanometre is rounding of the computation.
         if abs(after[axis] - before[axis]) > 1e-9 and axis not in changed:
-            raise ValueError(
+            raise Refusal(
                 f"move {index + 1}: {AXES[axis]} goes from {before[axis] * _MILLI:.9g} mm to "
                 f"{after[axis] * _MILLI:.9g} mm, which {decimals} decimals cannot tell apart; "
-                "write more decimals"
+                "write more decimals",
+                fault="mismatch",
             )
 
 

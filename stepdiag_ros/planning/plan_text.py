@@ -7,6 +7,7 @@ from math import isnan
 
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL, Line, Plan, Sampling
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.tracked_line import TrackedLine, station_of, test_line_of
 
@@ -102,7 +103,9 @@ def _lists(lines: list[Line]) -> tuple[list[str], list[str], list[int], list[str
 def _group_text(lines: list[Line]) -> list[str]:
     names, orders, repeats, directions = _lists(lines)
     if not _is_combination(lines):
-        raise ValueError(f"line {lines[0]} begins with repeat {lines[0].repeat}, not 0")
+        raise Refusal(
+            f"line {lines[0]} begins with repeat {lines[0].repeat}, not 0", fault="out_of_order"
+        )
     first = lines[0]
     if first.tracked is not None:
         names = [test_line_of(first.name)]

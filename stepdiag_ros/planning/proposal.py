@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan, Sampling, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.candidates import (
     BLOCKS,
     PURPOSES,
@@ -153,8 +154,10 @@ def propose(request: Request) -> Proposal:
     discarded: dict[str, str] = {}
     found = list(_candidates(request, purpose, discarded))
     if not found:
-        raise ValueError(
-            "no plan was found: " + "; ".join(f"{words}: {why}" for words, why in discarded.items())
+        raise Refusal(
+            "no plan was found: "
+            + "; ".join(f"{words}: {why}" for words, why in discarded.items()),
+            fault="not_found",
         )
     most = max(len(candidate.determined) for candidate in found)
     fit = [candidate for candidate in found if len(candidate.determined) == most]
@@ -175,12 +178,15 @@ def propose(request: Request) -> Proposal:
 
 def _purpose(request: Request) -> Purpose:
     if request.purpose not in PURPOSES:
-        raise ValueError(f"'{request.purpose}' is no purpose; use one of {', '.join(PURPOSES)}")
+        raise Refusal(
+            f"'{request.purpose}' is no purpose; use one of {', '.join(PURPOSES)}", fault="unknown"
+        )
     purpose = PURPOSES[request.purpose]
     if purpose.rotations and not request.machine.chain:
-        raise ValueError(
+        raise Refusal(
             "angular errors need the kinematic chain: the order of the axes from workpiece to "
-            "tool, for example YXZ"
+            "tool, for example YXZ",
+            fault="missing",
         )
     return purpose
 
@@ -190,9 +196,10 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Make every plan; what a set of lines lacks goes into ``discarded``."""
     if purpose.overrun and request.overrun > request.margin:
-        raise ValueError(
+        raise Refusal(
             f"an overrun of {request.overrun:g} m does not fit into the margin of "
-            f"{request.margin:g} m at the ends of the travel"
+            f"{request.margin:g} m at the ends of the travel",
+            fault="out_of_range",
         )
     low, high = travel_box(request.machine, request.margin, request.low, request.high)
     directions = request.directions or purpose.directions
@@ -285,21 +292,23 @@ def _choose(fit: list[Candidate], request: Request, purpose: Purpose) -> tuple[C
         limit = request.time_limit * _SAME
         in_time = [one for one in fit if one.duration.total <= limit]
         if not in_time:
-            raise ValueError(
+            raise Refusal(
                 f"no plan for {request.purpose} takes less than {hours(request.time_limit)}; the "
                 f"quickest, {quickest.scheme.words}, takes {hours(quickest.duration.total)} with "
-                f"an expected uncertainty of {size_words(quickest.uncertainty, purpose.unit)}"
+                f"an expected uncertainty of {size_words(quickest.uncertainty, purpose.unit)}",
+                fault="not_found",
             )
     best_in_time = min(in_time, key=lambda one: (one.uncertainty, one.duration.total))
     within = f" within {hours(request.time_limit)}" if request.time_limit is not None else ""
     if request.uncertainty is not None:
         good = [one for one in in_time if one.uncertainty <= request.uncertainty * _SAME]
         if not good:
-            raise ValueError(
+            raise Refusal(
                 f"no plan for {request.purpose}{within} reaches "
                 f"{size_words(request.uncertainty, purpose.unit)}; the best, "
                 f"{best_in_time.scheme.words} in {hours(best_in_time.duration.total)}, is expected "
-                f"to reach {size_words(best_in_time.uncertainty, purpose.unit)}"
+                f"to reach {size_words(best_in_time.uncertainty, purpose.unit)}",
+                fault="not_found",
             )
         wished = size_words(request.uncertainty, purpose.unit)
         return (

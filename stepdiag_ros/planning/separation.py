@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.duration import Assumptions, duration
 from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.proposal import sampling_with
@@ -113,7 +114,7 @@ def proposal_text(proposal: Proposal, source: str = "") -> str:
         ValueError: there is no plan.
     """
     if proposal.plan is None:
-        raise ValueError(proposal.sentence)
+        raise Refusal(proposal.sentence, fault="too_few")
     comments = [
         f"Extra lines for {source or 'a run'}, by stepdiag diagnose --propose.",
         *(f"To be told apart: {', '.join(group)}." for group in proposal.rivals),

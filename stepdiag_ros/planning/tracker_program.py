@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading, points_of
@@ -107,7 +108,7 @@ def tracker_program(
 
 def _check_inside(reading: TrackerReading, place: Vector, box: Box) -> None:
     if np.any(place < box.low - 1e-9) or np.any(place > box.high + 1e-9):
-        raise ValueError(f"{reading}: {_words(place)} is outside of the volume")
+        raise Refusal(f"{reading}: {_words(place)} is outside of the volume", fault="out_of_range")
 
 
 def _words(place: Vector) -> str:

@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.geometry import (
     curve_unit,
     moving_axis,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.plots.style import (
     AFTER,
@@ -71,7 +72,9 @@ def grid_of(names: Sequence[str]) -> list[str]:
     """
     for name in names:
         if name not in CURVES:
-            raise ValueError(f"'{name}' is no error curve; use names such as E_XX or E_AX")
+            raise Refusal(
+                f"'{name}' is no error curve; use names such as E_XX or E_AX", fault="unknown"
+            )
     for nine in (TRANSLATIONS, ROTATIONS):
         if set(names) == set(nine):
             return [nine[3 * axis + error] for error in range(3) for axis in range(3)]
@@ -116,7 +119,9 @@ def error_curves(
     shown = grid_of(TRANSLATIONS if names is None else names)
     drawn = [one for one in many(results) if any(name in one.curves for name in shown)]
     if not drawn and truth is None:
-        raise ValueError(f"no result has a curve of {', '.join(shown)}, so nothing can be drawn")
+        raise Refusal(
+            f"no result has a curve of {', '.join(shown)}, so nothing can be drawn", fault="too_few"
+        )
     sheet = curve_sheet(shown, axes)
     for panel, name in zip(sheet.panels, shown, strict=True):
         known = [

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
 )
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.repeats import line_errors as errors_of_lines
 from stepdiag_ros.plots.panel import Panel
 from stepdiag_ros.plots.style import (
@@ -94,7 +95,7 @@ def block_displacements(
     """
     names = list(dict.fromkeys(one.line.name for one in blocks))
     if not names:
-        raise ValueError("there is no block, so no displacement can be drawn")
+        raise Refusal("there is no block, so no displacement can be drawn", fault="too_few")
     sheet = Sheet(len(names), _COLUMNS, _PANEL_HEIGHT, axes=axes, share_up=True, gap=(0.2, 0.55))
     drawn: dict[str, Any] = {}
     for number, (panel, name) in enumerate(zip(sheet.panels, names, strict=True)):
@@ -241,7 +242,9 @@ def _around(
         compensated for the air.
     """
     if not stops:
-        raise ValueError("there is no stop, so it is not known which readings to draw")
+        raise Refusal(
+            "there is no stop, so it is not known which readings to draw", fault="too_few"
+        )
     begin = min(one.window_start for one in stops)
     end = max(one.window_end for one in stops)
     margin = max((end - begin) // 50, least_margin)
@@ -251,7 +254,7 @@ def _around(
         if begin - margin <= one.time <= end + margin
     ]
     if not found:
-        raise ValueError("the run holds no reading at the time of these stops")
+        raise Refusal("the run holds no reading at the time of these stops", fault="missing")
     time = np.array([one[0] - begin for one in found], dtype=np.float64) * _NANO
     values = np.array([one[1:] for one in found], dtype=np.float64)
     compensated = bool(np.all(np.isfinite(values[:, 1])))

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.style import DOTS_PER_INCH
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -25,7 +26,7 @@ def save(figure: Figure, path: Path | str) -> None:
     """
     path = Path(path)
     if path.suffix not in FORMATS:
-        raise ValueError(f"{path.name}: pictures are written as .png, .svg or .pdf")
+        raise Refusal(f"{path.name}: pictures are written as .png, .svg or .pdf", fault="unknown")
     more: dict[str, Any] = {"pil_kwargs": _QUICK} if path.suffix == ".png" else {}
     figure.savefig(path, **more)
 

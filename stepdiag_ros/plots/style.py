@@ -23,6 +23,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.textpath import TextPath
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.panel import GRID, INK, LABEL_SIZE, TICK_SIZE, Panel
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
@@ -151,8 +152,9 @@ class Sheet:
         if axes is not None:
             self.panels: list[Any] = list(np.ravel(np.asarray(axes, dtype=object)))
             if len(self.panels) != count:
-                raise ValueError(
-                    f"this figure has {count} panels, but {len(self.panels)} axes were given"
+                raise Refusal(
+                    f"this figure has {count} panels, but {len(self.panels)} axes were given",
+                    fault="mismatch",
                 )
             self.figure: Any = self.panels[0].figure if self.panels else None
             for panel in self.panels:

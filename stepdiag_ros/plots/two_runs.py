@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.agreement import Changes, CurveChange
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.curves import curve_words, grid_of, shown_unit
 from stepdiag_ros.plots.panel import Panel
 from stepdiag_ros.plots.style import (
@@ -60,7 +61,9 @@ def changes(
     known = {one.name: one for one in changes.curves}
     shown = grid_of(TRANSLATIONS if names is None else names)
     if not any(name in known for name in shown):
-        raise ValueError(f"the two measurements have none of {', '.join(shown)} in common")
+        raise Refusal(
+            f"the two measurements have none of {', '.join(shown)} in common", fault="mismatch"
+        )
     columns = min(3, len(shown))
     rows = -(-len(shown) // columns)
     heights = [_CURVE_HEIGHT, _E_N_HEIGHT] * rows

@@ -8,6 +8,7 @@ from pathlib import Path
 from stepdiag_ros.compensation.identified import Identified, from_results_file
 from stepdiag_ros.metrology.agreement import Changes, Measured, compare
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
@@ -44,9 +45,10 @@ def side_of_report(report: Report, method: str = "") -> Side:
     results = {one.method: one for one in report.ordered_results()}
     kept = {name: one for name, one in results.items() if method in ("", name)}
     if not kept:
-        raise ValueError(
+        raise Refusal(
             f"there is no result of the method '{method}'; solved were:"
-            f" {', '.join(results) or 'none'}"
+            f" {', '.join(results) or 'none'}",
+            fault="not_found",
         )
     name = report.run_id if report.bag is None else str(report.bag)
     return Side(name, kept, report.chain, report.measurement)
@@ -88,9 +90,10 @@ def common_method(before: Side, after: Side) -> str:
     for method in reversed(tuple(before.results)):
         if method in after.results:
             return method
-    raise ValueError(
+    raise Refusal(
         f"no method has a result of both: {before.name} was solved by {', '.join(before.results)},"
-        f" {after.name} by {', '.join(after.results)}"
+        f" {after.name} by {', '.join(after.results)}",
+        fault="mismatch",
     )
 
 

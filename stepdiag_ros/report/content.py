@@ -11,6 +11,7 @@ from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.numbers import COVERAGE_FACTOR
@@ -172,8 +173,9 @@ def compare_with_truth(
             raise ValueError(f"the truth has no curve {name}")
         true = np.asarray(truth.curves[name], dtype=np.float64)
         if true.shape != estimated.shape:
-            raise ValueError(
-                f"the truth of {name} has {true.size} nodes, the result has {estimated.size}"
+            raise Refusal(
+                f"the truth of {name} has {true.size} nodes, the result has {estimated.size}",
+                fault="mismatch",
             )
         deviations.append(estimated - true)
         uncertainties.append(np.asarray(result.standard_uncertainty[name], dtype=np.float64))

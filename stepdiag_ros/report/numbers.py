@@ -7,6 +7,8 @@ An uncertainty is given to two significant digits and the value to the same plac
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 UNKNOWN = "unknown"
 
 COVERAGE_FACTOR = 1.96
@@ -55,7 +57,10 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
         ValueError: the uncertainty is negative.
     """
     if uncertainty < 0:
-        raise ValueError(f"an uncertainty cannot be negative, but this one is {uncertainty!r}")
+        raise Refusal(
+            f"an uncertainty cannot be negative, but this one is {uncertainty!r}",
+            fault="out_of_range",
+        )
     known = math.isfinite(uncertainty)
     place = _PLACE_WITHOUT_UNCERTAINTY
     if known and uncertainty > 0:

@@ -14,6 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import all_runs, is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest, evaluate
 from stepdiag_ros.metrology.standards.iso230_6 import (
@@ -75,8 +76,9 @@ class Published:
         halves = {}
         for name, number in numbers.items():
             if name not in PARAMETERS:
-                raise ValueError(
-                    f"{source}: '{name}' is no parameter of ISO 230-2; use {', '.join(PARAMETERS)}"
+                raise Refusal(
+                    f"{source}: '{name}' is no parameter of ISO 230-2; use {', '.join(PARAMETERS)}",
+                    fault="unknown",
                 )
             exponent = Decimal(repr(float(number))).as_tuple().exponent
             assert isinstance(exponent, int)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.documents import report_json
 from stepdiag_ros.report.experiment import experiment_of, experiment_texts
@@ -127,8 +128,9 @@ def write_results(
     """
     for picture_format in picture_formats:
         if picture_format not in PICTURE_FORMATS:
-            raise ValueError(
-                f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}"
+            raise Refusal(
+                f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}",
+                fault="unknown",
             )
     tell = progress or _tell_nobody
     pictures: dict[str, Picture] = {}

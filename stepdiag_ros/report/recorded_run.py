@@ -22,6 +22,7 @@ from stepdiag_ros.metrology.measurement import (
     Reading,
     latest_attempts,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import SOLVERS
 from stepdiag_ros.metrology.solvers.limits import (
     DIAGNOSIS,
@@ -149,9 +150,10 @@ def require_standing_beam(recorded: RecordedRun) -> None:
         ValueError: names the bag and what evaluates it.
     """
     if recorded.plan.tracker is not None:
-        raise ValueError(
+        raise Refusal(
             f"{recorded.path} was measured with a tracker: its results are those of 'stepdiag"
-            f" tracker evaluate {recorded.path.name}'"
+            f" tracker evaluate {recorded.path.name}'",
+            fault="wrong_kind",
         )
 
 
@@ -279,13 +281,17 @@ def _compensated_anew(
     if recorded_lines:
         raise ValueError("--air compensates readings: it cannot be used with --recorded-lines")
     if recorded.begun_late or not recorded.commands:
-        raise ValueError(
+        raise Refusal(
             f"{recorded.path}: --air needs all commands and readings of the run, and the recording"
-            " lacks some: solve it as it was compensated in the run"
+            " lacks some: solve it as it was compensated in the run",
+            fault="too_few",
         )
     weather = recorded.weather()
     if air.kind == "own" and not weather:
-        raise ValueError(f"{recorded.path}: no weather sensor was recorded; --air own needs some")
+        raise Refusal(
+            f"{recorded.path}: no weather sensor was recorded; --air own needs some",
+            fault="missing",
+        )
     begins = begins_of_setups(recorded.commands, recorded.arrivals)
     events = assemble(
         recorded.plan,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.supervision import WORK_LEFT, Peer, Watch, said_of_run
 
 BAG = "bag"
@@ -69,7 +70,7 @@ class Aftermath:
             ValueError: the run goes on.
         """
         if self._over is None:
-            raise ValueError(f"run {self.run_id} goes on")
+            raise Refusal(f"run {self.run_id} goes on", fault="busy")
         workers = watch.workers(real)
         if workers:
             self._worked = real

@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.expected_stop import ExpectedStops
 from stepdiag_ros.metrology.hand_lines import window_in
 from stepdiag_ros.metrology.measurement import Arrival, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan, moved_axes
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.rest_matching import (
     SURE,
     Match,
@@ -69,7 +70,7 @@ class HandCourse:
             ValueError: the run was started before.
         """
         if self.state is not State.IDLE:
-            raise ValueError("this run was started before")
+            raise Refusal("this run was started before", fault="busy")
         self._wait_for_setup()
 
     def resume(self) -> None:
@@ -81,7 +82,7 @@ class HandCourse:
         if self.state is State.FAULT:
             self._attempt += 1
         elif self.state is not State.WAITING_FOR_SETUP:
-            raise ValueError(f"cannot resume: the run is {self.state.name.lower()}")
+            raise Refusal(f"cannot resume: the run is {self.state.name.lower()}", fault="not_ready")
         setup = self._plan.setup_of(self._plan.lines[self._line])
         self._zeros[setup] = self._zeros.get(setup, 0) + 1
         lines = [self._line]
@@ -102,7 +103,7 @@ class HandCourse:
             ValueError: the run has ended.
         """
         if self.state in (State.FINISHED, State.ABORTED):
-            raise ValueError(f"cannot abort: the run is {self.state.name.lower()}")
+            raise Refusal(f"cannot abort: the run is {self.state.name.lower()}", fault="not_ready")
         self._enter(State.ABORTED, text)
 
     def fault(self, text: str) -> None:

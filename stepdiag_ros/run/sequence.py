@@ -10,6 +10,7 @@ import numpy as np
 from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.route import Route
 from stepdiag_ros.run.time_left import TimeLeft
 
@@ -211,7 +212,7 @@ class Sequence:
             self._restart_line()
             self._line_tries = 1
         elif self.state is not State.PAUSED:
-            raise ValueError(f"cannot resume: the run is {self.state.name.lower()}")
+            raise Refusal(f"cannot resume: the run is {self.state.name.lower()}", fault="not_ready")
         self._enter(State.RUNNING, "measuring")
         self.update(now, real)
 
@@ -479,7 +480,6 @@ class Sequence:
             return
         purpose = Purpose.STOP if at_stop else Purpose.POSITION
         self._command_count += 1
-        axis = moved_axes(self._position, target)
         self._command = Command(
             command_id=self._command_count,
             purpose=purpose,
@@ -487,7 +487,7 @@ class Sequence:
             attempt=self._attempt,
             setup=setup,
             stop=self._stop if at_stop else 0,
-            axis=axis,
+            axis=moved_axes(self._position, target),
             target=(float(target[0]), float(target[1]), float(target[2])),
             feed=self._plan.feed,
         )

@@ -10,6 +10,7 @@ alone (``docs/security.md``).
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.health import Finding, Level
 
 GHOST_LIMIT = 30.0
@@ -74,7 +75,7 @@ class SoleSender:
         """
         found = self.judge(present, real)
         if found.forbids:
-            raise ValueError(found.message)
+            raise Refusal(found.message, fault="busy")
         alive = frozenset(self._alive(present, real))
         for topic in self._topics:
             if not any(one.topic == topic for one in alive):
@@ -82,7 +83,9 @@ class SoleSender:
         if not all(one.node for one in alive):
             raise ValueError("it is not known yet which node publishes commands: ask again")
         if self._bound and {one.gid for one in alive} != {one.gid for one in self._bound}:
-            raise ValueError("this run was begun by another sequencer: start a new one")
+            raise Refusal(
+                "this run was begun by another sequencer: start a new one", fault="mismatch"
+            )
         self._bound, self._silent = alive, False
         self._ghosts -= {one.gid for one in alive}
 

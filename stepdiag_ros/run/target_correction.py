@@ -11,6 +11,7 @@ import numpy as np
 
 from stepdiag_ros.devices.cnc import Point
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target_correction import place_of, target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
@@ -57,9 +58,10 @@ class TargetCorrection:
             )
         axis = int(np.argmax(change))
         if change[axis] > self.limit:
-            raise ValueError(
+            raise Refusal(
                 f"the correction of {AXES[axis]} would be {change[axis] * 1e6:.1f} µm, which is"
-                f" more than correction_limit, {self.limit * 1e6:g} µm"
+                f" more than correction_limit, {self.limit * 1e6:g} µm",
+                fault="out_of_range",
             )
         x, y, z = found.tolist()
         return x, y, z

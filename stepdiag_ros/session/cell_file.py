@@ -10,6 +10,7 @@ from typing import Any
 
 from stepdiag_ros.declaration import DeclaredNode
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.parameters import NODES
 
 DEVICE = "device"
@@ -32,14 +33,14 @@ def check_cell_file(path: str, namespace: str = "") -> None:
     for pattern, values in load_parameter_file(path):
         meant = [name for name in names if matches(pattern, f"/{name}")]
         if not meant:
-            raise ValueError(f"{path}: {_no_node(pattern, names)}")
+            raise Refusal(f"{path}: {_no_node(pattern, names)}", fault="unknown")
         for name in meant:
             given[name].update(values)
     for name, node in names.items():
         try:
             _check(node, given[name])
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+            raise Refusal(f"{path}: {error}", **fields_of(error)) from None
 
 
 def _check(node: DeclaredNode, given: dict[str, Any]) -> None:

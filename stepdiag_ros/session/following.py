@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.taking_up import Patience
@@ -23,7 +24,7 @@ HELD = (State.PAUSED, State.WAITING_FOR_SETUP, State.FAULT)
 """States in which nothing moves until somebody resumes the run."""
 
 
-class RunFailed(ValueError):
+class RunFailed(Refusal):
     """The run did not finish; the text says why, and what was recorded."""
 
 

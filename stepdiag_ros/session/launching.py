@@ -14,6 +14,7 @@ from launch.events.process import ProcessExited
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, exit_words
@@ -76,7 +77,9 @@ def number(values: Mapping[str, str], name: str) -> float:
     try:
         return float(values[name])
     except ValueError:
-        raise ValueError(f"the argument {name} is '{values[name]}'; expected a number") from None
+        raise Refusal(
+            f"the argument {name} is '{values[name]}'; expected a number", fault="malformed"
+        ) from None
 
 
 def ends_launch(name: str) -> Callable[[ProcessExited, LaunchContext], None]:

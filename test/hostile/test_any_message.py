@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from small_run import RUN_ID, small_stream
 
 from stepdiag_ros import conversion, topics
-from stepdiag_ros.conversion import message_type
 from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
+from stepdiag_ros.message_types import message_type
 from stepdiag_ros.positioning_conversion import from_positioning_test, to_positioning_test
 
 LONG = 50

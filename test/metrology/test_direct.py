@@ -5,7 +5,7 @@ import pytest
 from cells_for_tests import make_cell, make_plan
 
 from stepdiag_ros.metrology.comparison import compare_directly, in_result_frame
-from stepdiag_ros.metrology.direct import read_direct
+from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve

@@ -5,7 +5,7 @@ import pytest
 
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.metrology.comparison import compare_directly
-from stepdiag_ros.metrology.direct import read_direct
+from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import moving_axis
 from stepdiag_ros.metrology.repeats import line_errors
 from stepdiag_ros.metrology.simulation import simulate

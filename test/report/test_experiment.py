@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.configuration import load_cell, load_plan
-from stepdiag_ros.metrology.direct import read_direct
+from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate

@@ -81,7 +81,8 @@ def axis_name(told: str, options: ImportOptions, source: str) -> str:
         said = f"the file calls the axis '{told}'" if told else "the file does not name the axis"
         raise TableError(
             f"{source}: {said}; say which it is: --axis X, Y or Z, or the name of a diagonal"
-            " (ppp, npp …)"
+            " (ppp, npp …)",
+            fault="unknown",
         )
     return found.pop()
 
@@ -161,7 +162,8 @@ def _runs(source: str, rows: Sequence[AxisRow], directions: str) -> list[_Run]:
             raise TableError(
                 f"{source}: all {len(groups)} runs stand in the same order, which does not tell"
                 " whether every second one was measured the other way round; say it: --directions"
-                f" {SAME} or {ALTERNATING}"
+                f" {SAME} or {ALTERNATING}",
+                fault="ambiguous",
             )
         if directions == ALTERNATING:
             senses = [-sense if place % 2 else sense for place, sense in enumerate(senses)]
@@ -183,6 +185,7 @@ def _sense(source: str, group: Sequence[AxisRow]) -> int:
                 row.row,
                 f"target {1e3 * row.target:g} mm is there twice in run {row.run}, first in row"
                 f" {seen[row.target]}",
+                fault="twice",
             )
         seen[row.target] = row.row
     if len(group) < 2:
@@ -197,6 +200,7 @@ def _sense(source: str, group: Sequence[AxisRow]) -> int:
                 row.row,
                 f"the targets of run {row.run} turn back from {1e3 * before.target:g} mm to"
                 f" {1e3 * row.target:g} mm; are rows out of order?",
+                fault="out_of_order",
             )
     return sense
 
@@ -212,6 +216,7 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
                 run.rows[-1].row,
                 f"run {run.rows[0].run} ({run.direction}) has no target {1e3 * missing[0]:g} mm; is"
                 " the file cut off? complete the run or leave it out",
+                fault="missing",
             )
         middle = sorted(row.deviation for row in run.rows)[len(run.rows) // 2]
         for row in run.rows:
@@ -222,6 +227,7 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
                     f"the deviation {1e6 * row.deviation:g} µm at {1e3 * row.target:g} mm differs"
                     f" from the others of its run by {1e6 * (row.deviation - middle):.4g} µm; is it"
                     " in another unit?",
+                    fault="mismatch",
                 )
         times = [row.time for row in run.rows]
         for row, before, after in zip(run.rows[1:], times, times[1:], strict=False):
@@ -241,7 +247,8 @@ def _check_reach(source: str, targets: Vector) -> None:
     if not 1e-4 <= length <= LONGEST or np.max(np.abs(targets)) > LONGEST:
         raise TableError(
             f"{source}: the targets reach from {1e3 * targets[0]:g} mm to {1e3 * targets[-1]:g} mm;"
-            " are they in another unit?"
+            " are they in another unit?",
+            fault="out_of_range",
         )
 
 

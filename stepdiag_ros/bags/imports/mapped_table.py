@@ -27,6 +27,7 @@ from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
+from stepdiag_ros.metrology.refusal import fields_of
 
 NAME = "table with a mapping file"
 _NANOSECONDS = 1e9
@@ -77,7 +78,7 @@ def _mapping(path: str) -> tuple[TableMapping, str]:
         text = read_text(found)
         return mapping_of(parse_yaml(text, str(found)), str(found), text), str(found)
     except ValueError as error:
-        raise TableError(str(error)) from None
+        raise TableError(str(error), **fields_of(error)) from None
 
 
 def _rows(text: str, source: str, mapping: TableMapping) -> Iterator[_Cells]:
@@ -100,6 +101,7 @@ def _rows(text: str, source: str, mapping: TableMapping) -> Iterator[_Cells]:
                 source,
                 number,
                 f"it has {len(cells)} cells, the first row has {count}; is there a decimal comma?",
+                fault="too_many",
             )
         if max(places.values()) >= len(cells):
             raise refusal(
@@ -107,6 +109,7 @@ def _rows(text: str, source: str, mapping: TableMapping) -> Iterator[_Cells]:
                 number,
                 f"it has only {len(cells)} cells; is the table cut off here, or does 'end' in the"
                 " mapping have to name what follows the data?",
+                fault="too_few",
             )
         yield _Cells(number, {name: cells[place].strip() for name, place in places.items()})
 
@@ -133,14 +136,19 @@ def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) 
         if mapping.header and column in names:
             if names.count(column) > 1:
                 raise refusal(
-                    source, row, f"there are {names.count(column)} columns '{column}'; number it"
+                    source,
+                    row,
+                    f"there are {names.count(column)} columns '{column}'; number it",
+                    fault="ambiguous",
                 )
             place = names.index(column)
         elif column.isdigit():
             place = int(column) - 1
         else:
             shown = ", ".join(f"'{name}'" for name in names[:12])
-            raise refusal(source, row, f"there is no column '{column}', but {shown}")
+            raise refusal(
+                source, row, f"there is no column '{column}', but {shown}", fault="not_found"
+            )
         if place >= len(cells):
             raise refusal(source, row, f"there is no column {column}, only {len(cells)}")
         if place in made.values():
@@ -239,7 +247,10 @@ class _Numbers:
         if not found:
             known = ", ".join(f"'{one}'" for one in self._mapping.words)
             raise refusal(
-                self._source, cells.row, f"the direction is '{word}'; the mapping knows {known}"
+                self._source,
+                cells.row,
+                f"the direction is '{word}'; the mapping knows {known}",
+                fault="unknown",
             )
         return found
 
@@ -334,6 +345,7 @@ def _stops(
                 cells.row,
                 f"'{which}' has no stop {stop}: it has {len(positions)} in the volume of the"
                 " mapping, counted from 0",
+                fault="out_of_range",
             )
         time = numbers.time(cells)
         if time < last_time:
@@ -367,7 +379,10 @@ def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[
     name = cells.texts.get("line", mapping.line).lower()
     if name not in known:
         raise refusal(
-            source, cells.row, f"the line is '{name}'; expected one of {', '.join(sorted(known))}"
+            source,
+            cells.row,
+            f"the line is '{name}'; expected one of {', '.join(sorted(known))}",
+            fault="unknown",
         )
     order = cells.texts.get("order", mapping.order).upper()
     if order and len(name) > 1 and order not in move_orders(name):
@@ -391,7 +406,8 @@ def _stream(
 ) -> Imported:
     if not options.plan:
         raise TableError(
-            f"{source}: a stream of readings needs the plan that it was measured by: --plan FILE"
+            f"{source}: a stream of readings needs the plan that it was measured by: --plan FILE",
+            fault="missing",
         )
     try:
         plan = plan_from_text(options.plan, "the plan")
@@ -403,13 +419,19 @@ def _stream(
     for sequence, cells in enumerate(rows):
         seconds = numbers.time(cells)
         if not 0.0 <= seconds <= _LATEST:
-            raise refusal(source, cells.row, f"the time is {seconds:g} s, expected 0 to 4e9 s")
+            raise refusal(
+                source,
+                cells.row,
+                f"the time is {seconds:g} s, expected 0 to 4e9 s",
+                fault="out_of_range",
+            )
         time = round(seconds * _NANOSECONDS)
         if readings and time <= readings[-1].time:
             raise refusal(
                 source,
                 cells.row,
                 f"time does not go on: {seconds:.9g} s follows {readings[-1].time / 1e9:.9g} s",
+                fault="out_of_order",
             )
         value = mapping.sign * numbers.number(cells, "reading")
         readings.append(

@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.plan import (
     LINE_NAMES,
     Volume,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 
 AXIS, LINES, READINGS = "axis", "lines", "readings"
 TABLES = (AXIS, LINES, READINGS)
@@ -275,7 +276,9 @@ def _plan(top: Section) -> dict[str, Any]:
     """Return what the mapping says of the plan; whoever makes the plan of it checks the values."""
     section = top.section("plan")
     if _has(section, "overrun_m"):
-        raise ValueError(f"{section.source}: 'overrun_m' stands beside 'plan', not in it")
+        raise Refusal(
+            f"{section.source}: 'overrun_m' stands beside 'plan', not in it", fault="mismatch"
+        )
     section.flag("one_alignment_per_diagonal", default=False)
     made = section.given(COURSE_KEYS)
     section.finish()

@@ -76,7 +76,8 @@ def read_file(
     raise TableError(
         f"{source.name} is of no format that is known by its content"
         f" ({', '.join(found.name for found in FORMATS)}, run table); say what its columns are by"
-        " a mapping file: --mapping FILE"
+        " a mapping file: --mapping FILE",
+        fault="unknown",
     )
 
 

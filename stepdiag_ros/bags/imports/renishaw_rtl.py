@@ -119,7 +119,8 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
                 "; 'stepdiag direct' makes a table of it that 'stepdiag solve --direct' uses"
                 if other in _DIRECT
                 else ""
-            )
+            ),
+            fault="wrong_kind",
         )
     text = source.text(options.encoding)
     content, rows = deviations(text, options.decimal)
@@ -164,12 +165,14 @@ def _sections(text: SourceText, decimal: str) -> Content:
             continue
         content.last_row = number
         if content.ended:
-            raise refusal(text.name, number, "there is something behind EOF::")
+            raise refusal(text.name, number, "there is something behind EOF::", fault="too_many")
         heading = _SECTION.fullmatch(plain)
         if heading:
             section, listing = heading[1].upper(), False
             if section in content.entries:
-                raise refusal(text.name, number, f"the section {section}:: is there twice")
+                raise refusal(
+                    text.name, number, f"the section {section}:: is there twice", fault="twice"
+                )
             content.entries[section] = {}
             if section not in _KNOWN:
                 content.unknown.append(section)
@@ -193,7 +196,12 @@ def _sections(text: SourceText, decimal: str) -> Content:
         elif listing:
             content.rows.append((number, plain))
         elif section in ("TARGET DATA", "RUNS", "DEVIATIONS"):
-            raise refusal(text.name, number, f"'{plain[:40]}' in {section}:: is not understood")
+            raise refusal(
+                text.name,
+                number,
+                f"'{plain[:40]}' in {section}:: is not understood",
+                fault="malformed",
+            )
     return content
 
 
@@ -209,7 +217,10 @@ def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
     row, told = content.entry("TARGET DATA", "Target-count")
     if row and whole_in(told, source, row, "Target-count") != len(targets):
         raise refusal(
-            source, row, f"Target-count is {told}, but {len(targets)} targets follow; is it cut?"
+            source,
+            row,
+            f"Target-count is {told}, but {len(targets)} targets follow; is it cut?",
+            fault="mismatch",
         )
     made = []
     for number, plain in content.rows:
@@ -219,11 +230,17 @@ def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
                 source,
                 number,
                 f"'{plain[:40]}' is not a run, a target and a deviation; is the file cut off?",
+                fault="malformed",
             )
         run = whole_in(cells[0], source, number, "the run", 1)
         target = whole_in(cells[1], source, number, "the target", 1)
         if target > len(targets):
-            raise refusal(source, number, f"there is no target {target}, only {len(targets)}")
+            raise refusal(
+                source,
+                number,
+                f"there is no target {target}, only {len(targets)}",
+                fault="out_of_range",
+            )
         deviation = number_in(cells[2], source, number, "the deviation", decimal)
         made.append(AxisRow(number, run, _MILLI * targets[target - 1], MICRO * deviation))
     measured = {one.target for one in made}
@@ -241,6 +258,7 @@ def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
             source,
             content.last_row,
             f"Run-count in row {row} is {told}, but the file has {runs} runs; is it cut off?",
+            fault="mismatch",
         )
     return made
 

@@ -71,7 +71,8 @@ class SourceFile:
             if self.data.startswith(beginning):
                 raise TableError(
                     f"{self.name} is {what}, no text; its layout is not public: export the test as"
-                    " text (.rtl or CSV) from the program that made it"
+                    " text (.rtl or CSV) from the program that made it",
+                    fault="wrong_kind",
                 )
         remarks: tuple[str, ...] = ()
         if encoding:
@@ -94,13 +95,18 @@ class SourceFile:
         try:
             return self.data.decode(encoding).lstrip("\ufeff")
         except (LookupError, ValueError):
-            raise TableError(f"{self.name} is no text in the encoding '{encoding}'") from None
+            raise TableError(
+                f"{self.name} is no text in the encoding '{encoding}'", fault="malformed"
+            ) from None
 
     def _refuse_binary(self, text: str) -> None:
         for number, line in enumerate(text.splitlines() or [""], start=1):
             if any(ord(sign) < 32 and sign not in "\t\f" for sign in line):
                 raise refusal(
-                    self.name, number, "there are signs that no text has; the file is binary"
+                    self.name,
+                    number,
+                    "there are signs that no text has; the file is binary",
+                    fault="wrong_kind",
                 )
 
 
@@ -137,13 +143,13 @@ def read_source(path: str | Path) -> SourceFile:
         with path.open("rb") as file:
             data = file.read(LARGEST + 1)
     except FileNotFoundError:
-        raise TableError(f"there is no file {path}") from None
+        raise TableError(f"there is no file {path}", fault="not_found") from None
     except (OSError, ValueError) as error:
-        raise TableError(f"{path} cannot be read: {error}") from None
+        raise TableError(f"{path} cannot be read: {error}", fault="unreadable") from None
     if len(data) > LARGEST:
         raise TableError(f"{path} is larger than {LARGEST >> 20} MiB; it is no file of results")
     if not data.strip():
-        raise TableError(f"{path} is empty; there is nothing measured in it")
+        raise TableError(f"{path} is empty; there is nothing measured in it", fault="too_few")
     return SourceFile(path, data)
 
 
@@ -171,7 +177,9 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
         if re.fullmatch(rf"[+-]?\d*\{other}\d+", text.strip()):
             sign = "comma" if other == "," else "point"
             hint = f"; it has a decimal {sign}: say so (--decimal; in a mapping, text: decimal)"
-        raise refusal(source, row, f"{what} is '{_short(text)}', expected a number{hint}")
+        raise refusal(
+            source, row, f"{what} is '{_short(text)}', expected a number{hint}", fault="malformed"
+        )
     return float(plain)
 
 
@@ -179,7 +187,10 @@ def whole_in(text: str, source: str, row: int, what: str, low: int = 0) -> int:
     """Return the whole number in a text, at least ``low``; raises ``TableError`` if it is none."""
     if not _WHOLE.fullmatch(text.strip()) or int(text) < low:
         raise refusal(
-            source, row, f"{what} is '{_short(text)}', expected a whole number from {low}"
+            source,
+            row,
+            f"{what} is '{_short(text)}', expected a whole number from {low}",
+            fault="malformed",
         )
     return int(text)
 

@@ -10,6 +10,7 @@ from stepdiag_ros.bags.imports.source import SourceFile
 from stepdiag_ros.bags.tracker_table import REQUIRED, parse_table
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.campaign import rough_places
 from stepdiag_ros.metrology.tracker.instrument import Tracker
@@ -46,7 +47,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     try:
         plan = _plan(readings, source.name)
     except ValueError as error:
-        raise TableError(f"{source.name}: {error}") from None
+        raise TableError(f"{source.name}: {error}", **fields_of(error)) from None
     groups = [tuple(group) for _, group in groupby(readings, key=pass_of)]
     return Imported(
         format=NAME,

@@ -57,7 +57,7 @@ def write_bag(target: Path, content: ToWrite) -> None:
         BagError: the target exists, its folder does not, or it cannot be written.
     """
     if target.exists():
-        raise BagError(f"{target} exists already; a bag is never overwritten")
+        raise BagError(f"{target} exists already; a bag is never overwritten", fault="exists")
     if not target.parent.is_dir():
         raise BagError(f"{target}: the folder {target.parent} does not exist")
     description = _description(content)
@@ -92,7 +92,9 @@ def write_bag(target: Path, content: ToWrite) -> None:
                 _write(bag, topic, message, time)
         partial.rename(target)
     except OSError as error:
-        raise BagWriteError(f"{target} cannot be written: {error.strerror}") from error
+        raise BagWriteError(
+            f"{target} cannot be written: {error.strerror}", fault="unwritable"
+        ) from error
     finally:
         partial.unlink(missing_ok=True)
 

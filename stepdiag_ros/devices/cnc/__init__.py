@@ -4,13 +4,15 @@ from enum import IntEnum
 from math import nan
 from typing import NamedTuple, Protocol
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 Point = tuple[float, float, float]
 
 UNKNOWN_POINT: Point = (nan, nan, nan)
 """Of what a controller does not tell."""
 
 
-class MoveRefused(ValueError):
+class MoveRefused(Refusal):
     """The controller does not begin a move; the text says why. Nothing has moved."""
 
 
@@ -21,6 +23,16 @@ class CncState(IntEnum):
     MOVING = 2
     STOPPED = 3
     FAULT = 4
+
+
+def not_ready(state: CncState) -> MoveRefused:
+    """Return the refusal of a move in a state in which none begins."""
+    return MoveRefused(f"the machine is {state.name.lower()}, not ready", fault="not_ready")
+
+
+def still_moves() -> MoveRefused:
+    """Return the refusal of a reset while the axes move."""
+    return MoveRefused("the axes still move: stop the machine first, then reset it", fault="busy")
 
 
 class PositionSample(NamedTuple):

@@ -31,6 +31,8 @@ from stepdiag_ros.devices.cnc import (
     PositionSample,
     StateChange,
     Traits,
+    not_ready,
+    still_moves,
 )
 from stepdiag_ros.devices.cnc.grbl_conversation import SECOND, Conversation
 from stepdiag_ros.devices.cnc.grbl_move import (
@@ -170,16 +172,16 @@ class GrblCnc:
         report = self._report
         brakes = report is not None and report.activity is Activity.HOLD and not report.at_rest
         if self._state is CncState.MOVING or self._in_motion() or brakes:
-            raise MoveRefused("the axes still move: stop the machine first, then reset it")
-        if self._doing is not Doing.NOTHING and not (
-            self._doing is Doing.STARTING and report is not None
-        ):
+            raise still_moves()
+        starting = self._doing is Doing.STARTING and report is not None
+        if self._doing is not Doing.NOTHING and not starting:
             raise MoveRefused(f"the controller {self._doing.value}: reset again in a moment")
         if report is None and not self._critical:
             raise MoveRefused("the controller has not told its state yet: reset again in a moment")
         if self._critical or report is None or report.activity not in (_IDLE, _ALARM):
             if report is not None and report.activity is Activity.DOOR and report.part == 1:
-                raise MoveRefused("the safety door is open: close it, then reset again")
+                said = "the safety door is open: close it, then reset again"
+                raise MoveRefused(said, fault="not_ready")
             self._soft_reset()
             raise MoveRefused("the controller is being reset: reset again in a moment")
         if report.activity is _ALARM or self._lost:
@@ -417,9 +419,9 @@ class GrblCnc:
     def _check(self, target: Point, feed: float, axes: str) -> None:
         """Refuse a move that must not be made."""
         if self._setup is None or self._doing in (Doing.STARTING, Doing.ASKING):
-            raise MoveRefused(f"the controller {self._doing.value}")
+            raise MoveRefused(f"the controller {self._doing.value}", fault="not_ready")
         if self._state is not CncState.READY or self._doing is not Doing.NOTHING:
-            raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
+            raise not_ready(self._state)
         check_move(self._machine, self._setup, self._place.position, target, feed, axes)
 
     def _unlock(self, now: int) -> None:
@@ -430,17 +432,17 @@ class GrblCnc:
         """
         if self._lost and not self._settings.without_homing:
             if not self._settings.home_on_reset:
-                raise MoveRefused(
-                    f"the position is not known ({self._lost}): home the machine and open the"
-                    " controller anew, or set home_on_reset in the device file"
-                )
+                said = f"the position is not known ({self._lost}): home the machine and open the"
+                advice = "controller anew, or set home_on_reset in the device file"
+                raise MoveRefused(f"{said} {advice}", fault="undetermined")
             self._begin(Doing.HOMING)
             self._talk.be_patient(now, silent=True)
             self._talk.send(now, "$H", self._settings.homing_limit)
-            raise MoveRefused("the machine is homing: reset again when it has finished")
+            said = "the machine is homing: reset again when it has finished"
+            raise MoveRefused(said, fault="busy")
         self._begin(Doing.UNLOCKING)
         self._talk.send(now, "$X")
-        raise MoveRefused("the controller is being unlocked: reset again in a moment")
+        raise MoveRefused("the controller is being unlocked: reset again in a moment", fault="busy")
 
     def _hold(self, reason: str) -> None:
         self._why, self._idle_once = reason, False
@@ -492,7 +494,6 @@ def from_settings(
     Raises:
         ValueError: a setting is wrong, or there is no machine.
     """
-    if surroundings.machine is None:
-        raise ValueError("the grbl controller needs a machine")
-    machine, prepared = surroundings.machine, GrblSettings.from_mapping(settings)
+    machine = surroundings.machine_for("grbl controller")
+    prepared = GrblSettings.from_mapping(settings)
     return lambda start: GrblCnc(machine, prepared, start)

@@ -17,6 +17,7 @@ from stepdiag_ros.devices.cnc.grbl_protocol import (
 )
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
+from stepdiag_ros.metrology.refusal import Refusal, Silent
 
 SECOND = 1_000_000_000
 """ns."""
@@ -183,8 +184,9 @@ class Conversation:
     def _judge(self, now: int) -> None:
         if self._awaiting and now > self._answer_by:
             line = self._awaiting
-            raise TimeoutError(
-                f"the controller did not answer '{line}': whether it was executed is not known"
+            raise Silent(
+                f"the controller did not answer '{line}': whether it was executed is not known",
+                fault="undetermined",
             )
         if self._unanswered is None or self._silent:
             return
@@ -192,13 +194,15 @@ class Conversation:
         if now - self._unanswered > limit:
             if self._garbage:
                 raise self._no_grbl()
-            raise TimeoutError(
+            raise Silent(
                 f"the controller has told nothing for {limit * 1e-9:g} s: is it switched on and"
-                " connected? After a limit or emergency-stop alarm it must be reset"
+                " connected? After a limit or emergency-stop alarm it must be reset",
+                fault="silent",
             )
 
-    def _no_grbl(self) -> ValueError:
-        return ValueError(
+    def _no_grbl(self) -> Refusal:
+        return Refusal(
             f"the controller speaks no Grbl, the last was {self._nonsense!r}: are port and baud"
-            " rate right?"
+            " rate right?",
+            fault="malformed",
         )

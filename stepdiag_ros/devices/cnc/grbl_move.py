@@ -175,13 +175,17 @@ def check_move(
         near=_near(machine, setup.traits.resolution),
     )
     if feed < SLOWEST:
-        raise MoveRefused(f"the feed {feed:g} m/s is below the {SLOWEST:.2g} m/s that Grbl can do")
+        raise MoveRefused(
+            f"the feed {feed:g} m/s is below the {SLOWEST:.2g} m/s that Grbl can do",
+            fault="out_of_range",
+        )
     way = [a - b for a, b in zip(target, position, strict=True)]
     for number, (axis, part, rate) in enumerate(zip(AXES, way, setup.rate, strict=True)):
         if axis in far and feed * abs(part) / hypot(*way) > rate * 1.001:
             raise MoveRefused(
                 f"{axis} would move faster than the {rate:g} m/s that the controller allows"
-                f" ($11{number}): it would be slower than asked for"
+                f" ($11{number}): it would be slower than asked for",
+                fault="out_of_range",
             )
 
 

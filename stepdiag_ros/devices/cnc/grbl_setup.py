@@ -24,6 +24,7 @@ from stepdiag_ros.devices.link import LinkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Refusal
 
 REPORT_MASK, REPORT_INCHES = 10, 13
 SOFT_LIMITS, HARD_LIMITS, HOMING, HOMING_DIRECTION, PULL_OFF = 20, 21, 22, 23, 27
@@ -166,15 +167,17 @@ def read_setup(
     """
     for number, code in startup.items():
         if moves(code):
-            raise ValueError(
+            raise Refusal(
                 f"the controller moves by itself after each reset ($N{number}={code}): clear that"
-                f" start-up block ($N{number}=) before this software may use it"
+                f" start-up block ($N{number}=) before this software may use it",
+                fault="rejected",
             )
     homing = _integer(settings, HOMING)
     if not homing & 1 and not without_homing:
-        raise ValueError(
+        raise Refusal(
             "the controller does not home ($22=0), so its machine coordinates begin where it was"
-            " switched on: enable homing, or say without_homing: true in the device file"
+            " switched on: enable homing, or say without_homing: true in the device file",
+            fault="rejected",
         )
     inches = bool(_integer(settings, REPORT_INCHES) & 1)
     steps = _axes(settings, STEPS, "steps/mm")
@@ -227,11 +230,12 @@ def _limits(
         low = max(machine.travel_low_m[number], own[0])
         high = min(machine.travel_high_m[number], own[1])
         if low >= high:
-            raise ValueError(
+            raise Refusal(
                 f"the soft limits of the controller for {axis} are {own[0]:g} m to {own[1]:g} m"
                 f" ($13{number}), those of the machine file {machine.travel_low_m[number]:g} m to"
                 f" {machine.travel_high_m[number]:g} m: give the machine file in the machine"
-                " coordinates of the controller"
+                " coordinates of the controller",
+                fault="mismatch",
             )
         lows.append(low)
         highs.append(high)
@@ -242,7 +246,10 @@ def _axes(settings: Mapping[int, str], first: int, unit: str) -> Point:
     values = [_number(settings, first + axis) for axis in range(3)]
     for axis, value in enumerate(values):
         if not value > 0.0:
-            raise ValueError(f"the controller says ${first + axis}={value:g} {unit}: not above 0")
+            raise Refusal(
+                f"the controller says ${first + axis}={value:g} {unit}: not above 0",
+                fault="out_of_range",
+            )
     return _point(values)
 
 
@@ -254,11 +261,15 @@ def _point(values: Iterable[float]) -> Point:
 def _number(settings: Mapping[int, str], number: int) -> float:
     text = settings.get(number)
     if text is None:
-        raise ValueError(f"the controller does not tell its setting ${number}: is it Grbl 1.1?")
+        raise Refusal(
+            f"the controller does not tell its setting ${number}: is it Grbl 1.1?", fault="missing"
+        )
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"the controller says ${number}={text}: no number") from None
+        raise Refusal(
+            f"the controller says ${number}={text}: no number", fault="malformed"
+        ) from None
 
 
 def _integer(settings: Mapping[int, str], number: int) -> int:

@@ -26,6 +26,8 @@ from stepdiag_ros.devices.cnc import (
     PositionSample,
     StateChange,
     Traits,
+    not_ready,
+    still_moves,
 )
 from stepdiag_ros.devices.cnc.move_check import check_target
 from stepdiag_ros.metrology.checking import Section
@@ -116,7 +118,7 @@ class LinuxCnc:
     def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:  # noqa: ARG002
         """Begin a straight move (see ``CncDevice.start_move``); it is never sent twice."""
         if self._state is not CncState.READY:
-            raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
+            raise not_ready(self._state)
         # The agent compares with what is commanded; the actual position differs by up to a window.
         near = [2.0 * self._machine.position_window_m] * 3
         limit = self._machine.feed_limit_m_per_s
@@ -139,7 +141,7 @@ class LinuxCnc:
     def reset(self, time_ns: int) -> None:  # noqa: ARG002
         """Tell the agent that an operator lets the machine move (see ``CncDevice.reset``)."""
         if self._state is CncState.MOVING:
-            raise MoveRefused("the axes still move: stop the machine first, then reset it")
+            raise still_moves()
         answer = self._ask("start")
         if not answer["ok"]:
             raise MoveRefused(str(answer["reason"]))
@@ -289,9 +291,7 @@ def from_settings(
     Raises:
         ValueError: a setting is wrong, or there is no machine.
     """
-    machine = surroundings.machine
-    if machine is None:
-        raise ValueError("the LinuxCNC driver needs a machine")
+    machine = surroundings.machine_for("LinuxCNC driver")
     section = Section(settings, "settings of the LinuxCNC driver")
     path = section.text("socket")
     dead_man = section.number("dead_man_s", low=0.1, high=2.0, default=0.5)

@@ -35,6 +35,8 @@ from stepdiag_ros.devices.cnc import (
     PositionSample,
     StateChange,
     Traits,
+    not_ready,
+    still_moves,
 )
 from stepdiag_ros.devices.cnc.move_check import check_target
 from stepdiag_ros.metrology.checking import Section
@@ -50,7 +52,6 @@ MODE_LIMIT = 0.4
 SILENCE_LIMIT = 1.5
 """Real seconds after which an unanswered request counts as a dead server; it takes 0.1 s for one
 that changes something."""
-STILL_MOVE = "the axes still move: stop the machine first, then reset it"
 STANDING = 0.1
 """Seconds for which no axis may have left the window, for the machine to stand."""
 ERROR_LAG = 0.15
@@ -167,7 +168,7 @@ class LinuxCncRsh:
     def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:
         """Begin a straight move (see ``CncDevice.start_move``); it is sent once."""
         if self._state is not CncState.READY:
-            raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
+            raise not_ready(self._state)
         if not self._session:
             raise MoveRefused("nobody has said that the machine may move")
         check_target(
@@ -202,8 +203,8 @@ class LinuxCncRsh:
         trouble = self._trouble()
         stands = time.monotonic() - self._stands_since >= STANDING
         if not trouble and self._move is not None:
-            trouble = STILL_MOVE
-        elif any(reply.startswith("SET") for reply, _ in self._awaited):
+            raise still_moves()
+        if any(reply.startswith("SET") for reply, _ in self._awaited):
             # Asked again and again it would do nothing but that: each takes it 0.1 s.
             trouble = trouble or "linuxcncrsh is still busy with what it was asked before"
         elif not trouble and not isfinite(self._position[0]):
@@ -211,9 +212,9 @@ class LinuxCncRsh:
             self._set_up()
             trouble = "linuxcncrsh does not tell positions in millimetres yet"
         elif not trouble and not stands:
-            trouble = STILL_MOVE
+            raise still_moves()
         if trouble:
-            raise MoveRefused(trouble)
+            raise MoveRefused(trouble, fault="not_ready")
         self._set_up()
         self._send("set mode mdi", "SET MODE")
         deadline = time.monotonic() + MODE_LIMIT
@@ -468,9 +469,7 @@ def from_settings(
     Raises:
         ValueError: a setting is wrong, or there is no machine.
     """
-    machine = surroundings.machine
-    if machine is None:
-        raise ValueError("the linuxcncrsh driver needs a machine")
+    machine = surroundings.machine_for("linuxcncrsh driver")
     section = Section(settings, "settings of the linuxcncrsh driver")
     access = Access(
         host=section.text("host", default="127.0.0.1"),

@@ -45,18 +45,29 @@ def check_target(
         MoveRefused: the text says why.
     """
     if not set(axes) <= set(AXES) or len(set(axes)) < len(axes):
-        raise MoveRefused(f"'{one_line(axes)[:20]}' is not some of the axes X, Y and Z, each once")
+        raise MoveRefused(
+            f"'{one_line(axes)[:20]}' is not some of the axes X, Y and Z, each once",
+            fault="malformed",
+        )
     if not all(map(isfinite, (*target, *position))):
-        raise MoveRefused(f"the target {target} is no position, or no position is known")
+        raise MoveRefused(
+            f"the target {target} is no position, or no position is known", fault="malformed"
+        )
     if not 0.0 < feed <= feed_limit:
-        raise MoveRefused(f"the feed {feed:g} m/s is not above 0 and up to {feed_limit:g} m/s")
+        raise MoveRefused(
+            f"the feed {feed:g} m/s is not above 0 and up to {feed_limit:g} m/s",
+            fault="out_of_range",
+        )
     for name, value, low, high in zip(AXES, target, *limits, strict=True):
         if not low <= value <= high:
             raise MoveRefused(
-                f"{name} = {value:g} m lies beyond the soft limits {low:g} m to {high:g} m"
+                f"{name} = {value:g} m lies beyond the soft limits {low:g} m to {high:g} m",
+                fault="out_of_range",
             )
     far = far_axes(position, target, near)
     if not set(far) <= set(axes):
         asked = f"one of {' and '.join(axes)}" if axes else "none"
-        raise MoveRefused(f"the move is of {' and '.join(far)}, but was asked for as {asked}")
+        raise MoveRefused(
+            f"the move is of {' and '.join(far)}, but was asked for as {asked}", fault="mismatch"
+        )
     return far

@@ -30,12 +30,15 @@ from stepdiag_ros.devices.cnc import (
     PositionSample,
     StateChange,
     Traits,
+    not_ready,
+    still_moves,
 )
 from stepdiag_ros.devices.cnc.move_check import check_target, far_axes
 from stepdiag_ros.devices.cnc.opcua_session import Finished, Session, Value
 from stepdiag_ros.devices.cnc.opcua_settings import MOTORS, POSITIONS, TARGETS, OpcUaSettings
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Lost, Silent
 
 SECOND = 1_000_000_000
 """ns."""
@@ -121,7 +124,7 @@ class OpcUaCnc:
         if self._doing is _Doing.CONNECTING:
             raise MoveRefused(f"the controller {self._doing.value}")
         if self._state is not CncState.READY or self._doing is not _Doing.NOTHING:
-            raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
+            raise not_ready(self._state)
         check_target(
             self._position,
             target,
@@ -167,7 +170,7 @@ class OpcUaCnc:
         if self._doing is _Doing.CONNECTING:
             raise MoveRefused(f"the controller {self._doing.value}: reset again in a moment")
         if self._state is CncState.MOVING or self._values["busy"]:
-            raise MoveRefused("the axes still move: stop the machine first, then reset it")
+            raise still_moves()
         if self._doing is not _Doing.RESETTING:
             self._session.resume()
             self._begin(_Doing.RESETTING)
@@ -234,7 +237,7 @@ class OpcUaCnc:
                 f"an order could not be given: {done.failure}; whether it is carried out is not"
                 " known"
             )
-        raise ConnectionError(f"the PLC cannot be used ({done.request}): {done.failure}")
+        raise Lost(f"the PLC cannot be used ({done.request}): {done.failure}", fault="failed")
 
     def _locate(self, instant: int) -> None:
         """Take the position out of the values."""
@@ -348,13 +351,16 @@ class OpcUaCnc:
             return
         # Counted from the question, so that a pause of whoever polls is no silence of the PLC.
         if self._reading and now - self._asked > self._settings.silence * SECOND:
-            raise TimeoutError(f"the PLC has told nothing for {self._settings.silence:g} s")
+            raise Silent(
+                f"the PLC has told nothing for {self._settings.silence:g} s", fault="silent"
+            )
         waited = now - self._since
         if self._doing is _Doing.MOVING and self._sent and waited > TAKING:
             if int(self._values["acknowledged"]) != self._identity:
-                raise TimeoutError(
+                raise Silent(
                     f"the PLC has not taken order {self._identity}: whether it is carried out is"
-                    " not known"
+                    " not known",
+                    fault="undetermined",
                 )
         elif self._doing is _Doing.STOPPING and waited > self._settings.stop_limit * SECOND:
             raise TimeoutError(
@@ -467,7 +473,6 @@ def from_settings(
     Raises:
         ValueError: a setting is wrong, or there is no machine.
     """
-    if surroundings.machine is None:
-        raise ValueError("the opcua controller needs a machine")
-    machine, prepared = surroundings.machine, OpcUaSettings.from_mapping(settings)
+    machine = surroundings.machine_for("opcua controller")
+    prepared = OpcUaSettings.from_mapping(settings)
     return lambda start: OpcUaCnc(machine, prepared, start)

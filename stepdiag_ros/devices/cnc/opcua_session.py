@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.devices.cnc.opcua_settings import OpcUaSettings, Security
+from stepdiag_ros.metrology.refusal import Lost
 
 if TYPE_CHECKING:
     from asyncua import Client, Node
@@ -95,7 +96,7 @@ class Session:
             OSError: the connection cannot be made, or is lost.
         """
         if self._failure:
-            raise ConnectionError(self._failure)
+            raise Lost(self._failure, fault="lost")
         taken = []
         while self._news:
             taken.append(self._news.popleft())

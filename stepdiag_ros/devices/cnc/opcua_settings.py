@@ -12,6 +12,7 @@ from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.refusal import Refusal
 
 POLICIES = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss", "none")
 """Security policies of OPC UA Part 7 that are not deprecated, and none."""
@@ -118,7 +119,10 @@ class OpcUaSettings:
         section = Section(rest, source)
         url = section.text("url")
         if not url.startswith("opc.tcp://"):
-            raise ValueError(f"{section.source}: 'url' is '{url}'; expected opc.tcp://host:port")
+            raise Refusal(
+                f"{section.source}: 'url' is '{url}'; expected opc.tcp://host:port",
+                fault="malformed",
+            )
         # The bridge says how often; the subscription gives each change, at least so often.
         rate = section.number("position_rate_hz", low=1.0, high=10_000.0, default=50.0)
         section_security = section.section("security")
@@ -150,8 +154,10 @@ class OpcUaSettings:
             limit = watchdog.number("limit_s", low=0.05, high=60.0)
             period = watchdog.number("period_s", low=0.01, high=30.0, default=limit / 4.0)
             if period > limit / 2.0:
-                raise ValueError(
-                    f"{watchdog.source}: 'period_s' is {period:g}; expected at most half of limit_s"
+                raise Refusal(
+                    f"{watchdog.source}: 'period_s' is {period:g};"
+                    " expected at most half of limit_s",
+                    fault="out_of_range",
                 )
         watchdog.finish()
         made = cls(
@@ -204,7 +210,7 @@ def _method_or_nodes(command: Section, nodes: dict[str, str]) -> tuple[str, ...]
     arguments = method.names("arguments", ARGUMENTS, default=ARGUMENTS[:-1])
     method.finish()
     if missing := [name for name in ARGUMENTS[:-1] if name not in arguments]:
-        raise ValueError(f"{method.source}: 'arguments' lacks {', '.join(missing)}")
+        raise Refusal(f"{method.source}: 'arguments' lacks {', '.join(missing)}", fault="missing")
     return arguments
 
 
@@ -212,7 +218,7 @@ def _fault_words(given: Any, source: str) -> dict[int, str]:
     if not isinstance(given, Mapping) or not all(
         isinstance(number, int) and isinstance(words, str) for number, words in given.items()
     ):
-        raise ValueError(f"{source}: 'fault_words' is no table of 'number: words'")
+        raise Refusal(f"{source}: 'fault_words' is no table of 'number: words'", fault="malformed")
     return dict(given)
 
 
@@ -222,12 +228,15 @@ def _security(section: Section) -> Security:
     anonymous = section.flag("anonymous", default=False)
     user = section.text("user", default="")
     if anonymous == bool(user):
-        raise ValueError(f"{section.source}: expected either 'user' or 'anonymous: true'")
+        raise Refusal(
+            f"{section.source}: expected either 'user' or 'anonymous: true'", fault="missing"
+        )
     password = _password(section, section.text("password_file")) if user else ""
     if policy == "none":
         if user:
-            raise ValueError(
-                f"{section.source}: 'policy' is none; a password is not sent without encryption"
+            raise Refusal(
+                f"{section.source}: 'policy' is none; a password is not sent without encryption",
+                fault="exposed",
             )
         section.finish()
         return Security()
@@ -248,7 +257,9 @@ def _security(section: Section) -> Security:
 def _file(section: Section, key: str, *, needed: bool = True) -> str:
     path = section.text(key) if needed else section.text(key, default="")
     if path and not Path(path).expanduser().is_file():
-        raise ValueError(f"{section.source}: '{key}' is {path!r}; there is no such file")
+        raise Refusal(
+            f"{section.source}: '{key}' is {path!r}; there is no such file", fault="not_found"
+        )
     return str(Path(path).expanduser()) if path else ""
 
 

@@ -10,11 +10,12 @@ from stepdiag_ros.devices import Surroundings
 from stepdiag_ros.devices.cnc import (
     CncEvent,
     CncState,
-    MoveRefused,
     Point,
     PositionSample,
     StateChange,
     Traits,
+    not_ready,
+    still_moves,
 )
 from stepdiag_ros.devices.cnc.move_check import ROUNDING, check_target
 from stepdiag_ros.devices.grid import SampleGrid
@@ -23,6 +24,7 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.drive import AxisMotion, StraightMove, Trajectory
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Refusal
 
 SERVO_PERIOD = 1_000_000
 """ns: the controller looks at its encoders once in this time."""
@@ -129,7 +131,7 @@ class SimulatedCnc:
         if self._state is CncState.READY:
             return
         if self._state is CncState.MOVING or self._now < self._command_ends():
-            raise MoveRefused("the axes still move: stop the machine first, then reset it")
+            raise still_moves()
         self._change(self._now, CncState.READY, "")
 
     def inject_fault(self, time_ns: int, reason: str) -> None:
@@ -149,7 +151,7 @@ class SimulatedCnc:
     def _check(self, target: Point, feed: float, axes: str) -> None:
         """Refuse a move that the controller would not make."""
         if self._state is not CncState.READY:
-            raise MoveRefused(f"the machine is {self._state.name.lower()}, not ready")
+            raise not_ready(self._state)
         x, y, z = (motion.trajectory.end for motion in self._motions)
         # A target made from encoder values differs from the command by up to the window: no move,
         # but the axis still goes exactly to its target. What is simulated was never rounded.
@@ -261,7 +263,9 @@ def from_settings(
         ValueError: a setting is wrong, or there is no machine or cell.
     """
     if surroundings.machine is None or surroundings.cell is None:
-        raise ValueError("the simulated controller needs a machine and a simulated cell")
+        raise Refusal(
+            "the simulated controller needs a machine and a simulated cell", fault="missing"
+        )
     machine, drive = surroundings.machine, surroundings.cell.drive
     section = Section(settings, "settings of the simulated controller")
     inside = np.clip(np.zeros(3), machine.travel_low_m, machine.travel_high_m)
@@ -272,8 +276,9 @@ def from_settings(
         AXES, position, machine.travel_low_m, machine.travel_high_m, strict=True
     ):
         if not low <= value <= high:
-            raise ValueError(
+            raise Refusal(
                 f"start_position_m: {name} = {value:g} m lies beyond the soft limits "
-                f"{low:g} m to {high:g} m"
+                f"{low:g} m to {high:g} m",
+                fault="out_of_range",
             )
     return lambda start: SimulatedCnc(machine, drive, start, position, rate)

@@ -15,6 +15,7 @@ from stepdiag_ros.devices import Surroundings
 from stepdiag_ros.devices.interferometer.messages import InstrumentSettings, MessageInterferometer
 from stepdiag_ros.devices.link_framing import FramingSettings
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Silent, Unusable
 
 MOST_AT_ONCE = 1 << 20
 """Bytes that are taken from the file in one look."""
@@ -63,8 +64,9 @@ class GrowingFile:
         if messages:
             self._heard = time_ns
         elif self._silence and time_ns - self._heard > self._silence:
-            raise TimeoutError(
-                f"nothing has been added to {self._path} for {self._silence / SECOND:g} s"
+            raise Silent(
+                f"nothing has been added to {self._path} for {self._silence / SECOND:g} s",
+                fault="silent",
             )
         return messages
 
@@ -79,7 +81,9 @@ class GrowingFile:
         try:
             self._file = FileIO(self._path)
         except OSError as error:
-            raise OSError(f"{self._path} cannot be read: {error.strerror}") from None
+            raise Unusable(
+                f"{self._path} cannot be read: {error.strerror}", fault="unreadable"
+            ) from None
         self._framing = self._framing_settings.make()
 
     def _take(self) -> list[bytes]:

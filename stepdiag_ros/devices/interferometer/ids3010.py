@@ -39,6 +39,7 @@ from stepdiag_ros.devices.link_framing import Lines
 from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
 
 PORT = 9090
 FAMILIES = ("com.attocube.ids", "com.attocube.sen")
@@ -170,7 +171,9 @@ class Ids3010:
         for asked in self._asked.values():
             if self._now > asked.until:
                 waited = (asked.until - asked.sent) / SECOND
-                raise TimeoutError(f"the IDS has not answered {asked.method} within {waited:g} s")
+                raise Silent(
+                    f"the IDS has not answered {asked.method} within {waited:g} s", fault="silent"
+                )
         return self._readings()
 
     def close(self) -> None:
@@ -235,9 +238,11 @@ class Ids3010:
         try:
             answer = parse_json(line.decode(), "the answer")
         except ValueError:
-            raise ValueError(f"the IDS answers {line[:60]!r}, which is no JSON") from None
+            raise Refusal(
+                f"the IDS answers {line[:60]!r}, which is no JSON", fault="malformed"
+            ) from None
         if not isinstance(answer, dict):
-            raise ValueError(f"the IDS answers {line[:60]!r}, which is no JSON-RPC")
+            raise Refusal(f"the IDS answers {line[:60]!r}, which is no JSON-RPC", fault="malformed")
         asked = self._asked.pop(answer.get("id"), None)  # type: ignore[arg-type]
         if asked is None:
             # A notification, or an answer that somebody else's program asked for.
@@ -273,7 +278,7 @@ class Ids3010:
             self._running = True
             return
         if self._running:
-            raise ConnectionError(f"the IDS no longer measures: its state is '{mode}'")
+            raise Lost(f"the IDS no longer measures: its state is '{mode}'", fault="stopped")
         if mode in ("measurement starting", "measurement restarting"):
             self._started = self._started or self._now
         elif mode == "system idle" and self._settings.start:
@@ -281,10 +286,10 @@ class Ids3010:
                 self._started = self._now
                 self._ask(f"{self._family}.system.startMeasurement", [], self._done)
         else:
-            raise ConnectionError(f"the IDS does not measure: its state is '{mode}'")
+            raise Lost(f"the IDS does not measure: its state is '{mode}'", fault="not_ready")
         if self._now - self._started > self._settings.start_within:
             limit = self._settings.start_within / SECOND
-            raise TimeoutError(f"the IDS has not begun to measure within {limit:g} s")
+            raise Silent(f"the IDS has not begun to measure within {limit:g} s", fault="silent")
 
     def _done(self, result: list[Any]) -> None:
         if result[0] not in (0, None):
@@ -292,9 +297,10 @@ class Ids3010:
 
     def _take_index(self, result: list[Any]) -> None:
         if result[0] not in (0, None) or len(result) < 2:
-            raise ValueError(
+            raise Refusal(
                 "the IDS does not tell the index of air that it divides by"
-                f" (error {result[0]}): say it in the setting 'refractive_index'"
+                f" (error {result[0]}): say it in the setting 'refractive_index'",
+                fault="undetermined",
             )
         index = _number(result[1], self._answered.method)
         if not 1.0 <= index < 1.01:
@@ -373,7 +379,10 @@ def from_settings(
     host = section.text("host")
     port = section.integer("port", low=1, high=65535, default=PORT)
     if not re.fullmatch(r"[\w.:-]+|\[[0-9a-fA-F:]+\]", host):
-        raise ValueError(f"{section.source}: 'host' is '{host}'; expected a name or an IP address")
+        raise Refusal(
+            f"{section.source}: 'host' is '{host}'; expected a name or an IP address",
+            fault="malformed",
+        )
     sign = section.integer("sign", low=-1, high=1, default=1)
     if not sign:
         raise ValueError(f"{section.source}: 'sign' is 0; expected 1 or -1")

@@ -38,6 +38,7 @@ from stepdiag_ros.devices.line_protocol import (
 )
 from stepdiag_ros.metrology.air import HELIUM_NEON_WAVELENGTH
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Refusal
 
 LENGTHS: Mapping[str, Callable[[float], float]] = {
     "m": times(1.0),
@@ -212,9 +213,10 @@ class ValueSettings:
             for name in ("raw", "compensated")
         )
         if raw is None and compensated is None:
-            raise ValueError(
+            raise Refusal(
                 f"{section.source}: neither 'raw' nor 'compensated' is there; say which field holds"
-                " the displacement"
+                " the displacement",
+                fault="missing",
             )
         wraps = 0
 
@@ -225,7 +227,7 @@ class ValueSettings:
 
         sign = section.integer("sign", low=-1, high=1, default=1)
         if not sign:
-            raise ValueError(f"{section.source}: 'sign' is 0; expected 1 or -1")
+            raise Refusal(f"{section.source}: 'sign' is 0; expected 1 or -1", fault="out_of_range")
         settings = cls(
             raw=raw,
             compensated=compensated,

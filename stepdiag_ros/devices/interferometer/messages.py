@@ -17,6 +17,7 @@ from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
 from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_UNREADABLE = 20
 """Messages in a row that may be unreadable before the device counts as another one."""
@@ -167,9 +168,10 @@ class MessageInterferometer:
         self._unreadable += 1
         self._pending += 1
         if self._unreadable >= MOST_UNREADABLE:
-            raise ValueError(
+            raise Refusal(
                 f"{MOST_UNREADABLE} messages in a row cannot be read, the last one since {text}:"
-                " are device and settings those of one instrument?"
+                " are device and settings those of one instrument?",
+                fault="malformed",
             )
 
     def _stamp(self, told: Told, arrived: int) -> int:

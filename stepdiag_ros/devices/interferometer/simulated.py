@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import Vector, beam_direction
 from stepdiag_ros.metrology.measurement import Environment, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.samples import MOST_IN_BLOCK, Bytes, SampleBlock
 from stepdiag_ros.metrology.tracker.tracked_line import TrackedLine
 
@@ -450,7 +451,7 @@ def from_settings(
     """
     cell = surroundings.cell
     if cell is None:
-        raise ValueError("the simulated interferometer needs a simulated cell")
+        raise Refusal("the simulated interferometer needs a simulated cell", fault="missing")
     section = Section(settings, "settings of the simulated interferometer")
     behaviour = Behaviour.from_section(section, cell)
     section.finish()

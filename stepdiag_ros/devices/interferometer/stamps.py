@@ -88,7 +88,9 @@ class ClockStamps:
             self._offset, self._last = offset, own
         expected = self._offset + round(max(own - self._last, 0) * DRIFT)
         if own < self._last or offset < expected - JUMP:
-            raise StartedAgain("the clock of the instrument has jumped: it was started again")
+            raise StartedAgain(
+                "the clock of the instrument has jumped: it was started again", fault="restarted"
+            )
         self._offset = min(expected, offset)
         self._last = own
         return own + self._offset - self._settings.delay
@@ -125,7 +127,8 @@ class Missing:
         if step < 0:
             raise StartedAgain(
                 f"the numbers of the readings fall from {last} to {number}: the instrument was"
-                " started again"
+                " started again",
+                fault="restarted",
             )
         return step - 1
 

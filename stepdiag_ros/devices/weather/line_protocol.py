@@ -15,6 +15,7 @@ from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage, Quant
 from stepdiag_ros.devices.line_protocol_talk import SECOND, Talk, TalkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 
 USUAL_RATE = 1.0
 """Hz at which a sensor that has to be asked is asked, unless its settings say otherwise."""
@@ -83,7 +84,9 @@ class SensorSettings:
         values.finish()
         quantities = {name: one for name, one in found.items() if one is not None}
         if not quantities:
-            raise ValueError(f"{values.source}: nothing is there; expected {', '.join(UNITS)}")
+            raise Refusal(
+                f"{values.source}: nothing is there; expected {', '.join(UNITS)}", fault="missing"
+            )
         delay = round(SECOND * section.number("delay_s", low=0.0, high=3600.0, default=0.0))
         section.finish()
         return cls(talk, message, quantities, delay)
@@ -118,9 +121,10 @@ class Sensor:
             except NoMessage as error:
                 self._unreadable += 1
                 if self._unreadable >= MOST_UNREADABLE:
-                    raise ValueError(
+                    raise Refusal(
                         f"{MOST_UNREADABLE} messages of {self._talk.url} in a row cannot be read,"
-                        f" the last one since {error}"
+                        f" the last one since {error}",
+                        fault="malformed",
                     ) from None
                 continue
             self._unreadable = 0

@@ -8,6 +8,7 @@ from stepdiag_ros.devices.grid import SampleGrid
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 class SimulatedWeather:
@@ -73,7 +74,7 @@ def from_settings(
     """
     cell = surroundings.cell
     if cell is None:
-        raise ValueError("the simulated weather station needs a simulated cell")
+        raise Refusal("the simulated weather station needs a simulated cell", fault="missing")
     section = Section(settings, "settings of the simulated weather station")
     rate = section.number("rate_hz", low=1e-3, high=1000.0, default=1.0)
     errors = (

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures, functionals
@@ -124,7 +125,10 @@ def pair(before: Measured, after: Measured, cross: Vector) -> Pair:
     first, second = before.result.curves, after.result.curves
     names = [name for name in CURVES if name in first and name in second]
     if not names:
-        raise ValueError("the two results have no error curve in common: nothing can be compared")
+        raise Refusal(
+            "the two results have no error curve in common: nothing can be compared",
+            fault="mismatch",
+        )
     places = [
         _places(one.result, names, pick) for one, pick in zip((before, after), picks, strict=True)
     ]
@@ -163,9 +167,10 @@ def common_nodes(
     for letter, first, second in zip(AXES, one.nodes, other.nodes, strict=True):
         low, high = first[[0, -1]] * 1e3, second[[0, -1]] * 1e3
         if np.max(np.abs(low - high)) > EDGE * 1e3:
-            raise ValueError(
+            raise Refusal(
                 f"the measured boxes differ: {letter} from {low[0]:g} to {low[1]:g} mm and from"
-                f" {high[0]:g} to {high[1]:g} mm; measure the same box again"
+                f" {high[0]:g} to {high[1]:g} mm; measure the same box again",
+                fault="mismatch",
             )
         same = np.abs(first[:, None] - second[None, :]) <= EDGE
         rows, columns = np.nonzero(same)
@@ -231,9 +236,10 @@ def with_curves(result: VolumetricErrors, stacked: Vector) -> VolumetricErrors:
 
 def _chain(before: str, after: str) -> str:
     if before and after and before != after:
-        raise ValueError(
+        raise Refusal(
             f"these are different machines: the axes of the first are in the order {before} from"
-            f" workpiece to tool, those of the second {after}"
+            f" workpiece to tool, those of the second {after}",
+            fault="mismatch",
         )
     return before or after
 

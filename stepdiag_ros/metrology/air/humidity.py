@@ -3,6 +3,7 @@
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 TEMPERATURE_RANGE = (-40.0, 100.0)
 """degC, where both equations hold."""
@@ -70,5 +71,7 @@ def within(name: str, value: float | Vector, low: float, high: float, unit: str)
     outside = (checked < low) | (checked > high)
     if np.any(outside):
         wrong = float(checked[outside].flat[0]) if checked.ndim else float(checked)
-        raise ValueError(f"{name} is {wrong:g}; expected {low:g} to {high:g} {unit}")
+        raise Refusal(
+            f"{name} is {wrong:g}; expected {low:g} to {high:g} {unit}", fault="out_of_range"
+        )
     return checked

@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.air.ciddor import ciddor_index
 from stepdiag_ros.metrology.air.edlen import edlen_index
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 
 HELIUM_NEON_WAVELENGTH = 632.9908e-9
 """Vacuum wavelength of a red helium-neon laser, m (CIPM recommended value, unstabilised)."""
@@ -47,8 +48,9 @@ def refractive_index(
         ValueError: no such equation, or a value lies outside the range in which it holds.
     """
     if equation not in EQUATIONS:
-        raise ValueError(
-            f"'{equation}' is no equation for the refractive index; use {', '.join(EQUATIONS)}"
+        raise Refusal(
+            f"'{equation}' is no equation for the refractive index; use {', '.join(EQUATIONS)}",
+            fault="unknown",
         )
     return EQUATIONS[equation](temperature, pressure, relative_humidity, wavelength)
 

@@ -20,6 +20,7 @@ from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, ModelEffect, Provenance
+from stepdiag_ros.metrology.refusal import Refusal
 
 _MOST_ROUNDS = 4
 
@@ -79,9 +80,10 @@ def with_chain(measurement: Measurement, model: MachineModel) -> Measurement:
     if not model.chain:
         return measurement
     if measurement.chain and measurement.chain != model.chain:
-        raise ValueError(
+        raise Refusal(
             f"the run is of a machine with the chain {measurement.chain}, the model of one with"
-            f" {model.chain}; correct the one that is wrong"
+            f" {model.chain}; correct the one that is wrong",
+            fault="mismatch",
         )
     return replace(measurement, chain=model.chain)
 

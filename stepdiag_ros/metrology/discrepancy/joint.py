@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume, of_run
+from stepdiag_ros.metrology.refusal import Refusal
 
 _BY_STOP = tuple(
     one.name
@@ -49,7 +50,7 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
             and what differs.
     """
     if not measurements:
-        raise ValueError("there is no run to be diagnosed; give at least one")
+        raise Refusal("there is no run to be diagnosed; give at least one", fault="too_few")
     words = [
         names[index] if index < len(names) else f"run {index + 1}"
         for index in range(len(measurements))
@@ -60,12 +61,13 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
     before = 0
     for name, measurement in zip(words, measurements, strict=True):
         if not measurement.lines:
-            raise ValueError(f"{name} has no measured line; leave it out")
+            raise Refusal(f"{name} has no measured line; leave it out", fault="too_few")
         _check_volume(first.volume, measurement.volume, words[0], name)
         if measurement.chain and chain and measurement.chain != chain:
-            raise ValueError(
+            raise Refusal(
                 f"{name} is of a machine with the chain {measurement.chain}, {chain_from} of one"
-                f" with {chain}; only runs of the same machine can be diagnosed together"
+                f" with {chain}; only runs of the same machine can be diagnosed together",
+                fault="mismatch",
             )
         if measurement.chain and not chain:
             chain, chain_from = measurement.chain, name
@@ -112,18 +114,20 @@ def appended(stops: Stops, further: Stops) -> Stops:
 
 def _check_volume(one: Volume, other: Volume, first: str, name: str) -> None:
     if one.blocks != other.blocks:
-        raise ValueError(
+        raise Refusal(
             f"{name} has {other.blocks} blocks, {first} has {one.blocks}; runs can only be"
-            " diagnosed together if they share all nodes, since the error curves are known there"
+            " diagnosed together if they share all nodes, since the error curves are known there",
+            fault="mismatch",
         )
     for axis, letter in enumerate(AXES):
         apart = float(np.max(np.abs(other.nodes(axis) - one.nodes(axis))))
         if apart > _SAME_PLACE * one.step[axis]:
-            raise ValueError(
+            raise Refusal(
                 f"{name} has other nodes of {letter} than {first}: from {other.nodes(axis)[0]:g} to"
                 f" {other.nodes(axis)[-1]:g} m, not from {one.nodes(axis)[0]:g} to"
                 f" {one.nodes(axis)[-1]:g} m; runs can only be diagnosed together if they share"
-                " all nodes, since the error curves are known there"
+                " all nodes, since the error curves are known there",
+                fault="mismatch",
             )
 
 

@@ -5,6 +5,7 @@ from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
 from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.refusal import Refusal
 
 ENTRY_POINTS = "stepdiag_ros.effects"
 """Group of entry points by which another package adds effects; each names an ``Effect``."""
@@ -34,12 +35,14 @@ def catalogue() -> dict[str, Effect]:
         try:
             effect = point.load()
         except Exception as error:  # whatever a foreign module does when it is imported
-            raise ValueError(f"{where} cannot be loaded: {error}") from error
+            raise Refusal(f"{where} cannot be loaded: {error}", fault="failed") from error
         fault = _fault(effect)
         if fault:
-            raise ValueError(f"{where} {fault}")
+            raise Refusal(f"{where} {fault}", fault="wrong_kind")
         if effect.name in found:
-            raise ValueError(f"{where} is named '{effect.name}', which is another effect's name")
+            raise Refusal(
+                f"{where} is named '{effect.name}', which is another effect's name", fault="twice"
+            )
         found[effect.name] = effect
     return found
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEffect:
@@ -30,7 +31,9 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
     part.finish()
     if not given:
         names = ", ".join(size.name for size in effect.sizes)
-        raise ValueError(f"{part.source}: '{effect.name}' needs a size; give one of {names}")
+        raise Refusal(
+            f"{part.source}: '{effect.name}' needs a size; give one of {names}", fault="missing"
+        )
     return ActiveEffect(effect, setting, sizes)
 
 

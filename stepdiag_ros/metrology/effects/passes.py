@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.effects.effect import Key
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, Line
+from stepdiag_ros.metrology.refusal import Refusal
 
 PASS_KEYS = (
     Key("line", str),
@@ -55,9 +56,11 @@ def pass_rows(setting: Mapping[str, Any], stops: Stops) -> NDArray[np.bool_]:
         ):
             rows: NDArray[np.bool_] = stops.pass_index == index
             if not setting["from_stop"] < np.count_nonzero(rows):
-                raise ValueError(f"{pass_words(setting)} has no stop {setting['from_stop']}")
+                raise Refusal(
+                    f"{pass_words(setting)} has no stop {setting['from_stop']}", fault="not_found"
+                )
             return rows
-    raise ValueError(f"the run has no pass {pass_words(setting)}")
+    raise Refusal(f"the run has no pass {pass_words(setting)}", fault="not_found")
 
 
 def setup_index(setting: Mapping[str, Any], stops: Stops) -> int:
@@ -67,7 +70,10 @@ def setup_index(setting: Mapping[str, Any], stops: Stops) -> int:
         ValueError: the run has no such setup.
     """
     if setting["setup"] not in stops.setups:
-        raise ValueError(f"the run has no setup '{setting['setup']}': {', '.join(stops.setups)}")
+        raise Refusal(
+            f"the run has no setup '{setting['setup']}': {', '.join(stops.setups)}",
+            fault="not_found",
+        )
     return stops.setups.index(setting["setup"])
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.alternative import solve_alternative
 from stepdiag_ros.metrology.solvers.conventional import solve_conventional
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
@@ -36,7 +37,7 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
         ValueError: no such method, or the lines contradict the volume or each other.
     """
     if method not in SOLVERS:
-        raise ValueError(f"'{method}' is no method; use one of {', '.join(SOLVERS)}")
+        raise Refusal(f"'{method}' is no method; use one of {', '.join(SOLVERS)}", fault="unknown")
     result = SOLVERS[method](measurement)
     if measurement.direct is None or method in _WEIGHING:
         return result

@@ -46,6 +46,7 @@ from stepdiag_ros.metrology.geometry import (
     Vector,
     moving_axis,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.direct_rows import RowMaker
 from stepdiag_ros.metrology.solvers.exact_model import LARGEST_TILT, ExactModel, State, padded
 from stepdiag_ros.metrology.solvers.fit import Fit
@@ -108,7 +109,9 @@ class Design:
         rotations: Sequence[str] = ROTATIONS,
     ) -> None:
         if chain and chain not in CHAINS:
-            raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
+            raise Refusal(
+                f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+            )
         self.noise_estimated = float("nan")
         if observations.direct is not None and not observations.noise_known:
             self.noise_estimated = _noise_without_direct(observations, chain)
@@ -243,10 +246,11 @@ class Design:
                     continue
                 counted = setup.start[axis] / step[axis]
                 if not self._is_node(counted):
-                    raise ValueError(
+                    raise Refusal(
                         f"on {setup.name} the axis {AXES[axis]} stands {setup.start[axis]:g} m from"
                         " the first corner, which is no node: the rotations of that axis count "
-                        "there; let it stand at a node of the volume"
+                        "there; let it stand at a node of the volume",
+                        fault="mismatch",
                     )
                 node[here, axis] = round(counted)
         return arms
@@ -336,9 +340,10 @@ class Design:
                 break
         tilts = unknowns[..., self.tilt_column] / self.arm
         if not (size <= 1e-11 and np.all(np.abs(tilts) <= LARGEST_TILT)):
-            raise ValueError(
+            raise Refusal(
                 "the least-squares iteration does not converge: a setup must be misaligned by far "
-                "more than any laser still reads; check the lines' names and positions"
+                "more than any laser still reads; check the lines' names and positions",
+                fault="failed",
             )
         squares = float("nan")
         if not many:

@@ -34,6 +34,7 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.solvers.summary import slope_weights
 
@@ -97,10 +98,11 @@ def used_of(direct: DirectMeasurement, volume: Volume) -> dict[str, DirectCurve]
         inside = curve.between(nodes[0] - slack, nodes[-1] + slack)
         free = curve.nuisance.shape[1]
         if len(inside.positions) <= free:
-            raise ValueError(
+            raise Refusal(
                 f"{direct.origin(name)} was measured directly at {len(inside.positions)} positions"
                 f" within the measured travel of {nodes[0]:g} to {nodes[-1]:g} m; {free + 1} are"
-                " needed to tell anything: leave it out"
+                " needed to tell anything: leave it out",
+                fault="too_few",
             )
         if not np.all(np.isfinite(inside.stated_uncertainty)):
             raise _not_weighed(direct, name)
@@ -111,10 +113,11 @@ def used_of(direct: DirectMeasurement, volume: Volume) -> dict[str, DirectCurve]
     return used
 
 
-def _not_weighed(direct: DirectMeasurement, name: str) -> ValueError:
-    return ValueError(
+def _not_weighed(direct: DirectMeasurement, name: str) -> Refusal:
+    return Refusal(
         f"{direct.origin(name)} was measured directly, but its standard_uncertainty is not known,"
-        " so that it cannot be weighed against the readings: give it"
+        " so that it cannot be weighed against the readings: give it",
+        fault="undetermined",
     )
 
 
@@ -213,9 +216,10 @@ class RowMaker:
             if not np.isfinite(stood):
                 stood = nodes[0]
             if not nodes[0] - slack <= stood <= nodes[-1] + slack:
-                raise ValueError(
+                raise Refusal(
                     f"{angle.name} was measured directly with {letter} at {stood:g} m, outside the"
-                    " measured box, where the rotations of that axis are not known: leave it out"
+                    " measured box, where the rotations of that axis are not known: leave it out",
+                    fault="out_of_range",
                 )
             for which, about in enumerate("ABC"):
                 rotation = f"E_{about}{letter}"

@@ -8,6 +8,7 @@ passes and single places too, so that it has a limit of stops.
 """
 
 from stepdiag_ros.metrology.geometry import CURVES, TRANSLATIONS
+from stepdiag_ros.metrology.refusal import Refusal
 
 MOST_VALUES = 1000
 """Free values at the nodes up to which whole matrices are made: they take 8 MB each."""
@@ -29,7 +30,7 @@ _CURVES = {
 """Evaluation → number of curves of which each value is free."""
 
 
-class TooLarge(ValueError):
+class TooLarge(Refusal):
     """The run is too large for what was asked; the text says how large it may be."""
 
 
@@ -71,7 +72,7 @@ def require_size_for(evaluation: str, blocks: int, stops: int) -> None:
     """
     why = left_out(blocks, stops).get(evaluation)
     if why is not None:
-        raise TooLarge(f"the {evaluation} is {why}")
+        raise TooLarge(f"the {evaluation} is {why}", fault="too_many")
 
 
 def left_out_sentence(blocks: int, stops: int, asked: tuple[str, ...]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.alternative import alternative_map
 from stepdiag_ros.metrology.solvers.conventional import conventional_map
 from stepdiag_ros.metrology.solvers.design import Design
@@ -238,12 +239,15 @@ def estimator(
     if method == "rigid_body":
         if not measurement.chain:
             raise NotDeterminable(
-                "needs the kinematic chain of the machine, which is not known for this measurement"
+                "needs the kinematic chain of the machine, which is not known for this measurement",
+                fault="missing",
             )
         return LeastSquaresEstimator(measurement, observations, rotations=True)
     if method in LINEAR_MAPS:
         return LinearEstimator(observations, LINEAR_MAPS[method](observations))
-    raise ValueError(f"'{method}' is no method for this; use one of {', '.join(METHODS)}")
+    raise Refusal(
+        f"'{method}' is no method for this; use one of {', '.join(METHODS)}", fault="unknown"
+    )
 
 
 def replicate(
@@ -271,7 +275,7 @@ def replicate(
         ValueError: no such method, fewer than one replicate, or a noise that nobody knows.
     """
     if count < 1:
-        raise ValueError(f"count is {count}; expected 1 or more replicates")
+        raise Refusal(f"count is {count}; expected 1 or more replicates", fault="out_of_range")
     observations = observe(measurement)
     rng = np.random.default_rng(seed)
     solver = estimator(measurement, observations, method)
@@ -288,5 +292,8 @@ def replicate(
 def _known_noise(observations: Observations) -> Vector:
     noise, remarks = noise_of(observations)
     if not np.all(np.isfinite(noise)):
-        raise ValueError(remarks[0] + " Measure repeats, or give the readings an uncertainty.")
+        raise Refusal(
+            remarks[0] + " Measure repeats, or give the readings an uncertainty.",
+            fault="undetermined",
+        )
     return noise

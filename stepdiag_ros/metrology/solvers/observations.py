@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 
 Integers = NDArray[np.int64]
@@ -220,14 +221,16 @@ def observe(measurement: Measurement) -> Observations:
             setups.append(Setup(line.setup, line.line.name, signs, direction, start))
         used = setups[index[line.setup]]
         if used.line != line.line.name:
-            raise ValueError(
+            raise Refusal(
                 f"setup '{line.setup}' holds lines '{used.line}' and '{line.line.name}': "
-                "one setup has one beam direction"
+                "one setup has one beam direction",
+                fault="mismatch",
             )
         if np.max(np.abs(_start(line, volume, used.signs) - used.start)) > _ELSEWHERE:
-            raise ValueError(
+            raise Refusal(
                 f"setup '{line.setup}' holds lines '{line.line.name}' at different places: one "
-                "setup stands at one place; give each place a setup of its own"
+                "setup stands at one place; give each place a setup of its own",
+                fault="mismatch",
             )
         setup.append(np.full(len(good), index[line.setup]))
         passes.append(np.full(len(good), number))
@@ -236,7 +239,7 @@ def observe(measurement: Measurement) -> Observations:
         values.append(line.displacement[good])
         uncertainties.append(_line_uncertainty(line.standard_uncertainty[good]))
     if not setups:
-        raise NotDeterminable("no line has a settled stop yet")
+        raise NotDeterminable("no line has a settled stop yet", fault="too_few")
     uncertainty = np.concatenate(uncertainties)
     if not np.all(np.isfinite(uncertainty)):
         uncertainty = np.full(len(uncertainty), np.nan)
@@ -274,9 +277,11 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
     beside &= signs != 0
     if np.any(beside):
         stop, axis = np.argwhere(beside)[0]
-        raise ValueError(
+        raise Refusal(
             f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, "
-            "which is no node of the measured volume; the line and the volume contradict each other"
+            "which is no node of the measured volume; the line and the volume contradict each"
+            " other",
+            fault="mismatch",
         )
     nodes: Integers = np.where(signs != 0, nearest, -1).astype(np.int64)
     return nodes
@@ -343,7 +348,9 @@ def block_means(
     names = np.array([setup.line for setup in observations.setups])[observations.setup]
     missing = [line for line in lines if line not in names]
     if missing:
-        raise NotDeterminable(f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}")
+        raise NotDeterminable(
+            f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}", fault="missing"
+        )
     weights = np.zeros((len(lines), 3, blocks, end - start))
     for row, line in enumerate(lines):
         signs = line_signs(line)
@@ -366,7 +373,9 @@ def block_means(
             if len(gap):
                 raise NotDeterminable(
                     f"the move of {AXES[moving]} alone over its interval {gap[0] + 1} was not "
-                    f"measured on {line}; measure it as a step diagonal again, or use least_squares"
+                    f"measured on {line}; measure it as a step diagonal again, or use"
+                    " least_squares",
+                    fault="missing",
                 )
         share = sense / number[axis, interval]
         for place, weight in ((before + 1, share), (before, -share)):

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import FRAME, Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 
-class NotDeterminable(ValueError):
+class NotDeterminable(Refusal):
     """These lines are not enough for this method; the text says what is missing."""
 
 

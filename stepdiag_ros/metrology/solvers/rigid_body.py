@@ -38,7 +38,8 @@ def solve_rigid_body(measurement: Measurement) -> VolumetricErrors:
     if not measurement.chain:
         raise NotDeterminable(
             "needs the order of the machine's axes from workpiece to tool (chain), which is not "
-            "known for this measurement"
+            "known for this measurement",
+            fault="missing",
         )
     design = Design(observe(measurement), measurement.chain)
     return solve_design("rigid_body", design, measurement.plausible)

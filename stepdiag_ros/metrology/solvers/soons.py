@@ -34,6 +34,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.ranges import range_excess
@@ -95,7 +96,9 @@ def equations_of(chain: str) -> tuple[Equation, ...]:
         ValueError: no such chain.
     """
     if chain not in CHAINS:
-        raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
+        raise Refusal(
+            f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+        )
     first, second, third = (AXES.index(letter) for letter in chain)
     same = {
         line: int(line_signs(line)[first] * line_signs(line)[second]) for line in DIAGONALS[::-1]
@@ -197,7 +200,8 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
     chain = measurement.chain
     if not chain:
         raise NotDeterminable(
-            "needs the kinematic chain of the machine, which is not known for this measurement"
+            "needs the kinematic chain of the machine, which is not known for this measurement",
+            fault="missing",
         )
     equations = equations_of(chain)
     observations = observe(measurement)
@@ -208,7 +212,8 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
     if missing:
         raise NotDeterminable(
             f"needs {' and '.join(needed)} in three orders of the moves for the chain {chain}; "
-            f"missing: {', '.join(missing)}"
+            f"missing: {', '.join(missing)}",
+            fault="missing",
         )
     inverse = np.linalg.inv(matrix_of_equations(chain, np.asarray(volume.step)))
     increments = np.tensordot(inverse, _differences(observations, equations, names), axes=1)
@@ -287,7 +292,8 @@ def _difference(
             raise NotDeterminable(
                 f"the move of {AXES[equation.earlier]} on {equation.line} was not measured both "
                 f"before and after {AXES[equation.later]} moved over its interval {interval + 1}: "
-                "measure the diagonal in the three orders XYZ, YZX, ZXY"
+                "measure the diagonal in the three orders XYZ, YZX, ZXY",
+                fault="missing",
             )
         rows.append(np.mean(pairs, axis=0))
     return np.stack(rows)

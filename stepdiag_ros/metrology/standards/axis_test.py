@@ -19,6 +19,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINEAR, STEP_DIAGONAL, Plan, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 
 ON_THE_DIAGONAL_BY_STEPS = (
     "taken from step diagonals at the ends of their blocks, which lie on the diagonal: each axis"
@@ -61,17 +62,24 @@ class BidirectionalRuns:
 
     def __post_init__(self) -> None:
         if self.target.ndim != 1 or len(self.target) < 2 or not np.all(np.diff(self.target) > 0):
-            raise ValueError(f"test of {self.name}: expected two or more targets, ascending")
+            raise Refusal(
+                f"test of {self.name}: expected two or more targets, ascending",
+                fault="out_of_order",
+            )
         for direction, runs in (("forward", self.forward), ("backward", self.backward)):
             if runs.ndim != 2 or runs.shape[1] != len(self.target):
-                raise ValueError(
+                raise Refusal(
                     f"test of {self.name}: the {direction} runs do not have one deviation for each"
-                    f" of {len(self.target)} targets"
+                    f" of {len(self.target)} targets",
+                    fault="mismatch",
                 )
             if not np.all(np.isfinite(runs)):
-                raise ValueError(f"test of {self.name}: a {direction} deviation is not finite")
+                raise Refusal(
+                    f"test of {self.name}: a {direction} deviation is not finite",
+                    fault="out_of_range",
+                )
         if len(self.forward) + len(self.backward) == 0:
-            raise ValueError(f"test of {self.name}: there is no run")
+            raise Refusal(f"test of {self.name}: there is no run", fault="too_few")
 
     @property
     def length(self) -> float:

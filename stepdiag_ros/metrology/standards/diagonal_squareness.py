@@ -49,6 +49,7 @@ from stepdiag_ros.metrology.geometry import (
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.length_effects import added_variances, remark
 
@@ -227,23 +228,26 @@ def check_ends(diagonals: Sequence[DiagonalLength]) -> tuple[str, ...]:
     for one in diagonals:
         signs = line_signs(one.line)
         if not np.array_equal(np.sign(np.round(one.travel, 9)), signs):
-            raise ValueError(
+            raise Refusal(
                 f"diagonal {one.line}: its axes do not run as its name says from"
-                f" {_place(one.start)} to {_place(one.finish)}"
+                f" {_place(one.start)} to {_place(one.finish)}",
+                fault="mismatch",
             )
         corner = np.where(signs < 0, high, low), np.where(signs < 0, low, high)
         for name, end, wanted in zip(
             ("starts", "finishes"), (one.start, one.finish), corner, strict=True
         ):
             if np.max(np.abs(np.subtract(end, wanted))) > SAME_PLACE:
-                raise ValueError(
+                raise Refusal(
                     f"diagonal {one.line} {name} at {_place(end)}, but {diagonals[0].line} needs"
-                    f" it at {_place(wanted)}: {_NOT_THE_SAME}"
+                    f" it at {_place(wanted)}: {_NOT_THE_SAME}",
+                    fault="mismatch",
                 )
         if one.same_approach is False:
-            raise ValueError(
+            raise Refusal(
                 f"diagonal {one.line}: its ends were approached in different directions, so the"
-                " reversal error is in its length; move in the same direction before each reading"
+                " reversal error is in its length; move in the same direction before each reading",
+                fault="mismatch",
             )
         if one.same_approach is None:
             warnings.append(
@@ -276,7 +280,9 @@ def from_face(
     """
     moved = [axis for axis, sign in enumerate(line_signs(first.line)) if sign]
     if len(moved) != 2 or second.line != first.line.replace("p", "n", 1) or "n" in first.line:
-        raise ValueError(f"{first.line} and {second.line} are not the two diagonals of a face")
+        raise Refusal(
+            f"{first.line} and {second.line} are not the two diagonals of a face", fault="mismatch"
+        )
     check_ends((first, second))
     name = next(name for name, pair in PAIRS.items() if pair == tuple(moved))
     one, other = np.abs(first.travel)[moved]
@@ -316,9 +322,10 @@ def from_body(
     linear = linear or {}
     with_linear = all(axis in linear for axis in AXES)
     if len(names) < (3 if with_linear else 4):
-        raise ValueError(
+        raise Refusal(
             f"{len(names)} body diagonals: squareness needs all four, or three and the linear tests"
-            " of X, Y and Z"
+            " of X, Y and Z",
+            fault="too_few",
         )
     warnings = check_ends(diagonals)
     travel, nominal = np.abs(diagonals[0].travel), diagonals[0].nominal
@@ -437,7 +444,9 @@ def squareness_from(
     values.extend(body.values)
     if not values:
         reasons = "; ".join(remarks) or "there is no face or body diagonal"
-        raise ValueError(f"no squareness can be found from these diagonals: {reasons}")
+        raise Refusal(
+            f"no squareness can be found from these diagonals: {reasons}", fault="too_few"
+        )
     return SquarenessResult(
         values=tuple(values),
         mean_length_error=body.mean_length_error,
@@ -467,6 +476,6 @@ def squareness_error_of_shift(shift: float, aspect_ratio: Vector | float) -> Vec
     """
     ratio = np.asarray(aspect_ratio, dtype=np.float64)
     if not np.all(ratio > 0):
-        raise ValueError("an aspect ratio must be more than 0")
+        raise Refusal("an aspect ratio must be more than 0", fault="out_of_range")
     made: Vector = shift * 0.5 * (ratio + 1.0 / ratio)
     return made

@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.geometry import (
     places_of,
 )
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
@@ -153,7 +154,10 @@ def of_result(
             "angular errors were not solved for; they are not in it, but in its uncertainty"
         )
     elif not chain:
-        raise ValueError("the error map has angular errors: name the machine's chain, such as YXZ")
+        raise Refusal(
+            "the error map has angular errors: name the machine's chain, such as YXZ",
+            fault="missing",
+        )
     elif len(rotations) < len(ROTATIONS):
         absent = [name for name in ROTATIONS if name not in rotations]
         remarks.append(f"not in it, because not solved for: {', '.join(absent)}")

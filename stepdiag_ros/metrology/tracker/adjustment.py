@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 Model = Callable[[Vector], tuple[Vector, Vector]]
 """Parameters, shape (p,) → predicted readings, shape (n,), and their derivatives, shape (n, p)."""
@@ -22,7 +23,7 @@ _FALSE_ALARMS = 0.01
 """Share of good sets of readings of which one reading is named all the same."""
 
 
-class PoorGeometry(ValueError):
+class PoorGeometry(Refusal):
     """The points do not determine what is asked for; the text says why and what to do."""
 
 
@@ -130,12 +131,15 @@ def adjust(
     """
     known = np.isfinite(uncertainty)
     if known.any() and not known.all():
-        raise ValueError(
-            "some readings have an uncertainty and some have none; give all of them one, or none"
+        raise Refusal(
+            "some readings have an uncertainty and some have none; give all of them one, or none",
+            fault="mismatch",
         )
     if known.all():
         if np.any(uncertainty <= 0):
-            raise ValueError("the uncertainty of a reading is not more than zero")
+            raise Refusal(
+                "the uncertainty of a reading is not more than zero", fault="out_of_range"
+            )
         return _adjust(model, observed, uncertainty, start, prior, estimated=False)
     # Without a prior the noise does not move the estimate; with one the two are weighed.
     noise = 1e-6

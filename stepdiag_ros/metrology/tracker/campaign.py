@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.plan import FORWARD, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.summary import slope_weights
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.box import Box
@@ -70,7 +71,8 @@ def grid_readings(
         if seen < LEAST_POINTS:
             raise PoorGeometry(
                 f"station {number} sees {seen} places of the grid; {LEAST_POINTS} or more are"
-                " needed; place it elsewhere"
+                " needed; place it elsewhere",
+                fault="too_few",
             )
     return tuple(made)
 
@@ -102,9 +104,10 @@ def simulate_readings(
     """
     groups = stations_of(readings)
     if len(groups) != len(stations):
-        raise ValueError(
+        raise Refusal(
             f"the table has {len(groups)} stations ({', '.join(groups)}), but {len(stations)}"
-            " places of the tracker were given"
+            " places of the tracker were given",
+            fault="mismatch",
         )
     cell.require(points_of(readings), "the table of places")
     rng = np.random.default_rng(seed)

@@ -52,7 +52,8 @@ def grid_of(commanded: Vector) -> Volume:
         steps = np.diff(found)
         if len(found) < 2 or np.max(np.abs(steps - steps.mean())) > _NEAR:
             raise NotDeterminable(
-                f"the points are on no grid: {AXES[axis]} needs two or more equally spaced places"
+                f"the points are on no grid: {AXES[axis]} needs two or more equally spaced places",
+                fault="too_few",
             )
         nodes.append(found)
     counts = {len(found) for found in nodes}

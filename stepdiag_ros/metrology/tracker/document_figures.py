@@ -37,6 +37,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.lengths import AxisErrors, length_deviations, lengths
 from stepdiag_ros.metrology.tracker.location import Location, locate
 
@@ -112,7 +113,7 @@ def figure_four(
         ValueError: the line would run through the tracker.
     """
     if not 0.0 < line_length < distance:
-        raise ValueError("the line must end before the tracker")
+        raise Refusal("the line must end before the tracker", fault="out_of_range")
     ways = np.linspace(0.0, line_length, LINE_STEPS)
     commanded = ways[:, None] * np.array([1.0, 0.0, 0.0])
     reached = AxisErrors(axis=0, gamma=gamma).reached(np.zeros(3), ways)

@@ -25,6 +25,7 @@ import numpy as np
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINEAR
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.summary import slope_weights
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest, evaluate
@@ -179,7 +180,7 @@ def evaluate_test(
     by_line = {name: [r for r in used if r.line == name] for name in SEVEN_LINES}
     by_line = {name: found for name, found in by_line.items() if found}
     if not by_line:
-        raise ValueError("there is no reading of any of the seven lines")
+        raise Refusal("there is no reading of any of the seven lines", fault="too_few")
     remarks = [LINES_ALONE]
     missing = [name for name in SEVEN_LINES if name not in by_line]
     if missing:
@@ -217,7 +218,7 @@ def locate_from(readings: Sequence[TrackerReading], minimum_range: float = 0.0) 
     """
     places = [reading for reading in readings if reading.line == LOCATE]
     if not places:
-        raise PoorGeometry("there is no reading 'locate' to find the tracker from")
+        raise PoorGeometry("there is no reading 'locate' to find the tracker from", fault="missing")
     return locate(
         points_of(places),
         changes_of(places),
@@ -285,7 +286,7 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
     for reading in readings:
         run = groups.setdefault((reading.run, reading.direction), {})
         if reading.stop in run:
-            raise ValueError(f"line {reading} is there twice")
+            raise Refusal(f"line {reading} is there twice", fault="twice")
         run[reading.stop] = reading
     stops = sorted({reading.stop for reading in readings})
     targets = np.array([next(r.position for r in readings if r.stop == stop) for stop in stops])
@@ -295,19 +296,23 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
     cosine = ((targets - station) @ direction) / nominal
     if np.min(np.abs(cosine)) < np.cos(_STEEPEST) or np.min(cosine) * np.max(cosine) <= 0:
         widest = np.degrees(np.arccos(np.min(np.abs(cosine))))
-        raise ValueError(
+        raise Refusal(
             f"line {name}: the beam is up to {widest:.0f}° off the line; a length then says"
-            " little of the position along it, so ISO 230-2 does not apply"
+            " little of the position along it, so ISO 230-2 does not apply",
+            fault="out_of_range",
         )
     found: dict[str, list[Vector]] = {FORWARD: [], BACKWARD: []}
     zero = None
     for (run_number, sense), run in sorted(groups.items()):
         if sorted(run) != stops:
-            raise ValueError(f"line {name} {sense}, run {run_number}: a target is missing")
+            raise Refusal(
+                f"line {name} {sense}, run {run_number}: a target is missing", fault="missing"
+            )
         reached = np.array([run[stop].position for stop in stops])
         if np.max(np.abs(reached - targets)) > 1e-9:
-            raise ValueError(
-                f"line {name} {sense}, run {run_number}: its targets are not those of the others"
+            raise Refusal(
+                f"line {name} {sense}, run {run_number}: its targets are not those of the others",
+                fault="mismatch",
             )
         excess = np.array([run[stop].change for stop in stops]) - nominal
         zero = float(excess[0]) if zero is None else zero

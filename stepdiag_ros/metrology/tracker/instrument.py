@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 TABLE = "table"
 CARRIAGE = "carriage"
@@ -74,9 +75,14 @@ class Tracker:
         )
         section.finish()
         if made.minimum_range >= made.maximum_range:
-            raise ValueError(f"{source}: minimum_range_m is not below maximum_range_m")
+            raise Refusal(
+                f"{source}: minimum_range_m is not below maximum_range_m", fault="mismatch"
+            )
         if made.lowest_elevation >= made.highest_elevation:
-            raise ValueError(f"{source}: lowest_elevation_deg is not below highest_elevation_deg")
+            raise Refusal(
+                f"{source}: lowest_elevation_deg is not below highest_elevation_deg",
+                fault="mismatch",
+            )
         return made
 
     def to_mapping(self) -> dict[str, Any]:
@@ -145,6 +151,6 @@ class Tracker:
 def _unit(vector: Vector, what: str) -> tuple[float, float, float]:
     length = float(np.linalg.norm(vector))
     if length < 1e-9:
-        raise ValueError(f"{what} is no direction: all three numbers are zero")
+        raise Refusal(f"{what} is no direction: all three numbers are zero", fault="malformed")
     x, y, z = (float(value) for value in vector / length)
     return x, y, z

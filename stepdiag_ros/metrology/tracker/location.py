@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.tracker.adjustment import Adjustment, PoorGeometry, adjust
 
 LEAST_POINTS = 6
@@ -147,13 +148,18 @@ def locate(
     points = np.asarray(points, dtype=np.float64)
     changes = np.asarray(changes, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or changes.shape != (len(points),):
-        raise ValueError("expected one length change and three coordinates for each place")
+        raise Refusal(
+            "expected one length change and three coordinates for each place", fault="mismatch"
+        )
     if not (np.all(np.isfinite(points)) and np.all(np.isfinite(changes))):
-        raise ValueError("a place or a length of the tracker's location is not finite")
+        raise Refusal(
+            "a place or a length of the tracker's location is not finite", fault="out_of_range"
+        )
     different = len(np.unique(np.round(points, 9), axis=0))
     if different < LEAST_POINTS:
         raise PoorGeometry(
-            f"{different} different places; the tracker is located from {LEAST_POINTS} or more"
+            f"{different} different places; the tracker is located from {LEAST_POINTS} or more",
+            fault="too_few",
         )
     spread = np.broadcast_to(np.asarray(uncertainty, dtype=np.float64), changes.shape)
     flat, normal = _flatness(points)
@@ -172,7 +178,7 @@ def locate(
             )
         fit = adjust(lambda at: station_model(points, at), changes, np.array(spread), start)
     except PoorGeometry as error:
-        raise PoorGeometry(f"the tracker cannot be located: {error}") from None
+        raise PoorGeometry(f"the tracker cannot be located: {error}", **fields_of(error)) from None
     if flat:
         side = "above" if float(normal @ (fit.parameters[:3] - points[0])) > 0 else "below"
         warnings.append(

@@ -246,18 +246,22 @@ def _check_counts(read: NDArray[np.bool_], names: Sequence[str]) -> int:
     count, many = read.shape
     if many < LEAST_STATIONS:
         raise PoorGeometry(
-            f"{many} stations; multilateration with unknown stations needs {LEAST_STATIONS} or more"
+            f"{many} stations; multilateration with unknown stations needs {LEAST_STATIONS} or"
+            " more",
+            fault="too_few",
         )
     few = np.flatnonzero(read.sum(axis=1) < _LEAST_PER_POINT)
     if len(few):
         raise PoorGeometry(
-            f"point {few[0] + 1} was read from fewer than {_LEAST_PER_POINT} stations"
+            f"point {few[0] + 1} was read from fewer than {_LEAST_PER_POINT} stations",
+            fault="too_few",
         )
     freedom: int = int(read.sum()) - (3 * count + 4 * many - _FREE)
     if freedom < 0:
         raise PoorGeometry(
             f"{int(read.sum())} lengths for {3 * count + 4 * many - _FREE} unknowns; measure more"
-            " points or from more stations"
+            " points or from more stations",
+            fault="too_few",
         )
     for station, seen in enumerate(read.sum(axis=0)):
         if seen < LEAST_STATIONS:
@@ -344,7 +348,9 @@ def _root_of_inverse(reduced: Vector) -> Vector:
     if values[_FREE] <= limit:
         raise PoorGeometry(
             "stations and points do not tell each other by lengths alone; the stations may not lie"
-            " in one plane, nor the points in one plane or on a few lines: place one station higher"
+            " in one plane, nor the points in one plane or on a few lines: place one station"
+            " higher",
+            fault="undetermined",
         )
     made: Vector = vectors[:, _FREE:] / np.sqrt(values[_FREE:])
     return made

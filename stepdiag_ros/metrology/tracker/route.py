@@ -10,6 +10,7 @@ from itertools import pairwise, permutations, product
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 
@@ -57,11 +58,12 @@ class Route:
                 else:
                     queue.append((detour, before + leg))
             open_places = still_open
-        raise ValueError(
+        raise Refusal(
             "there is no way from "
             f"({', '.join(f'{value:.4g}' for value in start)}) m to "
             f"({', '.join(f'{value:.4g}' for value in end)}) m on which the tracker keeps the"
-            " reflector in sight; place the tracker elsewhere"
+            " reflector in sight; place the tracker elsewhere",
+            fault="not_found",
         )
 
     def reach(self, start: Vector, end: Vector) -> Vector:

@@ -130,7 +130,7 @@ def solve_station(
         return _solve_grid(lines, plan, chain), ()
     station = station_of(last.line.name)
     if not completes_station(last, lines, plan):
-        raise NotDeterminable(f"station {station} is not measured to its end")
+        raise NotDeterminable(f"station {station} is not measured to its end", fault="too_few")
     run = next((one for one in station_runs(plan, lines) if one.station == station), None)
     if run is None:
         raise NotDeterminable(f"station {station} has no reading")

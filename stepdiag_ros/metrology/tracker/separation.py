@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.adjustment import Adjustment, PoorGeometry, Prior, adjust
 
 _ON_THE_LINE = 3.0
@@ -88,11 +89,11 @@ def geometry_of_line(points: Vector, station: Vector) -> tuple[Vector, Vector, f
     way = points - points[0]
     farthest = int(np.argmax(np.linalg.norm(way, axis=1)))
     if len(np.unique(np.round(points, 9), axis=0)) < _LEAST_TARGETS:
-        raise ValueError(f"a line needs {_LEAST_TARGETS} or more different targets")
+        raise Refusal(f"a line needs {_LEAST_TARGETS} or more different targets", fault="too_few")
     direction = way[farthest] / np.linalg.norm(way[farthest])
     across = way - np.outer(way @ direction, direction)
     if np.max(np.linalg.norm(across, axis=1)) > 1e-6:
-        raise ValueError("the targets are not on one straight line")
+        raise Refusal("the targets are not on one straight line", fault="mismatch")
     back = np.asarray(station) - points[0]
     along = -float(back @ direction)
     beside = back + along * direction
@@ -233,7 +234,8 @@ def _refuse_on_the_line(
         raise PoorGeometry(
             f"the tracker is on the line (offset {offset * 1e3:.3g} mm, needed {least * 1e3:.3g} mm"
             " or more): a lean of the line then changes no length to first order, so its squareness"
-            " cannot be told; move tracker or line sideways"
+            " cannot be told; move tracker or line sideways",
+            fault="out_of_range",
         )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
@@ -125,13 +126,17 @@ def make_test(
     """
     station = np.asarray(station, dtype=np.float64)
     if not _LEAST_TARGETS <= targets <= _MOST_TARGETS:
-        raise ValueError(
-            f"{targets} targets on a line; expected {_LEAST_TARGETS} to {_MOST_TARGETS}"
+        raise Refusal(
+            f"{targets} targets on a line; expected {_LEAST_TARGETS} to {_MOST_TARGETS}",
+            fault="too_few",
         )
     if runs < 1:
-        raise ValueError(f"{runs} runs; expected 1 or more")
+        raise Refusal(f"{runs} runs; expected 1 or more", fault="too_few")
     if not 0.0 <= overrun < 0.1 * float(np.min(box.high - box.low)):
-        raise ValueError(f"an overrun of {overrun:g} m; expected 0 to a tenth of the shortest side")
+        raise Refusal(
+            f"an overrun of {overrun:g} m; expected 0 to a tenth of the shortest side",
+            fault="out_of_range",
+        )
     lines: list[TestLine] = []
     left_out: dict[str, str] = {}
     for name in SEVEN_LINES:
@@ -143,7 +148,8 @@ def make_test(
     if not lines:
         raise PoorGeometry(
             "the tracker can see none of the seven lines: " + _sentence(left_out) + "; place it"
-            " elsewhere"
+            " elsewhere",
+            fault="out_of_range",
         )
     remarks = []
     oblique = [line for line in lines if line.obliqueness > _OBLIQUE]
@@ -169,7 +175,9 @@ def locating_places(box: Box, station: Vector, tracker: Tracker, count: int = 10
         ValueError: fewer than six are asked for.
     """
     if count < LEAST_POINTS:
-        raise ValueError(f"{count} places; the tracker is located from {LEAST_POINTS} or more")
+        raise Refusal(
+            f"{count} places; the tracker is located from {LEAST_POINTS} or more", fault="too_few"
+        )
     sides = [
         np.array([low, 0.5 * (low + high), high]) for low, high in zip(*_limits(box), strict=True)
     ]

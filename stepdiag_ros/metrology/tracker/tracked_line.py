@@ -7,6 +7,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE, NAMES
 
 TRACKER = "tracker"
@@ -76,7 +77,7 @@ def lines_of_group(group: Section) -> Iterator[tuple[str, TrackedLine]]:
     """
     station = group.text("station")
     if not station.strip() or _MARK in station:
-        raise ValueError(f"{group.source}: 'station' is a name without '{_MARK}'")
+        raise Refusal(f"{group.source}: 'station' is a name without '{_MARK}'", fault="malformed")
     place = group.vector("station_m", low=-100.0, high=100.0)
     names = group.names("names", NAMES)
     targets = group.vectors("targets_m", low=-100.0, high=100.0)
@@ -86,8 +87,9 @@ def lines_of_group(group: Section) -> Iterator[tuple[str, TrackedLine]]:
         if straight:
             _check_straight(np.array(targets), group.source)
         elif overrun:
-            raise ValueError(
-                f"{group.source}: overrun_m is for the seven lines; places have no direction"
+            raise Refusal(
+                f"{group.source}: overrun_m is for the seven lines; places have no direction",
+                fault="too_many",
             )
         yield line_name(station, name), TrackedLine(place, targets, overrun, straight)
 
@@ -107,13 +109,15 @@ def check_lines(
     """
     tracked = [line is not None for _, _, line in passes]
     if any(tracked) and not all(tracked):
-        raise ValueError(
-            f"{source}: lines of kind tracker cannot share a plan with others; make two plans"
+        raise Refusal(
+            f"{source}: lines of kind tracker cannot share a plan with others; make two plans",
+            fault="mismatch",
         )
     if any(tracked) != has_tracker:
-        raise ValueError(
+        raise Refusal(
             f"{source}: 'tracker' describes the instrument of lines of kind tracker; "
-            + ("it is missing" if any(tracked) else "there are no such lines")
+            + ("it is missing" if any(tracked) else "there are no such lines"),
+            fault="mismatch",
         )
     places: dict[str, TrackedLine] = {}
     seen: set[Hashable] = set()
@@ -121,10 +125,14 @@ def check_lines(
         if line is None:
             return
         if identity in seen:
-            raise ValueError(f"{source}: {identity} is there twice; put its passes into one entry")
+            raise Refusal(
+                f"{source}: {identity} is there twice; put its passes into one entry", fault="twice"
+            )
         seen.add(identity)
         if places.setdefault(station_of(name), line).station != line.station:
-            raise ValueError(f"{source}: station {station_of(name)} has two places (station_m)")
+            raise Refusal(
+                f"{source}: station {station_of(name)} has two places (station_m)", fault="twice"
+            )
 
 
 def _check_straight(targets: Vector, source: str) -> None:
@@ -136,4 +144,7 @@ def _check_straight(targets: Vector, source: str) -> None:
         targets - targets[0] - np.outer(along, way / max(float(np.linalg.norm(way)), 1e-12)), axis=1
     )
     if np.any(np.diff(along) < _LEAST_DISTANCE) or np.max(beside) > _LEAST_DISTANCE:
-        raise ValueError(f"{source}: targets_m do not follow each other along one straight line")
+        raise Refusal(
+            f"{source}: targets_m do not follow each other along one straight line",
+            fault="mismatch",
+        )

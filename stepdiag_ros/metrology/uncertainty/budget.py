@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.limits import BUDGET, require_size_for
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 from stepdiag_ros.metrology.uncertainty.length_sources import readings_of
@@ -116,7 +117,10 @@ def make_budget(
     """
     require_size_for(BUDGET, measurement.volume.blocks, measurement.stop_count)
     if not 0.5 <= coverage < 1.0:
-        raise ValueError(f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95")
+        raise Refusal(
+            f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95",
+            fault="out_of_range",
+        )
     found = sensitivity(measurement, method)
     readings = readings_of(measurement, found.observations, expansion, material_temperature)
     sources = (

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
+from stepdiag_ros.metrology.refusal import Refusal
 
 NORMAL = "normal"
 RECTANGULAR = "rectangular"
@@ -161,9 +162,10 @@ def _spread(section: Section, key: str, largest: float, source: str) -> Spread:
     there = entry.keys()
     given = [way for way in _WAYS if way in there]
     if len(given) != 1:
-        raise ValueError(
+        raise Refusal(
             f"{source}: {key}: expected one of standard_uncertainty, half_width (with"
-            " distribution) and expanded (with coverage_factor), or the word unknown instead"
+            " distribution) and expanded (with coverage_factor), or the word unknown instead",
+            fault="missing",
         )
     freedom = _INFINITE
     if "degrees_of_freedom" in there:

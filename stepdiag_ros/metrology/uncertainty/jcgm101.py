@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 Sampler = Callable[[int, np.random.Generator], Vector]
 """Number of trials and source of random numbers → values of the output quantities, (trials, m)."""
@@ -114,7 +115,10 @@ def coverage_intervals(values: Vector, coverage: float) -> tuple[Vector, Vector,
     count = len(values)
     inside = math.floor(coverage * count + 0.5)
     if not 0 < inside < count:
-        raise ValueError(f"{count} trials are too few for a coverage probability of {coverage:g}")
+        raise Refusal(
+            f"{count} trials are too few for a coverage probability of {coverage:g}",
+            fault="too_few",
+        )
     ordered = np.sort(values, axis=0)
     first = (count - inside) // 2
     widths = ordered[inside:] - ordered[: count - inside]
@@ -152,14 +156,18 @@ def monte_carlo(
         ValueError: an argument is out of range.
     """
     if not 0.5 <= coverage < 1.0:
-        raise ValueError(f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95")
+        raise Refusal(
+            f"the coverage probability is {coverage:g}; expected 0.5 to 1, e.g. 0.95",
+            fault="out_of_range",
+        )
     if digits not in (1, 2):
-        raise ValueError(f"digits is {digits}; expected 1 or 2")
+        raise Refusal(f"digits is {digits}; expected 1 or 2", fault="out_of_range")
     block = max(BLOCK, math.ceil(100.0 / (1.0 - coverage)))
     if most_trials < FEWEST_BLOCKS * block:
-        raise ValueError(
+        raise Refusal(
             f"at most {most_trials} trials were asked for; the fewest are {FEWEST_BLOCKS} blocks"
-            f" of {block}"
+            f" of {block}",
+            fault="too_few",
         )
     rng = np.random.default_rng(seed)
     # Kept as deviations from the first block's mean, for which seven digits are plenty.

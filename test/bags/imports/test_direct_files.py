@@ -7,7 +7,8 @@ import pytest
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.direct_table import load_direct
-from stepdiag_ros.metrology.direct import direct_text, read_direct
+from stepdiag_ros.metrology.direct import direct_text
+from stepdiag_ros.metrology.direct_reading import read_direct
 
 TARGETS = (0.0, 10.0, 20.0, 30.0, 40.0)
 ARC_SECOND = np.pi / 648000.0

@@ -1,0 +1,67 @@
+"""What a test may ask of an error: its class, its fields, and the names and numbers that it says.
+
+Sentences are for people, and are reworded without asking anybody. That a sentence names the file,
+the parameter or the value that is wrong is no matter of wording: a user cannot mend what is not
+named.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import pytest
+
+PROSE = re.compile(r"[A-Za-z]{2,} +[A-Za-z]{2,}")
+"""Two words in a row, which is wording."""
+
+
+class Said(NamedTuple):
+    """What an error must tell; see ``refused``."""
+
+    fault: str | None
+    names: tuple[str, ...]
+    fields: dict[str, Any]
+
+
+def said(fault: str | None, *names: str, **fields: Any) -> Said:
+    """Return what an error must tell, for a list of parameters."""
+    return Said(fault, names, fields)
+
+
+@contextmanager
+def refused(
+    error: type[Exception] | tuple[type[Exception], ...],
+    fault: str | Said | None = None,
+    *names: str,
+    **fields: Any,
+) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """Demand that what is in the block ends with an error.
+
+    Args:
+        error: its class, or several.
+        fault: its kind (``stepdiag_ros.metrology.refusal.Fault``), or all that it must tell; None
+            where the class says all, or the error is not one of ours.
+        names: identifiers, numbers and files that stand in its text, each as a whole.
+        fields: of the error, with their values: ``about``, ``where``, ``row``.
+    """
+    told = fault if isinstance(fault, Said) else Said(fault, names, fields)
+    with pytest.raises(error) as caught:
+        yield caught
+    if told.fault is not None:
+        assert getattr(caught.value, "fault", None) == told.fault, repr(caught.value)
+    for field, value in told.fields.items():
+        assert getattr(caught.value, field) == value, repr(caught.value)
+    names_all(caught.value, *told.names)
+
+
+def names_all(error: BaseException, *names: str) -> None:
+    """Demand that names and numbers stand in the text of an error, each as a whole."""
+    for name in names:
+        assert not PROSE.search(name), f"'{name}' is wording, no name"
+        whole = rf"(?<![\w]){re.escape(name)}(?![\w])"
+        if not (name[0].isalnum() or name[0] == "_"):
+            whole = whole.removeprefix(r"(?<![\w])")
+        if not (name[-1].isalnum() or name[-1] == "_"):
+            whole = whole.removesuffix(r"(?![\w])")
+        assert re.search(whole, str(error)), f"'{name}' is not named: {error}"
