@@ -16,7 +16,11 @@ PROSE = re.compile(r"[A-Za-z]{2,} +[A-Za-z]{2,}")
 """Two words in a row, which is wording."""
 
 
-class Said(NamedTuple):
+SHOWN = ("about", "where", "row")
+"""Fields that users must see, since they can mend only what is named."""
+
+
+class AFault(NamedTuple):
     """What an error must tell; see ``refused``."""
 
     fault: str | None
@@ -24,15 +28,15 @@ class Said(NamedTuple):
     fields: dict[str, Any]
 
 
-def said(fault: str | None, *names: str, **fields: Any) -> Said:
+def a_fault(fault: str | None, *names: str, **fields: Any) -> AFault:
     """Return what an error must tell, for a list of parameters."""
-    return Said(fault, names, fields)
+    return AFault(fault, names, fields)
 
 
 @contextmanager
 def refused(
     error: type[Exception] | tuple[type[Exception], ...],
-    fault: str | Said | None = None,
+    fault: str | AFault | None = None,
     *names: str,
     **fields: Any,
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
@@ -43,16 +47,18 @@ def refused(
         fault: its kind (``stepdiag_ros.metrology.refusal.Fault``), or all that it must tell; None
             where the class says all, or the error is not one of ours.
         names: identifiers, numbers and files that stand in its text, each as a whole.
-        fields: of the error, with their values: ``about``, ``where``, ``row``.
+        fields: of the error, with their values: ``about``, ``where`` and ``row``, which must
+            stand in its text too, or ``errno`` and others.
     """
-    told = fault if isinstance(fault, Said) else Said(fault, names, fields)
+    told = fault if isinstance(fault, AFault) else AFault(fault, names, fields)
     with pytest.raises(error) as caught:
         yield caught
     if told.fault is not None:
         assert getattr(caught.value, "fault", None) == told.fault, repr(caught.value)
     for field, value in told.fields.items():
         assert getattr(caught.value, field) == value, repr(caught.value)
-    names_all(caught.value, *told.names)
+    shown = [str(told.fields[field]) for field in SHOWN if field in told.fields]
+    names_all(caught.value, *shown, *told.names)
 
 
 def names_all(error: BaseException, *names: str) -> None:

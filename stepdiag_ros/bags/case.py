@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
 from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
-from stepdiag_ros.metrology.refusal import fields_of
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"
@@ -148,7 +148,9 @@ def case_of(mapping: Any, source: str, text: str = "") -> Case:
     section = Section(mapping, source)
     units = section.text("units", default=UNITS)
     if units != UNITS:
-        raise ValueError(f"{source}: 'units' is {units!r}; only {UNITS} is understood")
+        raise Refusal(
+            f"{source}: 'units' is {units!r}; only {UNITS} is understood", fault="unsupported"
+        )
     unknown = float("nan")
     # What the plan's own reader checks later is checked here where the case itself builds on it.
     section.flag("one_alignment_per_diagonal", default=False)
@@ -199,7 +201,10 @@ def _volume(section: Section, mapping: Mapping[str, Any], source: str) -> Volume
         return None
     chain = mapping.get("chain", "")
     if chain and len(chain) != len(AXES):
-        raise ValueError(f"{source}: 'chain' is {chain!r}; expected the three axes in an order")
+        raise Refusal(
+            f"{source}: 'chain' is {chain!r}; expected the three axes in an order",
+            fault="malformed",
+        )
     return Volume(
         origin=section.vector("origin_m", default=(0.0, 0.0, 0.0)),
         step=section.vector("step_m", low=1e-6, high=10.0),

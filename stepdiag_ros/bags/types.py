@@ -339,4 +339,6 @@ def _compare(store: Typestore, own: MessageTypes) -> None:
             if field in fields and fields[field] != kind:
                 raise BagError(f"in the bag's definition of {name}, '{field}' is of another type")
             if field not in fields and field not in _ADDED_LATER:
-                raise BagError(f"the bag's definition of {name} lacks the field '{field}'")
+                raise BagError(
+                    f"the bag's definition of {name} lacks the field '{field}'", fault="mismatch"
+                )

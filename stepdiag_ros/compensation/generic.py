@@ -192,7 +192,9 @@ def map_from_text(text: str, source: str) -> Identified:
         origin = Origin(**{key: value or "" for key, value in document["origin"].items()})
         for axis, values in reversal.items():
             if values.shape != error_map.nodes[axis].shape:
-                raise ValueError(f"reversal of {AXES[axis]}: not one value for each node")
+                raise Refusal(
+                    f"reversal of {AXES[axis]}: not one value for each node", fault="mismatch"
+                )
         verdict = Verdict()
         if origin.verdict:
             # What the map does not hold was judged when it was made.

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from multiprocessing import get_context
 from typing import Any
 
+from stepdiag_ros.metrology.refusal import Unusable
+
 DOTS_PER_INCH = 150
 """Of pictures in pages: sharp in print at the width that they are made for."""
 
@@ -118,9 +120,10 @@ class Studio:
                 for name in self._asked
             }
         except BrokenProcessPool:
-            raise OSError(
+            raise Unusable(
                 "the process that draws the pictures has ended before it was done: is there enough"
-                " memory?"
+                " memory?",
+                fault="stopped",
             ) from None
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from stepdiag_ros.metrology.direct import DirectCurve, DirectMeasurement
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line
 
@@ -71,7 +72,9 @@ def table_one(
         ValueError: there is no result.
     """
     if not results:
-        raise ValueError("Table 1 needs at least one result with translational errors")
+        raise Refusal(
+            "Table 1 needs at least one result with translational errors", fault="too_few"
+        )
     nodes = next(iter(results.values())).nodes
     travel = [float(axis_nodes[-1] - axis_nodes[0]) for axis_nodes in nodes]
     rows = []

@@ -19,6 +19,7 @@ from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
 from stepdiag_ros.metrology.measurement import Arrival, StopCommand
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import write_progress
 from stepdiag_ros.planning.plan_text import plan_text
@@ -89,7 +90,7 @@ class ByHandNode(StepdiagNode):
                 there.
         """
         if self._waiting_since is not None or (self._course and not self.run_over):
-            raise ValueError("a run is going on: abort it before starting another")
+            raise Refusal("a run is going on: abort it before starting another", fault="busy")
         objections = self._movers() + self.watch.missing(REQUIRED)
         if objections:
             raise ValueError(f"cannot start: {'; '.join(objections)}")

@@ -9,6 +9,7 @@ from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
 
@@ -151,7 +152,7 @@ class OperatorNode(StepdiagNode):
         if not self.spin_until(future.done, SERVICE_LIMIT):
             raise ValueError("the action sequencer/measure does not answer")
         if not future.result().goals_canceling:
-            raise ValueError("the run has ended already")
+            raise Refusal("the run has ended already", fault="stopped")
 
     def _on_feedback(self, message: Any) -> None:
         self._feedback[bytes(message.goal_id.uuid)] = message.feedback

@@ -18,6 +18,7 @@ from stepdiag_ros.conversion import (
 )
 from stepdiag_ros.message_types import new_message
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import (
     START_PATIENCE,
@@ -126,7 +127,7 @@ class SequencerNode(StepdiagNode):
                 limits; NotReadyYet if that may pass since nodes may be starting.
         """
         if self._taking_up is not None or (self._sequence and self._sequence.active):
-            raise ValueError("a run is going on: abort it before starting another")
+            raise Refusal("a run is going on: abort it before starting another", fault="busy")
         chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
         present = tuple(role for role in WELCOME if self.watch.present(role))
         missing = self.watch.missing(REQUIRED + present) or self._unknown_of_machine()

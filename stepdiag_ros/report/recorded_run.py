@@ -279,7 +279,9 @@ def _compensated_anew(
 ) -> tuple[Measurement, str]:
     """Return the lines of a run from its counts and its weather, and in words how."""
     if recorded_lines:
-        raise ValueError("--air compensates readings: it cannot be used with --recorded-lines")
+        raise Refusal(
+            "--air compensates readings: it cannot be used with --recorded-lines", fault="mismatch"
+        )
     if recorded.begun_late or not recorded.commands:
         raise Refusal(
             f"{recorded.path}: --air needs all commands and readings of the run, and the recording"

@@ -48,9 +48,10 @@ def _check(node: DeclaredNode, given: dict[str, Any]) -> None:
         node.check(name, value)
     own = [declaration.name for declaration in node.parameters]
     if DEVICE in own and DEVICE not in given:
-        raise ValueError(
+        raise Refusal(
             f"there is no '{DEVICE}' for {node.name}; say which driver it has, even if that is"
-            f" '{node.find(DEVICE).default}'"
+            f" '{node.find(DEVICE).default}'",
+            fault="missing",
         )
 
 

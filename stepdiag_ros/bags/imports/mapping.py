@@ -162,8 +162,9 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
     }
     layout.finish()
     if given["delimiter"] == "," and given["decimal"] == ",":
-        raise ValueError(
-            f"{source}: text: a comma cannot be both delimiter and decimal sign; which is it?"
+        raise Refusal(
+            f"{source}: text: a comma cannot be both delimiter and decimal sign; which is it?",
+            fault="mismatch",
         )
     made = TableMapping(
         table=table,
@@ -181,7 +182,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
     )
     top.finish()
     if made.sign == 0.0:
-        raise ValueError(f"{source}: 'sign' is 0; expected 1 or -1")
+        raise Refusal(f"{source}: 'sign' is 0; expected 1 or -1", fault="out_of_range")
     _check_columns(made, source)
     return made
 
@@ -196,7 +197,9 @@ def _columns(top: Section, table: str) -> dict[str, str]:
     for name in section.keys():  # noqa: SIM118
         if name not in _COLUMNS[table]:
             known = ", ".join(_COLUMNS[table])
-            raise ValueError(f"{section.source}: unknown column '{name}'; there are {known}")
+            raise Refusal(
+                f"{section.source}: unknown column '{name}'; there are {known}", fault="unknown"
+            )
         made[name] = _column(section, name)
     section.finish()
     return made
@@ -245,7 +248,9 @@ def _words(top: Section) -> dict[str, str]:
         if _has(section, direction):
             word = section.text(direction).strip().lower()
             if word in made and made[word] != direction:
-                raise ValueError(f"{section.source}: '{word}' stands for both directions")
+                raise Refusal(
+                    f"{section.source}: '{word}' stands for both directions", fault="twice"
+                )
             made[word] = direction
     section.finish()
     return made
@@ -318,16 +323,17 @@ def _check_columns(made: TableMapping, source: str) -> None:
         found = [name for name in names if name in made.columns]
         if len(found) != 1:
             words = " or ".join(f"'{name}'" for name in names)
-            raise ValueError(f"{source}: columns: exactly one of {words} is needed")
+            raise Refusal(f"{source}: columns: exactly one of {words} is needed", fault="missing")
 
     if made.table == AXIS:
         one_of("target")
         if made.runs:
             for name in ("deviation", "position", "run", "direction", "time"):
                 if name in made.columns:
-                    raise ValueError(
+                    raise Refusal(
                         f"{source}: columns: '{name}' does not go with 'runs', which has a column"
-                        " for each run"
+                        " for each run",
+                        fault="mismatch",
                     )
         else:
             one_of("deviation", "position")
@@ -339,7 +345,9 @@ def _check_columns(made: TableMapping, source: str) -> None:
             one_of("line")
         for name in ("line", "order", "direction"):
             if getattr(made, name) and name in made.columns:
-                raise ValueError(f"{source}: '{name}' is told twice: by a column and for all rows")
+                raise Refusal(
+                    f"{source}: '{name}' is told twice: by a column and for all rows", fault="twice"
+                )
     else:
         one_of("time")
         one_of("reading")
@@ -347,6 +355,7 @@ def _check_columns(made: TableMapping, source: str) -> None:
         named = [*made.columns.values(), *(run.column for run in made.runs)]
         for name in named:
             if not name.isdigit():
-                raise ValueError(
-                    f"{source}: without a header the columns are numbers from 1, not '{name}'"
+                raise Refusal(
+                    f"{source}: without a header the columns are numbers from 1, not '{name}'",
+                    fault="malformed",
                 )

@@ -33,6 +33,7 @@ from stepdiag_ros.devices.cnc.move_check import check_target
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Refusal
 
 PROTOCOL = 1
 ANSWER_LIMIT = 0.25
@@ -95,7 +96,9 @@ class LinuxCnc:
             )
         except (KeyError, TypeError) as error:
             self.close()
-            raise ValueError(f"{self._whom}: its hello makes no sense ({error!r})") from None
+            raise Refusal(
+                f"{self._whom}: its hello makes no sense ({error!r})", fault="malformed"
+            ) from None
         except BaseException:
             self.close()
             raise
@@ -181,9 +184,10 @@ class LinuxCnc:
         highs = tuple(min(pair) for pair in zip(high, machine.travel_high_m, strict=True))
         for axis, least, most in zip(AXES, lows, highs, strict=True):
             if not least < most:
-                raise ValueError(
+                raise Refusal(
                     f"the travel of {axis} in the machine file has nothing in common with the soft "
-                    f"limits of LinuxCNC"
+                    f"limits of LinuxCNC",
+                    fault="mismatch",
                 )
         return _point(lows), _point(highs)
 
@@ -201,7 +205,7 @@ class LinuxCnc:
             self._take()
         answer = self._answers.pop(number)
         if not isinstance(answer.get("ok"), bool):
-            raise ValueError(f"{self._whom}: an answer without ok")
+            raise Refusal(f"{self._whom}: an answer without ok", fault="malformed")
         return answer
 
     def _send(self, op: str, **content: Any) -> int:
@@ -235,7 +239,7 @@ class LinuxCnc:
             self._heard = time.monotonic()
             *lines, self._in = (self._in + data).split(b"\n")
             if len(self._in) > _LONGEST_LINE:
-                raise ValueError(f"{self._whom}: a line without an end")
+                raise Refusal(f"{self._whom}: a line without an end", fault="too_many")
             for line in lines:
                 self._understand(line)
 
@@ -264,13 +268,15 @@ class LinuxCnc:
             else:
                 raise OSError(errno.EBUSY, f"{self._whom} refuses: {message['reason']}")
         except (KeyError, TypeError, ValueError):
-            raise ValueError(f"{self._whom}: '{line[:80]!r}' makes no sense") from None
+            raise Refusal(
+                f"{self._whom}: '{line[:80]!r}' makes no sense", fault="malformed"
+            ) from None
 
 
 def _point(values: Any) -> Point:
     x, y, z = (float(value) for value in values)
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
-        raise ValueError("a position that is no number")
+        raise Refusal("a position that is no number", fault="malformed")
     return x, y, z
 
 

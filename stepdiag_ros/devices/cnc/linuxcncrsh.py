@@ -42,6 +42,7 @@ from stepdiag_ros.devices.cnc.move_check import check_target
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.refusal import Refusal
 
 RESOLUTION = 1e-9
 """m: positions are told with six decimals of a millimetre."""
@@ -170,7 +171,7 @@ class LinuxCncRsh:
         if self._state is not CncState.READY:
             raise not_ready(self._state)
         if not self._session:
-            raise MoveRefused("nobody has said that the machine may move")
+            raise MoveRefused("nobody has said that the machine may move", fault="not_ready")
         check_target(
             self._commanded,
             target,
@@ -333,10 +334,12 @@ class LinuxCncRsh:
 
     def _understand(self, line: str) -> None:
         if not self._awaited:
-            raise ValueError(f"{self._whom}: '{line[:80]}' was not asked for")
+            raise Refusal(f"{self._whom}: '{line[:80]}' was not asked for", fault="malformed")
         awaited = self._awaited.popleft()[0]
         if not line.upper().startswith(awaited):
-            raise ValueError(f"{self._whom}: '{line[:80]}' is no reply to {awaited}")
+            raise Refusal(
+                f"{self._whom}: '{line[:80]}' is no reply to {awaited}", fault="malformed"
+            )
         rest = line[len(awaited) :].strip()
         if rest.upper() == "NAK":
             if awaited == "SET MDI" and self._move is not None:
@@ -345,7 +348,9 @@ class LinuxCncRsh:
                 self._abort_refused = True
             if awaited not in ("HELLO", "SET ENABLE"):
                 return
-            raise ValueError(f"{self._whom} refuses {awaited}: is the password right?")
+            raise Refusal(
+                f"{self._whom} refuses {awaited}: is the password right?", fault="rejected"
+            )
         if awaited == "SET MDI" and self._move is not None:
             self._move.acknowledged = True
         self._told[awaited] = rest
@@ -483,5 +488,7 @@ def from_settings(
     section.finish()
     for name in (access.connect_password, access.enable_password):
         if not name or not name.isprintable() or " " in name:
-            raise ValueError(f"{section.source}: a password has no blanks, and is not empty")
+            raise Refusal(
+                f"{section.source}: a password has no blanks, and is not empty", fault="malformed"
+            )
     return lambda _: LinuxCncRsh(access, machine, rate)

@@ -385,7 +385,7 @@ def from_settings(
         )
     sign = section.integer("sign", low=-1, high=1, default=1)
     if not sign:
-        raise ValueError(f"{section.source}: 'sign' is 0; expected 1 or -1")
+        raise Refusal(f"{section.source}: 'sign' is 0; expected 1 or -1", fault="out_of_range")
     warnings = section.table("warnings", tuple(STATUSES))
     if wrong := [number for number in warnings if not number.isdecimal()]:
         raise ValueError(f"{section.source}: 'warnings' has '{wrong[0]}'; expected a number")
