@@ -64,7 +64,9 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
     if path.is_file():
         return path
     if path.is_dir() and not _BARE_NAME.fullmatch(str(name_or_path)):
-        raise Refusal(f"{path} is a folder; a YAML file is needed", fault="wrong_kind")
+        raise Refusal(
+            f"{path} is a folder; a YAML file is needed", fault="wrong_kind", aspect="folder"
+        )
     if _BARE_NAME.fullmatch(str(name_or_path)):
         packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
         if packaged.is_file():
@@ -85,7 +87,9 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise Refusal(f"{path}: not a text file (UTF-8)", fault="wrong_kind") from None
+        raise Refusal(
+            f"{path}: not a text file (UTF-8)", fault="wrong_kind", aspect="text"
+        ) from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 

@@ -124,18 +124,22 @@ def parse_yaml(text: str, source: str) -> Any:
             source and the line.
     """
     if len(text) > LONGEST_TEXT:
-        raise Refusal(f"{source}: longer than {LONGEST_TEXT} characters", fault="too_many")
+        raise Refusal(f"{source}: longer than {LONGEST_TEXT} characters", fault="too_many", where=source)
     try:
         return yaml.load(text, Loader=_BoundedLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark is not None else ""
         raise Refusal(
-            f"{source}{line}: {error.problem or 'not valid YAML'}", fault="malformed"
+            f"{source}{line}: {error.problem or 'not valid YAML'}",
+            fault="malformed",
+            where=source,
+            row=None if mark is None else mark.line + 1,
+            aspect="YAML",
         ) from None
     except yaml.YAMLError as error:
         problem = getattr(error, "reason", None) or "not valid YAML"
-        raise Refusal(f"{source}: {problem}", fault="malformed") from None
+        raise Refusal(f"{source}: {problem}", fault="malformed", where=source) from None
     except (ValueError, OverflowError) as error:  # a date or a number that there is not
         raise ValueError(f"{source}: {error}") from None
 
@@ -154,11 +158,11 @@ def parse_json(text: str, source: str) -> Any:
     for bracket in re.findall(r"[\[\]{}]", _STRING.sub("", text)):
         depth += 1 if bracket in "[{" else -1
         if depth > DEEPEST:
-            raise Refusal(f"{source}: nested more than {DEEPEST} deep", fault="too_many")
+            raise Refusal(f"{source}: nested more than {DEEPEST} deep", fault="too_many", where=source)
     try:
         return json.loads(text)
     except ValueError as error:
-        raise Refusal(f"{source} is no JSON document: {error}", fault="malformed") from None
+        raise Refusal(f"{source} is no JSON document: {error}", fault="malformed", where=source) from None
 
 
 @contextmanager

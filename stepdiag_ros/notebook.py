@@ -171,6 +171,8 @@ def _result(report: "Report", method: str) -> "VolumetricErrors":
     if found is None:
         solved = ", ".join(one.method for one in report.results) or "none"
         raise Refusal(
-            f"there is no result of the method '{method}'; solved were: {solved}", fault="not_found"
+            f"there is no result of the method '{method}'; solved were: {solved}",
+            fault="not_found",
+            aspect="method",
         )
     return found

@@ -25,12 +25,12 @@ class AFault(NamedTuple):
 
     fault: str | None
     names: tuple[str, ...]
-    fields: dict[str, Any]
+    fields: tuple[tuple[str, Any], ...]
 
 
 def a_fault(fault: str | None, *names: str, **fields: Any) -> AFault:
     """Return what an error must tell, for a list of parameters."""
-    return AFault(fault, names, fields)
+    return AFault(fault, names, tuple(fields.items()))
 
 
 @contextmanager
@@ -50,14 +50,14 @@ def refused(
         fields: of the error, with their values: ``about``, ``where`` and ``row``, which must
             stand in its text too, or ``errno`` and others.
     """
-    told = fault if isinstance(fault, AFault) else AFault(fault, names, fields)
+    told = fault if isinstance(fault, AFault) else a_fault(fault, *names, **fields)
     with pytest.raises(error) as caught:
         yield caught
     if told.fault is not None:
         assert getattr(caught.value, "fault", None) == told.fault, repr(caught.value)
-    for field, value in told.fields.items():
+    for field, value in told.fields:
         assert getattr(caught.value, field) == value, repr(caught.value)
-    shown = [str(told.fields[field]) for field in SHOWN if field in told.fields]
+    shown = [str(value) for field, value in told.fields if field in SHOWN]
     names_all(caught.value, *shown, *told.names)
 
 

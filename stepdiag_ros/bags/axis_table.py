@@ -33,7 +33,11 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
     rows = read_rows(path, COLUMNS)
     targets = sorted({row.number("target_mm") for row in rows})
     if len(targets) < 2:
-        raise TableError(f"{path} has a single target; a test needs two or more", fault="too_few")
+        raise TableError(
+            f"{path} has a single target; a test needs two or more",
+            fault="too_few",
+            aspect="target",
+        )
     runs: dict[str, dict[int, dict[float, float]]] = {FORWARD: {}, BACKWARD: {}}
     for row in rows:
         direction = row.one_of("direction", (FORWARD, BACKWARD))

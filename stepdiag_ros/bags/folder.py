@@ -148,6 +148,7 @@ def _files(folder: Path) -> list[Path]:
                 f"{folder} holds several bags, such as {found[0].name} and {found[-1].name};"
                 " name one of them",
                 fault="ambiguous",
+                aspect="bag",
             )
         return sorted(found, key=_place)
     told = _told(description)

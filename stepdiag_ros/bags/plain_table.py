@@ -102,7 +102,9 @@ def read_rows(
     except csv.Error as error:
         raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
     if not rows:
-        raise TableError(f"{source} has no rows; there is nothing measured in it", fault="too_few")
+        raise TableError(
+            f"{source} has no rows; there is nothing measured in it", fault="too_few", aspect="row"
+        )
     return rows
 
 
@@ -115,6 +117,7 @@ def _check_header(
             1,
             "the columns are not separated by commas; save it with commas",
             fault="wrong_kind",
+            aspect="delimiter",
         )
     for name in columns:
         if name not in header:

@@ -89,6 +89,7 @@ def choose_run(bag: Bag, run_id: str | None = None) -> FoundRun:
         raise BagError(
             f"{bag.path} holds several runs; say which by --run: {', '.join(found)}",
             fault="ambiguous",
+            aspect="run",
         )
     if run_id is not None and run_id not in found:
         raise BagError(

@@ -183,11 +183,14 @@ def require_seal(path: Path, public_key: Path) -> Seal:
     if found is None:
         raise ValueError(f"{path} has no seal ({seal_path(path).name}); make one: stepdiag seal")
     if not found.right:
-        raise Refusal(f"the seal of {path} is wrong: {found.problem}", fault="mismatch")
+        raise Refusal(
+            f"the seal of {path} is wrong: {found.problem}", fault="mismatch", aspect="content"
+        )
     if found.key != wanted:
         raise Refusal(
             f"{path} is sealed by key {found.key}, not by that of {public_key} ({wanted})",
             fault="mismatch",
+            aspect="key",
         )
     return found
 
@@ -214,7 +217,9 @@ def _private_key(path: Path) -> Ed25519PrivateKey:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm):
         raise Refusal(
-            f"{path} is no private key; make one: stepdiag seal --new-key", fault="wrong_kind"
+            f"{path} is no private key; make one: stepdiag seal --new-key",
+            fault="wrong_kind",
+            aspect="private key",
         ) from None
     if not isinstance(key, Ed25519PrivateKey):
         raise ValueError(f"{path} is no Ed25519 key; make one: stepdiag seal --new-key")
@@ -226,7 +231,9 @@ def _public_key(path: Path) -> str:
         key = serialization.load_pem_public_key(path.read_bytes())
     except (ValueError, UnsupportedAlgorithm):
         raise Refusal(
-            f"{path} is no public key; 'stepdiag seal --new-key' makes one", fault="wrong_kind"
+            f"{path} is no public key; 'stepdiag seal --new-key' makes one",
+            fault="wrong_kind",
+            aspect="public key",
         ) from None
     if not isinstance(key, Ed25519PublicKey):
         raise ValueError(f"{path} is no Ed25519 key; 'stepdiag seal --new-key' makes one")

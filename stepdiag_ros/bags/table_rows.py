@@ -131,7 +131,12 @@ class Row:
 
 
 def refusal(
-    source: str, row: int, reason: str, fault: Fault | None = None, column: str = ""
+    source: str,
+    row: int,
+    reason: str,
+    fault: Fault | None = None,
+    column: str = "",
+    aspect: str = "",
 ) -> TableError:
     """Return the error that refuses a table because of one row, in one line and not without end.
 
@@ -141,7 +146,12 @@ def refusal(
     if len(sentence) > _LONGEST_REASON:
         sentence = f"{sentence[:_LONGEST_REASON]}…"
     return TableError(
-        f"{source}, row {row}: {sentence}", fault=fault, about=column, where=source, row=row
+        f"{source}, row {row}: {sentence}",
+        fault=fault,
+        about=column,
+        where=source,
+        row=row,
+        aspect=aspect,
     )
 
 
@@ -157,7 +167,9 @@ def read_text(path: Path) -> str:
         raise TableError(f"there is no table {path}", fault="not_found") from None
     except UnicodeDecodeError:
         raise TableError(
-            f"{path} is no text in UTF-8; save it as CSV (UTF-8)", fault="wrong_kind"
+            f"{path} is no text in UTF-8; save it as CSV (UTF-8)",
+            fault="wrong_kind",
+            aspect="text",
         ) from None
     except OSError as error:
         raise TableError(f"{path} cannot be read: {error.strerror}") from None
@@ -204,10 +216,16 @@ def parse_rows(text: str, source: str) -> list[Row]:
             rows.append(row)
     except csv.Error as error:
         raise refusal(
-            source, reader.line_num, f"this is no CSV ({error})", fault="malformed"
+            source,
+            reader.line_num,
+            f"this is no CSV ({error})",
+            fault="malformed",
+            aspect="quoting",
         ) from None
     if not rows:
-        raise TableError(f"{source} has no rows; there is nothing measured in it", fault="too_few")
+        raise TableError(
+            f"{source} has no rows; there is nothing measured in it", fault="too_few", aspect="row"
+        )
     return rows
 
 
@@ -219,6 +237,7 @@ def _places(header: list[str], source: str) -> dict[str, int]:
             1,
             "the columns are not separated by commas; save it with commas",
             fault="wrong_kind",
+            aspect="delimiter",
         )
     known = (*COLUMNS, *OPTIONAL_COLUMNS)
     missing = [name for name in COLUMNS if name not in names]

@@ -75,6 +75,7 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
                     reader.line_num,
                     f"it has {len(cells)} cells under {len(header)} columns{hint}",
                     fault="malformed",
+                    aspect="cell",
                 )
             row = dict(zip(header, (unguarded(cell.strip()) for cell in cells), strict=True))
             reading = _reading(_Row(row, source, reader.line_num), planned)
@@ -85,12 +86,17 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
                     reader.line_num,
                     f"{reading} of station {reading.station} is there already in row {seen[key]}",
                     fault="twice",
+                    aspect="reading",
                 )
             seen[key] = reader.line_num
             readings.append(reading)
     except csv.Error as error:
         raise refusal(
-            source, reader.line_num, f"this is no CSV ({error})", fault="malformed"
+            source,
+            reader.line_num,
+            f"this is no CSV ({error})",
+            fault="malformed",
+            aspect="quoting",
         ) from None
     if not readings:
         raise TableError(f"{source} has no rows; there is nothing in it", fault="too_few")
@@ -126,6 +132,7 @@ def _check_header(header: list[str], source: str) -> None:
             1,
             "the columns are not separated by commas; save it with commas",
             fault="wrong_kind",
+            aspect="delimiter",
         )
     for name in REQUIRED:
         if name not in header:
@@ -142,7 +149,11 @@ def _check_header(header: list[str], source: str) -> None:
             )
         if header.count(name) > 1:
             raise refusal(
-                source, 1, f"column '{name}' is there {header.count(name)} times", fault="twice"
+                source,
+                1,
+                f"column '{name}' is there {header.count(name)} times",
+                fault="twice",
+                aspect="column",
             )
 
 

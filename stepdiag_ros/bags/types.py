@@ -299,7 +299,8 @@ def types_from_schemas(schemas: Mapping[str, str]) -> MessageTypes:
         except _UNDECODABLE as error:
             problem = " ".join(str(error).split())[:_LONGEST_PROBLEM]
             raise BagError(
-                f"the definition of {name} in the bag cannot be used ({problem})"
+                f"the definition of {name} in the bag cannot be used ({problem})",
+                fault="malformed",
             ) from None
     _compare(store, own)
     return MessageTypes(store, {})

@@ -61,7 +61,9 @@ def air_choice(arguments: Namespace) -> "AirChoice | None":
     if given and arguments.air != "own":
         option = "--" + next(iter(given)).replace("_", "-")
         raise Refusal(
-            f"{option} only serves a compensation for the air: give --air own too", fault="mismatch"
+            f"{option} only serves a compensation for the air: give --air own too",
+            fault="mismatch",
+            aspect="compensation",
         )
     if arguments.air is None:
         return None

@@ -242,6 +242,7 @@ def refuse_far(positions: Vector, what: str) -> None:
             f"{what} has a position of {positions[wrong][0]:g} m; a control takes positions"
             f" within {FARTHEST * MILLI:.3f} mm of its zero",
             fault="out_of_range",
+            aspect="position",
         )
 
 
@@ -257,6 +258,7 @@ def refuse_large(values: Vector, limit: float, what: str) -> None:
             f"{what}: a correction of {largest * MILLI:.4f} mm is beyond the limit of "
             f"{limit * MILLI:g} mm; such an error is set right mechanically, not in a table",
             fault="out_of_range",
+            aspect="limit",
         )
 
 
@@ -302,5 +304,6 @@ def axis_names(names: str) -> list[str]:
         raise Refusal(
             f"axes is '{names}'; expected three different names, such as X1,Y1,Z1",
             fault="malformed",
+            aspect="axes",
         )
     return found

@@ -193,6 +193,7 @@ def _increments(
         f"{name}: the correction changes by more than {limit} units in one interval; take a smaller"
         " --spacing, a larger magnification, or the option for larger values (value_limit=127)",
         fault="out_of_range",
+        aspect="change",
     )
 
 
@@ -209,7 +210,11 @@ def _values(text: str) -> dict[int, int]:
     for number, line in enumerate(lines[1:-1], 2):
         found = _LINE.fullmatch(line)
         if found is None:
-            raise Refusal(f"{PITCH} line {number}: '{line}' is not understood", fault="malformed")
+            raise Refusal(
+                f"{PITCH} line {number}: '{line}' is not understood",
+                fault="malformed",
+                aspect="line",
+            )
         values[int(found[1]) - 10000] = int(found[2])
     return values
 

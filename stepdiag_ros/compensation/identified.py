@@ -65,6 +65,7 @@ class Origin:
             raise Refusal(
                 f"sha256 is '{one_line(self.sha256)[:70]}', not 64 hexadecimal digits",
                 fault="malformed",
+                aspect="digest",
             )
 
     def lines(self) -> list[str]:

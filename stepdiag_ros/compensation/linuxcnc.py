@@ -135,7 +135,9 @@ def _joints(given: Any) -> list[int]:
     numbers = [part.strip() for part in str(given).split(",")]
     if len(numbers) != len(AXES) or not all(re.fullmatch("[0-9]{1,2}", part) for part in numbers):
         raise Refusal(
-            f"joints is '{given}'; expected three numbers, such as 0,1,2", fault="malformed"
+            f"joints is '{given}'; expected three numbers, such as 0,1,2",
+            fault="malformed",
+            aspect="joints",
         )
     return [int(part) for part in numbers]
 
@@ -163,7 +165,9 @@ def _rows(text: str, name: str) -> Vector:
             row = []
         if len(row) != 3:
             raise Refusal(
-                f"{name} line {number}: expected nominal, forward and reverse", fault="malformed"
+                f"{name} line {number}: expected nominal, forward and reverse",
+                fault="malformed",
+                aspect="line",
             )
         if rows and row[0] <= rows[-1][0]:
             raise Refusal(

@@ -6,8 +6,9 @@ What would move the axes otherwise, or move what the program's coordinates mean,
 line, so that no correction is made for a way that the machine does not take.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -23,7 +24,14 @@ from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusa
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Fault
 
-Refuse = Callable[[str, Fault], NcError]
+
+class Refuse(Protocol):
+    """Makes the error that refuses a block."""
+
+    def __call__(self, reason: str, fault: Fault, aspect: str = "") -> NcError:
+        """Return the error; ``fault`` and ``aspect`` are those of ``Refusal``."""
+        ...
+
 
 MOTIONS = {"G0": RAPID, "G1": LINE, "G2": ARC, "G3": ARC}
 CYCLES = ("G73", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
@@ -150,8 +158,8 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
 
 
 def _step(block: Block, before: State, source: str, settings: NcSettings) -> Step:
-    def refuse(reason: str, fault: Fault) -> NcError:
-        return refusal(source, block.number, reason, fault)
+    def refuse(reason: str, fault: Fault, aspect: str = "") -> NcError:
+        return refusal(source, block.number, reason, fault, aspect)
 
     state, machine, other = _modal(block, before, source, settings)
     for word in block.words:
@@ -171,23 +179,30 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
                 raise refuse(
                     f"the word {word.letter} in a block that moves is not understood",
                     "unsupported",
+                    "word",
                 )
     elif block.has("ABCUVWE"):
-        raise refuse("only the axes X, Y and Z are followed", "unsupported")
+        raise refuse("only the axes X, Y and Z are followed", "unsupported", "axes")
     if block.skipped and (moving or other or state is not before):
-        raise refuse("a move or a mode in a block that the operator may skip (/)", "unsupported")
+        raise refuse(
+            "a move or a mode in a block that the operator may skip (/)", "unsupported", "skip"
+        )
     changed = any(word.code == "M6" for word in block.words)
     if state.length != before.length and not block.has("Z"):
         # Some controls move Z by the difference of the lengths now, others with the next Z.
         state = _unknown(state, [2])
     if not block.has("XYZ") and not (state.motion in ("G2", "G3") and block.has("IJKR")):
         if moving and state.motion in ("G2", "G3", ""):
-            raise refuse("an arc without a motion mode or an end", "undetermined")
+            raise refuse("an arc without a motion mode or an end", "undetermined", "mode")
         return Step(block, _unknown(state, [0, 1, 2]) if changed else state, np.zeros(3))
     if changed:
-        raise refuse("a tool change and a move in one block; write them in two", "unsupported")
+        raise refuse(
+            "a tool change and a move in one block; write them in two", "unsupported", "tool"
+        )
     if not state.motion:
-        raise refuse("coordinates without a motion mode (G0 to G3) before them", "undetermined")
+        raise refuse(
+            "coordinates without a motion mode (G0 to G3) before them", "undetermined", "mode"
+        )
     zero = _zero(state, machine, settings, refuse)
     if state.motion in CYCLES:
         # Where Z ends depends on G98, G99 and R; the next move with Z tells it again.
@@ -214,7 +229,11 @@ def _modal(
     motions = [code for code in block.codes if code in (*MOTIONS, *CYCLES)]
     if len(motions) > 1:
         raise refusal(
-            source, block.number, f"{' and '.join(motions)} in one block", fault="mismatch"
+            source,
+            block.number,
+            f"{' and '.join(motions)} in one block",
+            fault="mismatch",
+            aspect="modes",
         )
     for code in block.codes:
         if code in MOTIONS:
@@ -265,6 +284,7 @@ def _tool_length(block: Block, source: str, settings: NcSettings) -> float:
             f"G43 {which}: its length is needed, as the errors depend on where Z stands"
             " (--tool-length H=MM)",
             fault="undetermined",
+            aspect="length",
         )
     return settings.tool_lengths[int(number)]
 
@@ -283,6 +303,7 @@ def _zero(state: State, machine: bool, settings: NcSettings, refuse: Refuse) -> 
             f"where the zero of {state.system} lies on the machine is not told (--offset"
             f" {state.system}=X,Y,Z)",
             "undetermined",
+            "zero",
         )
     zero: Vector = np.array(settings.offsets[state.system]) + np.array([0.0, 0.0, state.length])
     return zero
@@ -310,10 +331,11 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
             " there by G0 in absolute coordinates before, or say where the program begins"
             " (--start)",
             "undetermined",
+            "start",
         )
     if kind != ARC:
         if block.has("IJKR"):
-            raise refuse("I, J, K or R in a straight move", "mismatch")
+            raise refuse("I, J, K or R in a straight move", "mismatch", "straight")
         return Motion(kind, start, end)
     first, second, _ = state.plane
     clockwise = state.motion == "G2"
@@ -327,7 +349,7 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
             center = _center(block, state, zero)
             arc = arc_by_center(start, end, state.plane, center[[first, second]], clockwise)
     except ValueError as error:
-        raise refuse(str(error), "mismatch") from None
+        raise refuse(str(error), "mismatch", "arc") from None
     return Motion(ARC, start, end, arc)
 
 

@@ -39,13 +39,17 @@ def refuse_foreign_words(original: str, rewritten: Rewritten) -> None:
                 lines[0],
                 f"it is not what line {block.number} of the original does",
                 fault="mismatch",
+                aspect="line",
             )
         for one in lines:
             _refuse_far(one)
     for block in made:
         if block.number not in owned and not re.fullmatch(COMMENT.pattern, block.text):
             raise _foreign(
-                block, "it is no comment, and stands for no line of the original", fault="too_many"
+                block,
+                "it is no comment, and stands for no line of the original",
+                fault="too_many",
+                aspect="comment",
             )
 
 
@@ -73,8 +77,9 @@ def _refuse_far(block: Block) -> None:
                 block,
                 f"{word.letter} is {word.value:g}, beyond what a control takes",
                 fault="out_of_range",
+                aspect="position",
             )
 
 
-def _foreign(block: Block, why: str, fault: Fault) -> NcError:
-    return refusal(SOURCE, block.number, f"{why}; nothing is written", fault)
+def _foreign(block: Block, why: str, fault: Fault, aspect: str) -> NcError:
+    return refusal(SOURCE, block.number, f"{why}; nothing is written", fault, aspect)

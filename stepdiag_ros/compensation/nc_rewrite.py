@@ -194,8 +194,8 @@ class _Writer:
 
     # -- one block ------------------------------------------------------------
 
-    def _refuse(self, block: Block, reason: str, fault: Fault) -> NcError:
-        return refusal(self._source, block.number, reason, fault)
+    def _refuse(self, block: Block, reason: str, fault: Fault, aspect: str = "") -> NcError:
+        return refusal(self._source, block.number, reason, fault, aspect)
 
     def _follow(self, step: Step) -> None:
         """Take note of where a block that is passed as it is sends the axes.
@@ -368,6 +368,7 @@ class _Writer:
                     f"{word.code} stands beside a move that has to be divided; write it in a line"
                     " of its own",
                     fault="mismatch",
+                    aspect="division",
                 )
         return [word for word in others if word not in last], last
 

@@ -84,9 +84,13 @@ def blocks_of(text: str, source: str) -> list[Block]:
     ]
 
 
-def refusal(source: str, number: int, reason: str, fault: Fault | None = None) -> NcError:
+def refusal(
+    source: str, number: int, reason: str, fault: Fault | None = None, aspect: str = ""
+) -> NcError:
     """Return the error that refuses a program because of one line."""
-    return NcError(f"{source}, line {number}: {reason}", fault=fault, where=source, row=number)
+    return NcError(
+        f"{source}, line {number}: {reason}", fault=fault, where=source, row=number, aspect=aspect
+    )
 
 
 def _block(line: str, number: int, source: str) -> Block:
@@ -96,7 +100,11 @@ def _block(line: str, number: int, source: str) -> Block:
         return Block(number, line, (), comments, skipped=False, bare=True, mark=rest.strip())
     if "(" in rest or ")" in rest:
         raise refusal(
-            source, number, "a comment is not closed or stands in another one", fault="malformed"
+            source,
+            number,
+            "a comment is not closed or stands in another one",
+            fault="malformed",
+            aspect="comment",
         )
     skipped = rest.lstrip().startswith("/")
     rest = rest.lstrip().removeprefix("/") if skipped else rest
@@ -116,6 +124,7 @@ def _block(line: str, number: int, source: str) -> Block:
                 f"'{shown}' is no word of a letter and a number; macros, variables and calls of"
                 " subprograms cannot be corrected",
                 fault="malformed",
+                aspect="word",
             )
         words.append(Word(found[1].upper(), float(found[2]), found[2]))
         place = found.end()

@@ -228,7 +228,9 @@ def _collect(
         if found is None:
             if line.strip().startswith("$"):
                 raise Refusal(
-                    f"{name} line {number}: '{line.strip()}' is not understood", fault="malformed"
+                    f"{name} line {number}: '{line.strip()}' is not understood",
+                    fault="malformed",
+                    aspect="line",
                 )
             continue
         kind, suffix, index, value = found.groups()

@@ -110,7 +110,9 @@ class MessageSettings:
             raise NoMessage(f"{shown(message)} is no {self.encoding} text") from None
         if self.restarted is not None and self.restarted.search(text):
             raise StartedAgain(
-                f"the device was started again: it said {shown(message)}", fault="restarted"
+                f"the device was started again: it said {shown(message)}",
+                fault="restarted",
+                aspect="greeting",
             )
         if self.skip is not None and self.skip.search(text):
             return None

@@ -174,8 +174,9 @@ class Talk:
         if self._awaited is not None:
             request, since = self._awaited
             if time_ns - since > limit:
-                raise TimeoutError(
-                    f"{self.url} has not answered {request!r} within {limit / SECOND:g} s"
+                raise Silent(
+                    f"{self.url} has not answered {request!r} within {limit / SECOND:g} s",
+                    fault="silent",
                 )
         elif not self._settings.requests and time_ns - self._heard > limit:
             raise Silent(f"{self.url} has sent nothing for {limit / SECOND:g} s", fault="silent")

@@ -179,7 +179,9 @@ class Link:
         """
         self._check()
         if len(self._unsent) + len(data) > MOST_UNSENT:
-            raise Lost(f"{self.url} takes nothing of what is sent to it", fault="lost")
+            raise Lost(
+                f"{self.url} takes nothing of what is sent to it", fault="lost", aspect="writing"
+            )
         self._unsent += data
         if self._done.is_set():
             self._flush()
@@ -217,7 +219,8 @@ class Link:
         if self._closed:
             raise Lost(f"{self.url} is closed", fault="stopped")
         if self._failure:
-            raise Lost(self._failure, fault="lost")
+            aspect = "opening" if self._port is None else "link"
+            raise Lost(self._failure, fault="lost", aspect=aspect)
 
     def _flush(self) -> None:
         while self._unsent and (room := self._do(_room)):
@@ -232,7 +235,7 @@ class Link:
         except Exception as error:
             # Beside OSError, a port that is pulled out brings TypeError, struct.error and others.
             self._failure = f"the link {self.url} is broken: {_why(error)}"
-            raise Lost(self._failure, fault="lost") from error
+            raise Lost(self._failure, fault="lost", aspect="link") from error
 
 
 def _opened(settings: LinkSettings) -> "SerialBase":

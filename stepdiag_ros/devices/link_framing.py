@@ -108,9 +108,10 @@ class Between:
             begin = begin if whole and self._start != self._end else 0
             if (end if whole else len(kept)) - begin - len(self._start) > self._longest:
                 self._kept = b""
-                raise ValueError(
+                raise Refusal(
                     f"more than {self._longest} bytes came after {self._start!r} without"
-                    f" {self._end!r}"
+                    f" {self._end!r}",
+                    fault="too_many",
                 )
             if not whole:
                 break
@@ -188,5 +189,8 @@ def _mark(section: Section, key: str, default: str | None = None) -> bytes:
     except UnicodeEncodeError:
         raise ValueError(f"{section.source}: '{key}' is {text!r}; expected bytes") from None
     if not mark:
-        raise ValueError(f"{section.source}: '{key}' is empty; expected at least one character")
+        raise Refusal(
+            f"{section.source}: '{key}' is empty; expected at least one character",
+            fault="malformed",
+        )
     return mark

@@ -460,7 +460,9 @@ def _generated_errors(section: Section, source: str, seed: int) -> ErrorCurves:
         "rotation": section.number("rotation_rad", low=0.0, high=1e-2, default=0.0),
     }
     if np.any(low >= high):
-        raise Refusal(f"{source}: travel_low_m is not below travel_high_m", fault="mismatch")
+        raise Refusal(
+            f"{source}: travel_low_m is not below travel_high_m", fault="mismatch", aspect="travel"
+        )
     share = np.linspace(0.0, 1.0, _FINE_NODES)
     curves: dict[str, Vector] = {}
     for name in (*TRANSLATIONS, *ROTATIONS):

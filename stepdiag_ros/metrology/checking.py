@@ -56,7 +56,9 @@ class Section:
             raise Refusal(f"{source}: expected keys with values, found nothing", fault="too_few")
         if not isinstance(mapping, Mapping):
             raise Refusal(
-                f"{source}: expected keys with values, found {_shown(mapping)}", fault="malformed"
+                f"{source}: expected keys with values, found {_shown(mapping)}",
+                fault="malformed",
+                aspect="section",
             )
         self._mapping = mapping
         self._source = source

@@ -56,6 +56,7 @@ def read_direct(text: str, source: str) -> DirectMeasurement:
         raise Refusal(
             f"{source}: the table is empty; expected the columns {', '.join(COLUMNS)}",
             fault="too_few",
+            aspect="header",
         )
     header = [cell.strip() for cell in next(csv.reader([numbered[0][1]]))]
     for column in NEEDED_COLUMNS:
@@ -74,7 +75,9 @@ def read_direct(text: str, source: str) -> DirectMeasurement:
         _value(number, line, header, f"{source}, row {number}") for number, line in numbered[1:]
     ]
     if not values:
-        raise Refusal(f"{source}: the table has no values, only a header", fault="too_few")
+        raise Refusal(
+            f"{source}: the table has no values, only a header", fault="too_few", aspect="values"
+        )
     by_name: dict[str, list[_Value]] = {}
     for value in values:
         by_name.setdefault(value.name, []).append(value)
@@ -90,7 +93,11 @@ def read_direct(text: str, source: str) -> DirectMeasurement:
 def _value(number: int, line: str, header: list[str], where: str) -> _Value:
     cells = [cell.strip() for cell in next(csv.reader([line]))]
     if len(cells) != len(header):
-        raise Refusal(f"{where}: {len(cells)} values for {len(header)} columns", fault="too_few")
+        raise Refusal(
+            f"{where}: {len(cells)} values for {len(header)} columns",
+            fault="too_few",
+            aspect="cells",
+        )
     row = dict(zip(header, cells, strict=True))
     name = row["name"]
     if name not in CURVES and name not in SQUARENESS:
@@ -200,6 +207,7 @@ def _curve(values: list[_Value], source: str) -> DirectCurve:
         raise Refusal(
             f"{source}: {name} has {len(positions)} positions; three are needed to see a shape",
             fault="too_few",
+            aspect="positions",
         )
     uncertainty = [
         max(own[position].uncertainty for own in table.values()) for position in positions

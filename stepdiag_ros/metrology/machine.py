@@ -72,6 +72,7 @@ class Machine:
                     f"{source}: travel_low_m of {axis} is {low:g},"
                     f" not below travel_high_m {high:g}",
                     fault="mismatch",
+                    aspect="travel",
                 )
         return machine
 

@@ -144,6 +144,7 @@ def _curves(section: Section, given: Any) -> dict[str, tuple[float, ...]]:
             f"{section.source}: 'curves' is {given!r}; expected '{FREE}', or values in m at the"
             f" nodes of the measured box under the names {', '.join(TRANSLATIONS)}",
             fault="malformed",
+            aspect="curves",
         )
     part = Section(given, f"{section.source}: curves")
     found = {name: part.numbers(name) for name in TRANSLATIONS if name in given}
@@ -156,7 +157,11 @@ def _curves(section: Section, given: Any) -> dict[str, tuple[float, ...]]:
     part.finish()
     for name, values in found.items():
         if len(values) < 2:
-            raise Refusal(f"{part.source}: '{name}' needs a value for each node", fault="malformed")
+            raise Refusal(
+                f"{part.source}: '{name}' needs a value for each node",
+                fault="malformed",
+                aspect="values",
+            )
     return found
 
 

@@ -18,6 +18,7 @@ def check_command(command: StopCommand, plan: Plan) -> None:
             f"command {command.command_id} is for line {command.line_index}, but the plan "
             f"'{plan.name}' has {len(plan.lines)} lines: was the plan changed?",
             fault="mismatch",
+            aspect="line",
         )
     targets = plan.lines[command.line_index].stops(plan.volume)
     if not 0 <= command.stop < len(targets):
@@ -25,6 +26,7 @@ def check_command(command: StopCommand, plan: Plan) -> None:
             f"command {command.command_id} is for stop {command.stop}, but line "
             f"{command.line_index} has {len(targets)} stops: was the plan changed?",
             fault="mismatch",
+            aspect="stop",
         )
     # Written so that a target that is no number is refused too.
     if not np.max(np.abs(targets[command.stop] - np.asarray(command.target))) <= 1e-9:
@@ -33,4 +35,5 @@ def check_command(command: StopCommand, plan: Plan) -> None:
             f"of line {command.line_index} is at {tuple(targets[command.stop].tolist())} m: "
             "was the plan changed?",
             fault="mismatch",
+            aspect="place",
         )

@@ -51,6 +51,8 @@ class Told(Exception):
         about: name of what is at fault: a key, column, parameter, topic, axis, line or curve.
         where: the file or source that it stands in, as the user calls it.
         row: of a table, or line of a text, counted from 1.
+        aspect: which of several demands on the same thing is not met, in a word, such as ``feed``
+            or ``limits`` of a move; empty where the kind of fault tells it.
     """
 
     def __init__(
@@ -60,12 +62,14 @@ class Told(Exception):
         about: str = "",
         where: str = "",
         row: int | None = None,
+        aspect: str = "",
     ) -> None:
         super().__init__(*words)
         self.fault = fault
         self.about = about
         self.where = where
         self.row = row
+        self.aspect = aspect
 
 
 class Refusal(Told, ValueError):
@@ -76,7 +80,7 @@ def fields_of(error: Exception) -> dict[str, Any]:
     """Return the fields of an error, for another error that says more about the same fault."""
     if not isinstance(error, Told):
         return {}
-    return {"fault": error.fault, "about": error.about, "where": error.where, "row": error.row}
+    return {name: getattr(error, name) for name in ("fault", "about", "where", "row", "aspect")}
 
 
 class Lost(Told, ConnectionError):

@@ -73,7 +73,9 @@ def table_one(
     """
     if not results:
         raise Refusal(
-            "Table 1 needs at least one result with translational errors", fault="too_few"
+            "Table 1 needs at least one result with translational errors",
+            fault="too_few",
+            aspect="results",
         )
     nodes = next(iter(results.values())).nodes
     travel = [float(axis_nodes[-1] - axis_nodes[0]) for axis_nodes in nodes]

@@ -85,7 +85,9 @@ class VolumetricMap:
         for name, values in (*self.curves.items(), *self.standard_uncertainty.items()):
             if name not in CURVES:
                 raise Refusal(
-                    f"'{name}' is no error curve; use names such as E_XX or E_AX", fault="unknown"
+                    f"'{name}' is no error curve; use names such as E_XX or E_AX",
+                    fault="unknown",
+                    aspect="curve",
                 )
             nodes = self.nodes[moving_axis(name)]
             if values.shape != nodes.shape:
@@ -95,16 +97,20 @@ class VolumetricMap:
                 )
         missing = [name for name in TRANSLATIONS if name not in self.curves]
         if missing:
-            raise Refusal(f"an error map needs {', '.join(missing)}", fault="missing")
+            raise Refusal(
+                f"an error map needs {', '.join(missing)}", fault="missing", aspect="curves"
+            )
         if self.chain and self.chain not in CHAINS:
             raise Refusal(
                 f"'{self.chain}' is no kinematic chain; use one of {', '.join(CHAINS)}",
                 fault="unknown",
+                aspect="chain",
             )
         if not self.chain and any(name in ROTATIONS for name in self.curves):
             raise Refusal(
                 "a map with rotations needs the order of the machine's axes (chain)",
                 fault="missing",
+                aspect="chain",
             )
 
     @classmethod

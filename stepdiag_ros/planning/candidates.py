@@ -315,6 +315,7 @@ def travel_box(
                 f"the box runs {letter} from {first:g} m to {last:g} m, but with a margin of "
                 f"{margin:g} m the travel is {ends[0] + margin:g} m to {ends[1] - margin:g} m",
                 fault="out_of_range",
+                aspect="box",
             )
         corners.append((first, last))
     (x0, x1), (y0, y1), (z0, z1) = corners

@@ -89,6 +89,7 @@ def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> Expectation:
         raise Refusal(
             f"the uncertainty of a stop is {stop_uncertainty:g} m; it must be positive",
             fault="out_of_range",
+            aspect="uncertainty",
         )
     # In units of a stop's uncertainty the matrices are the same for every laser.
     design = Design(observe(nominal_measurement(plan, 1.0)), chain)

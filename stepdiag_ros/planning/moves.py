@@ -108,7 +108,7 @@ def program_of(plan: Plan, machine: Machine, dialect: Dialect | None = None) -> 
     """
     beyond = beyond_machine(plan, machine)
     if beyond:
-        raise Refusal(f"no NC program: {beyond}", fault="out_of_range")
+        raise Refusal(f"no NC program: {beyond}", fault="out_of_range", aspect="move")
     return nc_program(
         moves_of(plan),
         feed_m_per_s=plan.feed,

@@ -240,16 +240,20 @@ def _check(moves: list[Move], feed: float) -> None:
         raise Refusal(
             f"the feed of an NC program is {feed:g} m/s; expected {_SLOWEST:g} to {_FASTEST:g} m/s",
             fault="out_of_range",
+            aspect="feed",
         )
     for number, move in enumerate(moves, start=1):
         if not all(abs(value) <= FARTHEST for value in move.target_m):
             raise Refusal(
-                f"move {number}: the target {move.target_m} is no position", fault="out_of_range"
+                f"move {number}: the target {move.target_m} is no position",
+                fault="out_of_range",
+                aspect="target",
             )
         if not 0.0 <= move.dwell_s <= _LONGEST_DWELL:
             raise Refusal(
                 f"move {number}: a dwell of {move.dwell_s:g} s; expected 0 to {_LONGEST_DWELL:g} s",
                 fault="out_of_range",
+                aspect="dwell",
             )
 
 

@@ -200,6 +200,7 @@ def _candidates(
             f"an overrun of {request.overrun:g} m does not fit into the margin of "
             f"{request.margin:g} m at the ends of the travel",
             fault="out_of_range",
+            aspect="overrun",
         )
     low, high = travel_box(request.machine, request.margin, request.low, request.high)
     directions = request.directions or purpose.directions

@@ -95,7 +95,9 @@ def block_displacements(
     """
     names = list(dict.fromkeys(one.line.name for one in blocks))
     if not names:
-        raise Refusal("there is no block, so no displacement can be drawn", fault="too_few")
+        raise Refusal(
+            "there is no block, so no displacement can be drawn", fault="too_few", aspect="block"
+        )
     sheet = Sheet(len(names), _COLUMNS, _PANEL_HEIGHT, axes=axes, share_up=True, gap=(0.2, 0.55))
     drawn: dict[str, Any] = {}
     for number, (panel, name) in enumerate(zip(sheet.panels, names, strict=True)):
@@ -243,7 +245,9 @@ def _around(
     """
     if not stops:
         raise Refusal(
-            "there is no stop, so it is not known which readings to draw", fault="too_few"
+            "there is no stop, so it is not known which readings to draw",
+            fault="too_few",
+            aspect="stop",
         )
     begin = min(one.window_start for one in stops)
     end = max(one.window_end for one in stops)

@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.rest_matching import (
     same_level,
 )
 from stepdiag_ros.metrology.stillness import Criteria, Rest, StillnessDetector
+from stepdiag_ros.run.refusing import in_wrong_state
 from stepdiag_ros.run.sequence import Progress, State
 
 MOST_READINGS = 200_000
@@ -82,7 +83,7 @@ class HandCourse:
         if self.state is State.FAULT:
             self._attempt += 1
         elif self.state is not State.WAITING_FOR_SETUP:
-            raise Refusal(f"cannot resume: the run is {self.state.name.lower()}", fault="not_ready")
+            raise in_wrong_state("resume", self.state)
         setup = self._plan.setup_of(self._plan.lines[self._line])
         self._zeros[setup] = self._zeros.get(setup, 0) + 1
         lines = [self._line]
@@ -103,7 +104,7 @@ class HandCourse:
             ValueError: the run has ended.
         """
         if self.state in (State.FINISHED, State.ABORTED):
-            raise Refusal(f"cannot abort: the run is {self.state.name.lower()}", fault="not_ready")
+            raise in_wrong_state("abort", self.state)
         self._enter(State.ABORTED, text)
 
     def fault(self, text: str) -> None:

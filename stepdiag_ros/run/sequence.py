@@ -10,7 +10,7 @@ import numpy as np
 from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.run.refusing import in_wrong_state
 from stepdiag_ros.run.route import Route
 from stepdiag_ros.run.time_left import TimeLeft
 
@@ -212,7 +212,7 @@ class Sequence:
             self._restart_line()
             self._line_tries = 1
         elif self.state is not State.PAUSED:
-            raise Refusal(f"cannot resume: the run is {self.state.name.lower()}", fault="not_ready")
+            raise in_wrong_state("resume", self.state)
         self._enter(State.RUNNING, "measuring")
         self.update(now, real)
 

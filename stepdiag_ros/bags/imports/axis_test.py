@@ -83,6 +83,7 @@ def axis_name(told: str, options: ImportOptions, source: str) -> str:
             f"{source}: {said}; say which it is: --axis X, Y or Z, or the name of a diagonal"
             " (ppp, npp …)",
             fault="unknown",
+            aspect="axis",
         )
     return found.pop()
 

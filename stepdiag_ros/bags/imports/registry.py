@@ -78,6 +78,7 @@ def read_file(
         f" ({', '.join(found.name for found in FORMATS)}, run table); say what its columns are by"
         " a mapping file: --mapping FILE",
         fault="unknown",
+        aspect="format",
     )
 
 

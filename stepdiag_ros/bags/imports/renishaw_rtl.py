@@ -121,6 +121,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
                 else ""
             ),
             fault="wrong_kind",
+            aspect="quantity",
         )
     text = source.text(options.encoding)
     content, rows = deviations(text, options.decimal)

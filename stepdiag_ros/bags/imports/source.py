@@ -73,6 +73,7 @@ class SourceFile:
                     f"{self.name} is {what}, no text; its layout is not public: export the test as"
                     " text (.rtl or CSV) from the program that made it",
                     fault="wrong_kind",
+                    aspect="layout",
                 )
         remarks: tuple[str, ...] = ()
         if encoding:
@@ -107,6 +108,7 @@ class SourceFile:
                     number,
                     "there are signs that no text has; the file is binary",
                     fault="wrong_kind",
+                    aspect="text",
                 )
 
 

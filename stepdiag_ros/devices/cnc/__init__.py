@@ -27,12 +27,16 @@ class CncState(IntEnum):
 
 def not_ready(state: CncState) -> MoveRefused:
     """Return the refusal of a move in a state in which none begins."""
-    return MoveRefused(f"the machine is {state.name.lower()}, not ready", fault="not_ready")
+    return MoveRefused(
+        f"the machine is {state.name.lower()}, not ready", fault="not_ready", aspect="state"
+    )
 
 
 def still_moves() -> MoveRefused:
     """Return the refusal of a reset while the axes move."""
-    return MoveRefused("the axes still move: stop the machine first, then reset it", fault="busy")
+    return MoveRefused(
+        "the axes still move: stop the machine first, then reset it", fault="busy", aspect="motion"
+    )
 
 
 class PositionSample(NamedTuple):

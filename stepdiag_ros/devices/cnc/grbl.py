@@ -44,6 +44,7 @@ from stepdiag_ros.devices.cnc.grbl_move import (
     braking_limit,
     check_move,
     line_of_move,
+    not_yet,
 )
 from stepdiag_ros.devices.cnc.grbl_protocol import (
     ALARMS_THAT_KEEP_POSITION,
@@ -175,19 +176,19 @@ class GrblCnc:
             raise still_moves()
         starting = self._doing is Doing.STARTING and report is not None
         if self._doing is not Doing.NOTHING and not starting:
-            raise MoveRefused(f"the controller {self._doing.value}: reset again in a moment")
+            raise not_yet(f"the controller {self._doing.value}", self._doing.name)
         if report is None and not self._critical:
-            raise MoveRefused("the controller has not told its state yet: reset again in a moment")
+            raise not_yet("the controller has not told its state yet", "state")
         if self._critical or report is None or report.activity not in (_IDLE, _ALARM):
             if report is not None and report.activity is Activity.DOOR and report.part == 1:
                 said = "the safety door is open: close it, then reset again"
-                raise MoveRefused(said, fault="not_ready")
+                raise MoveRefused(said, fault="not_ready", aspect="door")
             self._soft_reset()
-            raise MoveRefused("the controller is being reset: reset again in a moment")
+            raise not_yet("the controller is being reset", "reset")
         if report.activity is _ALARM or self._lost:
             self._unlock(now)
         if self._setup is None:
-            raise MoveRefused(f"the controller {Doing.ASKING.value}: reset again in a moment")
+            raise not_yet(f"the controller {Doing.ASKING.value}", Doing.ASKING.name)
         self._alarm = ""
         self._change(now, CncState.READY, "")
 
@@ -419,7 +420,7 @@ class GrblCnc:
     def _check(self, target: Point, feed: float, axes: str) -> None:
         """Refuse a move that must not be made."""
         if self._setup is None or self._doing in (Doing.STARTING, Doing.ASKING):
-            raise MoveRefused(f"the controller {self._doing.value}", fault="not_ready")
+            raise MoveRefused(f"the controller {self._doing.value}", fault="busy")
         if self._state is not CncState.READY or self._doing is not Doing.NOTHING:
             raise not_ready(self._state)
         check_move(self._machine, self._setup, self._place.position, target, feed, axes)
@@ -434,15 +435,15 @@ class GrblCnc:
             if not self._settings.home_on_reset:
                 said = f"the position is not known ({self._lost}): home the machine and open the"
                 advice = "controller anew, or set home_on_reset in the device file"
-                raise MoveRefused(f"{said} {advice}", fault="undetermined")
+                raise MoveRefused(f"{said} {advice}", fault="undetermined", aspect="position")
             self._begin(Doing.HOMING)
             self._talk.be_patient(now, silent=True)
             self._talk.send(now, "$H", self._settings.homing_limit)
             said = "the machine is homing: reset again when it has finished"
-            raise MoveRefused(said, fault="busy")
+            raise MoveRefused(said, fault="busy", aspect="homing")
         self._begin(Doing.UNLOCKING)
         self._talk.send(now, "$X")
-        raise MoveRefused("the controller is being unlocked: reset again in a moment", fault="busy")
+        raise not_yet("the controller is being unlocked", "unlocking")
 
     def _hold(self, reason: str) -> None:
         self._why, self._idle_once = reason, False

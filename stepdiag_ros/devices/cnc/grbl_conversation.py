@@ -187,6 +187,7 @@ class Conversation:
             raise Silent(
                 f"the controller did not answer '{line}': whether it was executed is not known",
                 fault="undetermined",
+                aspect="answer",
             )
         if self._unanswered is None or self._silent:
             return

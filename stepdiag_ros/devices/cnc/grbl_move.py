@@ -178,6 +178,7 @@ def check_move(
         raise MoveRefused(
             f"the feed {feed:g} m/s is below the {SLOWEST:.2g} m/s that Grbl can do",
             fault="out_of_range",
+            aspect="slowest",
         )
     way = [a - b for a, b in zip(target, position, strict=True)]
     for number, (axis, part, rate) in enumerate(zip(AXES, way, setup.rate, strict=True)):
@@ -186,6 +187,7 @@ def check_move(
                 f"{axis} would move faster than the {rate:g} m/s that the controller allows"
                 f" ($11{number}): it would be slower than asked for",
                 fault="out_of_range",
+                aspect="fastest",
             )
 
 
@@ -214,3 +216,8 @@ def _plain(value: float) -> str:
 def _point(values: Iterable[float]) -> Point:
     x, y, z = values
     return x, y, z
+
+
+def not_yet(words: str, aspect: str) -> MoveRefused:
+    """Return the refusal of a reset that will be possible soon."""
+    return MoveRefused(f"{words}: reset again in a moment", fault="busy", aspect=aspect)

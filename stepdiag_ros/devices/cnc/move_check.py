@@ -48,26 +48,33 @@ def check_target(
         raise MoveRefused(
             f"'{one_line(axes)[:20]}' is not some of the axes X, Y and Z, each once",
             fault="malformed",
+            aspect="axes",
         )
     if not all(map(isfinite, (*target, *position))):
         raise MoveRefused(
-            f"the target {target} is no position, or no position is known", fault="malformed"
+            f"the target {target} is no position, or no position is known",
+            fault="malformed",
+            aspect="target",
         )
     if not 0.0 < feed <= feed_limit:
         raise MoveRefused(
             f"the feed {feed:g} m/s is not above 0 and up to {feed_limit:g} m/s",
             fault="out_of_range",
+            aspect="feed",
         )
     for name, value, low, high in zip(AXES, target, *limits, strict=True):
         if not low <= value <= high:
             raise MoveRefused(
                 f"{name} = {value:g} m lies beyond the soft limits {low:g} m to {high:g} m",
                 fault="out_of_range",
+                aspect="limits",
             )
     far = far_axes(position, target, near)
     if not set(far) <= set(axes):
         asked = f"one of {' and '.join(axes)}" if axes else "none"
         raise MoveRefused(
-            f"the move is of {' and '.join(far)}, but was asked for as {asked}", fault="mismatch"
+            f"the move is of {' and '.join(far)}, but was asked for as {asked}",
+            fault="mismatch",
+            aspect="axes",
         )
     return far

@@ -172,7 +172,9 @@ class Ids3010:
             if self._now > asked.until:
                 waited = (asked.until - asked.sent) / SECOND
                 raise Silent(
-                    f"the IDS has not answered {asked.method} within {waited:g} s", fault="silent"
+                    f"the IDS has not answered {asked.method} within {waited:g} s",
+                    fault="silent",
+                    aspect="answer",
                 )
         return self._readings()
 
@@ -239,10 +241,16 @@ class Ids3010:
             answer = parse_json(line.decode(), "the answer")
         except ValueError:
             raise Refusal(
-                f"the IDS answers {line[:60]!r}, which is no JSON", fault="malformed"
+                f"the IDS answers {line[:60]!r}, which is no JSON",
+                fault="malformed",
+                aspect="JSON",
             ) from None
         if not isinstance(answer, dict):
-            raise Refusal(f"the IDS answers {line[:60]!r}, which is no JSON-RPC", fault="malformed")
+            raise Refusal(
+                f"the IDS answers {line[:60]!r}, which is no JSON-RPC",
+                fault="malformed",
+                aspect="JSON-RPC",
+            )
         asked = self._asked.pop(answer.get("id"), None)  # type: ignore[arg-type]
         if asked is None:
             # A notification, or an answer that somebody else's program asked for.
@@ -289,7 +297,11 @@ class Ids3010:
             raise Lost(f"the IDS does not measure: its state is '{mode}'", fault="not_ready")
         if self._now - self._started > self._settings.start_within:
             limit = self._settings.start_within / SECOND
-            raise Silent(f"the IDS has not begun to measure within {limit:g} s", fault="silent")
+            raise Silent(
+                f"the IDS has not begun to measure within {limit:g} s",
+                fault="silent",
+                aspect="measurement",
+            )
 
     def _done(self, result: list[Any]) -> None:
         if result[0] not in (0, None):

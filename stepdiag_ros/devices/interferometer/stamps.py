@@ -89,7 +89,9 @@ class ClockStamps:
         expected = self._offset + round(max(own - self._last, 0) * DRIFT)
         if own < self._last or offset < expected - JUMP:
             raise StartedAgain(
-                "the clock of the instrument has jumped: it was started again", fault="restarted"
+                "the clock of the instrument has jumped: it was started again",
+                fault="restarted",
+                aspect="clock",
             )
         self._offset = min(expected, offset)
         self._last = own
@@ -129,6 +131,7 @@ class Missing:
                 f"the numbers of the readings fall from {last} to {number}: the instrument was"
                 " started again",
                 fault="restarted",
+                aspect="number",
             )
         return step - 1
 

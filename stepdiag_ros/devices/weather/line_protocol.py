@@ -125,6 +125,7 @@ class Sensor:
                         f"{MOST_UNREADABLE} messages of {self._talk.url} in a row cannot be read,"
                         f" the last one since {error}",
                         fault="malformed",
+                        aspect="message",
                     ) from None
                 continue
             self._unreadable = 0

@@ -128,6 +128,7 @@ def pair(before: Measured, after: Measured, cross: Vector) -> Pair:
         raise Refusal(
             "the two results have no error curve in common: nothing can be compared",
             fault="mismatch",
+            aspect="curves",
         )
     places = [
         _places(one.result, names, pick) for one, pick in zip((before, after), picks, strict=True)
@@ -171,6 +172,7 @@ def common_nodes(
                 f"the measured boxes differ: {letter} from {low[0]:g} to {low[1]:g} mm and from"
                 f" {high[0]:g} to {high[1]:g} mm; measure the same box again",
                 fault="mismatch",
+                aspect="box",
             )
         same = np.abs(first[:, None] - second[None, :]) <= EDGE
         rows, columns = np.nonzero(same)
@@ -240,6 +242,7 @@ def _chain(before: str, after: str) -> str:
             f"these are different machines: the axes of the first are in the order {before} from"
             f" workpiece to tool, those of the second {after}",
             fault="mismatch",
+            aspect="machine",
         )
     return before or after
 

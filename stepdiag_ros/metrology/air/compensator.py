@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.air.index import DEFAULT_EQUATION, HELIUM_NEON_WAVEL
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.samples import SampleBlock
 
 COMPENSATIONS = ("instrument", "own", "off")
@@ -49,7 +50,7 @@ class Compensator:
     ) -> None:
         if kind not in COMPENSATIONS:
             known = ", ".join(COMPENSATIONS)
-            raise ValueError(f"'{kind}' is no compensation; expected {known}")
+            raise Refusal(f"'{kind}' is no compensation; expected {known}", fault="unknown")
         self.kind = kind
         self._dead_path = dead_path
         self._wavelength = wavelength

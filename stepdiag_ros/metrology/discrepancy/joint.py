@@ -50,7 +50,9 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
             and what differs.
     """
     if not measurements:
-        raise Refusal("there is no run to be diagnosed; give at least one", fault="too_few")
+        raise Refusal(
+            "there is no run to be diagnosed; give at least one", fault="too_few", aspect="run"
+        )
     words = [
         names[index] if index < len(names) else f"run {index + 1}"
         for index in range(len(measurements))
@@ -61,7 +63,9 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
     before = 0
     for name, measurement in zip(words, measurements, strict=True):
         if not measurement.lines:
-            raise Refusal(f"{name} has no measured line; leave it out", fault="too_few")
+            raise Refusal(
+                f"{name} has no measured line; leave it out", fault="too_few", aspect="line"
+            )
         _check_volume(first.volume, measurement.volume, words[0], name)
         if measurement.chain and chain and measurement.chain != chain:
             raise Refusal(

@@ -37,7 +37,11 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
         ValueError: no such method, or the lines contradict the volume or each other.
     """
     if method not in SOLVERS:
-        raise Refusal(f"'{method}' is no method; use one of {', '.join(SOLVERS)}", fault="unknown")
+        raise Refusal(
+            f"'{method}' is no method; use one of {', '.join(SOLVERS)}",
+            fault="unknown",
+            aspect="method",
+        )
     result = SOLVERS[method](measurement)
     if measurement.direct is None or method in _WEIGHING:
         return result

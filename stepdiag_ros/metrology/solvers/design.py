@@ -251,6 +251,7 @@ class Design:
                         " the first corner, which is no node: the rotations of that axis count "
                         "there; let it stand at a node of the volume",
                         fault="mismatch",
+                        aspect="node",
                     )
                 node[here, axis] = round(counted)
         return arms

@@ -241,12 +241,15 @@ def estimator(
             raise NotDeterminable(
                 "needs the kinematic chain of the machine, which is not known for this measurement",
                 fault="missing",
+                aspect="chain",
             )
         return LeastSquaresEstimator(measurement, observations, rotations=True)
     if method in LINEAR_MAPS:
         return LinearEstimator(observations, LINEAR_MAPS[method](observations))
     raise Refusal(
-        f"'{method}' is no method for this; use one of {', '.join(METHODS)}", fault="unknown"
+        f"'{method}' is no method for this; use one of {', '.join(METHODS)}",
+        fault="unknown",
+        aspect="replicated method",
     )
 
 

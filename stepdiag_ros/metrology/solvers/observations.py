@@ -225,12 +225,14 @@ def observe(measurement: Measurement) -> Observations:
                 f"setup '{line.setup}' holds lines '{used.line}' and '{line.line.name}': "
                 "one setup has one beam direction",
                 fault="mismatch",
+                aspect="beam",
             )
         if np.max(np.abs(_start(line, volume, used.signs) - used.start)) > _ELSEWHERE:
             raise Refusal(
                 f"setup '{line.setup}' holds lines '{line.line.name}' at different places: one "
                 "setup stands at one place; give each place a setup of its own",
                 fault="mismatch",
+                aspect="place",
             )
         setup.append(np.full(len(good), index[line.setup]))
         passes.append(np.full(len(good), number))
@@ -282,6 +284,7 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
             "which is no node of the measured volume; the line and the volume contradict each"
             " other",
             fault="mismatch",
+            aspect="node",
         )
     nodes: Integers = np.where(signs != 0, nearest, -1).astype(np.int64)
     return nodes
@@ -349,7 +352,9 @@ def block_means(
     missing = [line for line in lines if line not in names]
     if missing:
         raise NotDeterminable(
-            f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}", fault="missing"
+            f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}",
+            fault="missing",
+            aspect="lines",
         )
     weights = np.zeros((len(lines), 3, blocks, end - start))
     for row, line in enumerate(lines):
@@ -376,6 +381,7 @@ def block_means(
                     f"measured on {line}; measure it as a step diagonal again, or use"
                     " least_squares",
                     fault="missing",
+                    aspect="move",
                 )
         share = sense / number[axis, interval]
         for place, weight in ((before + 1, share), (before, -share)):

@@ -40,6 +40,7 @@ def solve_rigid_body(measurement: Measurement) -> VolumetricErrors:
             "needs the order of the machine's axes from workpiece to tool (chain), which is not "
             "known for this measurement",
             fault="missing",
+            aspect="chain",
         )
     design = Design(observe(measurement), measurement.chain)
     return solve_design("rigid_body", design, measurement.plausible)

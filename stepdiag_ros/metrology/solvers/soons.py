@@ -202,6 +202,7 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
         raise NotDeterminable(
             "needs the kinematic chain of the machine, which is not known for this measurement",
             fault="missing",
+            aspect="chain",
         )
     equations = equations_of(chain)
     observations = observe(measurement)
@@ -214,6 +215,7 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
             f"needs {' and '.join(needed)} in three orders of the moves for the chain {chain}; "
             f"missing: {', '.join(missing)}",
             fault="missing",
+            aspect="orders",
         )
     inverse = np.linalg.inv(matrix_of_equations(chain, np.asarray(volume.step)))
     increments = np.tensordot(inverse, _differences(observations, equations, names), axes=1)
@@ -294,6 +296,7 @@ def _difference(
                 f"before and after {AXES[equation.later]} moved over its interval {interval + 1}: "
                 "measure the diagonal in the three orders XYZ, YZX, ZXY",
                 fault="missing",
+                aspect="orders",
             )
         rows.append(np.mean(pairs, axis=0))
     return np.stack(rows)

@@ -77,6 +77,7 @@ class BidirectionalRuns:
                 raise Refusal(
                     f"test of {self.name}: a {direction} deviation is not finite",
                     fault="out_of_range",
+                    aspect="deviation",
                 )
         if len(self.forward) + len(self.backward) == 0:
             raise Refusal(f"test of {self.name}: there is no run", fault="too_few")

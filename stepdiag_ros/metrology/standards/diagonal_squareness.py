@@ -232,6 +232,7 @@ def check_ends(diagonals: Sequence[DiagonalLength]) -> tuple[str, ...]:
                 f"diagonal {one.line}: its axes do not run as its name says from"
                 f" {_place(one.start)} to {_place(one.finish)}",
                 fault="mismatch",
+                aspect="name",
             )
         corner = np.where(signs < 0, high, low), np.where(signs < 0, low, high)
         for name, end, wanted in zip(
@@ -242,12 +243,14 @@ def check_ends(diagonals: Sequence[DiagonalLength]) -> tuple[str, ...]:
                     f"diagonal {one.line} {name} at {_place(end)}, but {diagonals[0].line} needs"
                     f" it at {_place(wanted)}: {_NOT_THE_SAME}",
                     fault="mismatch",
+                    aspect="ends",
                 )
         if one.same_approach is False:
             raise Refusal(
                 f"diagonal {one.line}: its ends were approached in different directions, so the"
                 " reversal error is in its length; move in the same direction before each reading",
                 fault="mismatch",
+                aspect="approach",
             )
         if one.same_approach is None:
             warnings.append(
@@ -281,7 +284,9 @@ def from_face(
     moved = [axis for axis, sign in enumerate(line_signs(first.line)) if sign]
     if len(moved) != 2 or second.line != first.line.replace("p", "n", 1) or "n" in first.line:
         raise Refusal(
-            f"{first.line} and {second.line} are not the two diagonals of a face", fault="mismatch"
+            f"{first.line} and {second.line} are not the two diagonals of a face",
+            fault="mismatch",
+            aspect="face",
         )
     check_ends((first, second))
     name = next(name for name, pair in PAIRS.items() if pair == tuple(moved))
@@ -326,6 +331,7 @@ def from_body(
             f"{len(names)} body diagonals: squareness needs all four, or three and the linear tests"
             " of X, Y and Z",
             fault="too_few",
+            aspect="body diagonals",
         )
     warnings = check_ends(diagonals)
     travel, nominal = np.abs(diagonals[0].travel), diagonals[0].nominal
@@ -445,7 +451,9 @@ def squareness_from(
     if not values:
         reasons = "; ".join(remarks) or "there is no face or body diagonal"
         raise Refusal(
-            f"no squareness can be found from these diagonals: {reasons}", fault="too_few"
+            f"no squareness can be found from these diagonals: {reasons}",
+            fault="too_few",
+            aspect="diagonals",
         )
     return SquarenessResult(
         values=tuple(values),

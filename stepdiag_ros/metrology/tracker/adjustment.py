@@ -134,11 +134,14 @@ def adjust(
         raise Refusal(
             "some readings have an uncertainty and some have none; give all of them one, or none",
             fault="mismatch",
+            aspect="uncertainty",
         )
     if known.all():
         if np.any(uncertainty <= 0):
             raise Refusal(
-                "the uncertainty of a reading is not more than zero", fault="out_of_range"
+                "the uncertainty of a reading is not more than zero",
+                fault="out_of_range",
+                aspect="uncertainty",
             )
         return _adjust(model, observed, uncertainty, start, prior, estimated=False)
     # Without a prior the noise does not move the estimate; with one the two are weighed.

@@ -54,6 +54,7 @@ def grid_of(commanded: Vector) -> Volume:
             raise NotDeterminable(
                 f"the points are on no grid: {AXES[axis]} needs two or more equally spaced places",
                 fault="too_few",
+                aspect="grid",
             )
         nodes.append(found)
     counts = {len(found) for found in nodes}

@@ -113,7 +113,9 @@ def figure_four(
         ValueError: the line would run through the tracker.
     """
     if not 0.0 < line_length < distance:
-        raise Refusal("the line must end before the tracker", fault="out_of_range")
+        raise Refusal(
+            "the line must end before the tracker", fault="out_of_range", aspect="tracker"
+        )
     ways = np.linspace(0.0, line_length, LINE_STEPS)
     commanded = ways[:, None] * np.array([1.0, 0.0, 0.0])
     reached = AxisErrors(axis=0, gamma=gamma).reached(np.zeros(3), ways)

@@ -180,7 +180,9 @@ def evaluate_test(
     by_line = {name: [r for r in used if r.line == name] for name in SEVEN_LINES}
     by_line = {name: found for name, found in by_line.items() if found}
     if not by_line:
-        raise Refusal("there is no reading of any of the seven lines", fault="too_few")
+        raise Refusal(
+            "there is no reading of any of the seven lines", fault="too_few", aspect="lines"
+        )
     remarks = [LINES_ALONE]
     missing = [name for name in SEVEN_LINES if name not in by_line]
     if missing:
@@ -218,7 +220,11 @@ def locate_from(readings: Sequence[TrackerReading], minimum_range: float = 0.0) 
     """
     places = [reading for reading in readings if reading.line == LOCATE]
     if not places:
-        raise PoorGeometry("there is no reading 'locate' to find the tracker from", fault="missing")
+        raise PoorGeometry(
+            "there is no reading 'locate' to find the tracker from",
+            fault="missing",
+            aspect="location",
+        )
     return locate(
         points_of(places),
         changes_of(places),
@@ -300,13 +306,16 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
             f"line {name}: the beam is up to {widest:.0f}° off the line; a length then says"
             " little of the position along it, so ISO 230-2 does not apply",
             fault="out_of_range",
+            aspect="beam",
         )
     found: dict[str, list[Vector]] = {FORWARD: [], BACKWARD: []}
     zero = None
     for (run_number, sense), run in sorted(groups.items()):
         if sorted(run) != stops:
             raise Refusal(
-                f"line {name} {sense}, run {run_number}: a target is missing", fault="missing"
+                f"line {name} {sense}, run {run_number}: a target is missing",
+                fault="missing",
+                aspect="target",
             )
         reached = np.array([run[stop].position for stop in stops])
         if np.max(np.abs(reached - targets)) > 1e-9:

@@ -149,17 +149,22 @@ def locate(
     changes = np.asarray(changes, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or changes.shape != (len(points),):
         raise Refusal(
-            "expected one length change and three coordinates for each place", fault="mismatch"
+            "expected one length change and three coordinates for each place",
+            fault="mismatch",
+            aspect="shape",
         )
     if not (np.all(np.isfinite(points)) and np.all(np.isfinite(changes))):
         raise Refusal(
-            "a place or a length of the tracker's location is not finite", fault="out_of_range"
+            "a place or a length of the tracker's location is not finite",
+            fault="out_of_range",
+            aspect="value",
         )
     different = len(np.unique(np.round(points, 9), axis=0))
     if different < LEAST_POINTS:
         raise PoorGeometry(
             f"{different} different places; the tracker is located from {LEAST_POINTS} or more",
             fault="too_few",
+            aspect="places",
         )
     spread = np.broadcast_to(np.asarray(uncertainty, dtype=np.float64), changes.shape)
     flat, normal = _flatness(points)

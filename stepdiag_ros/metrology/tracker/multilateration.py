@@ -249,12 +249,14 @@ def _check_counts(read: NDArray[np.bool_], names: Sequence[str]) -> int:
             f"{many} stations; multilateration with unknown stations needs {LEAST_STATIONS} or"
             " more",
             fault="too_few",
+            aspect="stations",
         )
     few = np.flatnonzero(read.sum(axis=1) < _LEAST_PER_POINT)
     if len(few):
         raise PoorGeometry(
             f"point {few[0] + 1} was read from fewer than {_LEAST_PER_POINT} stations",
             fault="too_few",
+            aspect="point",
         )
     freedom: int = int(read.sum()) - (3 * count + 4 * many - _FREE)
     if freedom < 0:
@@ -262,6 +264,7 @@ def _check_counts(read: NDArray[np.bool_], names: Sequence[str]) -> int:
             f"{int(read.sum())} lengths for {3 * count + 4 * many - _FREE} unknowns; measure more"
             " points or from more stations",
             fault="too_few",
+            aspect="lengths",
         )
     for station, seen in enumerate(read.sum(axis=0)):
         if seen < LEAST_STATIONS:

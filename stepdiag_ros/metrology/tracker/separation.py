@@ -236,6 +236,7 @@ def _refuse_on_the_line(
             " or more): a lean of the line then changes no length to first order, so its squareness"
             " cannot be told; move tracker or line sideways",
             fault="out_of_range",
+            aspect="offset",
         )
 
 

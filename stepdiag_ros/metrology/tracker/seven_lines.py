@@ -129,13 +129,15 @@ def make_test(
         raise Refusal(
             f"{targets} targets on a line; expected {_LEAST_TARGETS} to {_MOST_TARGETS}",
             fault="too_few",
+            aspect="targets",
         )
     if runs < 1:
-        raise Refusal(f"{runs} runs; expected 1 or more", fault="too_few")
+        raise Refusal(f"{runs} runs; expected 1 or more", fault="too_few", aspect="runs")
     if not 0.0 <= overrun < 0.1 * float(np.min(box.high - box.low)):
         raise Refusal(
             f"an overrun of {overrun:g} m; expected 0 to a tenth of the shortest side",
             fault="out_of_range",
+            aspect="overrun",
         )
     lines: list[TestLine] = []
     left_out: dict[str, str] = {}
@@ -150,6 +152,7 @@ def make_test(
             "the tracker can see none of the seven lines: " + _sentence(left_out) + "; place it"
             " elsewhere",
             fault="out_of_range",
+            aspect="sight",
         )
     remarks = []
     oblique = [line for line in lines if line.obliqueness > _OBLIQUE]
@@ -176,7 +179,9 @@ def locating_places(box: Box, station: Vector, tracker: Tracker, count: int = 10
     """
     if count < LEAST_POINTS:
         raise Refusal(
-            f"{count} places; the tracker is located from {LEAST_POINTS} or more", fault="too_few"
+            f"{count} places; the tracker is located from {LEAST_POINTS} or more",
+            fault="too_few",
+            aspect="places",
         )
     sides = [
         np.array([low, 0.5 * (low + high), high]) for low, high in zip(*_limits(box), strict=True)

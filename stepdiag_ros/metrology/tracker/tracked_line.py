@@ -112,12 +112,14 @@ def check_lines(
         raise Refusal(
             f"{source}: lines of kind tracker cannot share a plan with others; make two plans",
             fault="mismatch",
+            aspect="lines",
         )
     if any(tracked) != has_tracker:
         raise Refusal(
             f"{source}: 'tracker' describes the instrument of lines of kind tracker; "
             + ("it is missing" if any(tracked) else "there are no such lines"),
             fault="mismatch",
+            aspect="tracker",
         )
     places: dict[str, TrackedLine] = {}
     seen: set[Hashable] = set()
@@ -147,4 +149,5 @@ def _check_straight(targets: Vector, source: str) -> None:
         raise Refusal(
             f"{source}: targets_m do not follow each other along one straight line",
             fault="mismatch",
+            aspect="targets",
         )

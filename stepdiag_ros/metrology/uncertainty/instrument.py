@@ -166,6 +166,7 @@ def _spread(section: Section, key: str, largest: float, source: str) -> Spread:
             f"{source}: {key}: expected one of standard_uncertainty, half_width (with"
             " distribution) and expanded (with coverage_factor), or the word unknown instead",
             fault="missing",
+            aspect="size",
         )
     freedom = _INFINITE
     if "degrees_of_freedom" in there:

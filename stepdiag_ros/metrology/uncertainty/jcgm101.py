@@ -118,6 +118,7 @@ def coverage_intervals(values: Vector, coverage: float) -> tuple[Vector, Vector,
         raise Refusal(
             f"{count} trials are too few for a coverage probability of {coverage:g}",
             fault="too_few",
+            aspect="trials",
         )
     ordered = np.sort(values, axis=0)
     first = (count - inside) // 2
@@ -168,6 +169,7 @@ def monte_carlo(
             f"at most {most_trials} trials were asked for; the fewest are {FEWEST_BLOCKS} blocks"
             f" of {block}",
             fault="too_few",
+            aspect="limit",
         )
     rng = np.random.default_rng(seed)
     # Kept as deviations from the first block's mean, for which seven digits are plenty.
