@@ -176,7 +176,7 @@ class DeclaredNode:
         for declaration in (*self.parameters, USE_SIM_TIME):
             if declaration.name == name:
                 return declaration
-        raise Refusal(self.no_such(name, self.name), fault="unknown")
+        raise Refusal(self.no_such(name, self.name), fault="unknown", about=name)
 
     def no_such(self, name: str, node: str) -> str:
         """Say that the node, by the name it has now, has no parameter of that name."""
@@ -193,5 +193,7 @@ class DeclaredNode:
         """
         if refusal := self.find(name).refusal(value):
             raise Refusal(
-                f"parameter '{name}' of node {self.name} is {refusal}", fault="out_of_range"
+                f"parameter '{name}' of node {self.name} is {refusal}",
+                fault="out_of_range",
+                about=name,
             )

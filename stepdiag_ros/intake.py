@@ -124,7 +124,9 @@ def parse_yaml(text: str, source: str) -> Any:
             source and the line.
     """
     if len(text) > LONGEST_TEXT:
-        raise Refusal(f"{source}: longer than {LONGEST_TEXT} characters", fault="too_many", where=source)
+        raise Refusal(
+            f"{source}: longer than {LONGEST_TEXT} characters", fault="too_many", where=source
+        )
     try:
         return yaml.load(text, Loader=_BoundedLoader)
     except yaml.MarkedYAMLError as error:
@@ -158,11 +160,15 @@ def parse_json(text: str, source: str) -> Any:
     for bracket in re.findall(r"[\[\]{}]", _STRING.sub("", text)):
         depth += 1 if bracket in "[{" else -1
         if depth > DEEPEST:
-            raise Refusal(f"{source}: nested more than {DEEPEST} deep", fault="too_many", where=source)
+            raise Refusal(
+                f"{source}: nested more than {DEEPEST} deep", fault="too_many", where=source
+            )
     try:
         return json.loads(text)
     except ValueError as error:
-        raise Refusal(f"{source} is no JSON document: {error}", fault="malformed", where=source) from None
+        raise Refusal(
+            f"{source} is no JSON document: {error}", fault="malformed", where=source
+        ) from None
 
 
 @contextmanager

@@ -28,7 +28,7 @@ class AFault(NamedTuple):
     fields: tuple[tuple[str, Any], ...]
 
 
-def a_fault(fault: str | None, *names: str, **fields: Any) -> AFault:
+def a_fault(fault: str | None = None, *names: str, **fields: Any) -> AFault:
     """Return what an error must tell, for a list of parameters."""
     return AFault(fault, names, tuple(fields.items()))
 
@@ -57,17 +57,16 @@ def refused(
         assert getattr(caught.value, "fault", None) == told.fault, repr(caught.value)
     for field, value in told.fields:
         assert getattr(caught.value, field) == value, repr(caught.value)
+    for name in told.names:
+        assert not PROSE.search(name), f"'{name}' is wording, no name"
     shown = [str(value) for field, value in told.fields if field in SHOWN]
-    names_all(caught.value, *shown, *told.names)
+    names_all(caught.value, *told.names, *shown)
 
 
 def names_all(error: BaseException, *names: str) -> None:
     """Demand that names and numbers stand in the text of an error, each as a whole."""
     for name in names:
-        assert not PROSE.search(name), f"'{name}' is wording, no name"
-        whole = rf"(?<![\w]){re.escape(name)}(?![\w])"
-        if not (name[0].isalnum() or name[0] == "_"):
-            whole = whole.removeprefix(r"(?<![\w])")
-        if not (name[-1].isalnum() or name[-1] == "_"):
-            whole = whole.removesuffix(r"(?![\w])")
-        assert re.search(whole, str(error)), f"'{name}' is not named: {error}"
+        before = r"(?<!\w)" if re.match(r"\w", name) else ""
+        behind = r"(?!\w)" if re.search(r"\w$", name) else ""
+        found = re.search(f"{before}{re.escape(name)}{behind}", str(error))
+        assert found, f"'{name}' is not named: {error}"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.run import load_run
@@ -19,6 +20,7 @@ from stepdiag_ros.diagnosing import (
     summary_of,
     when_over,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.report.diagnosis_build import NO_CHAIN
 from stepdiag_ros.report.recorded_run import diagnosed
@@ -96,7 +98,7 @@ def test_what_is_missing_is_remarked(plan, measurement):
 
 def test_a_model_of_another_machine_is_refused(plan, measurement):
     text = TEXT.replace("chain: unknown", "chain: ZXY")
-    with pytest.raises(ValueError, match="with the chain YXZ, the model of one with ZXY"):
+    with refused(Refusal, "mismatch", "YXZ", "ZXY"):
         diagnose_lines(replace(measurement, chain="YXZ"), plan, text, 0)
 
 

@@ -65,12 +65,10 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
             if row.stop == expected:
                 continue
             if expected > 0 and row.stop == expected - 1:
-                twice = (
-                    "the row is there twice"
-                    if _same(row, stops[expected - 1])
-                    else (f"stop {row.stop} of '{which}' is there twice")
-                )
-                raise refusal(source, row.number, twice, fault="twice")
+                twice, aspect = f"stop {row.stop} of '{which}' is there twice", "stop"
+                if _same(row, stops[expected - 1]):
+                    twice, aspect = "the row is there twice", "row"
+                raise refusal(source, row.number, twice, fault="twice", aspect=aspect)
             if row.stop == 0:
                 raise refusal(
                     source,
@@ -260,9 +258,8 @@ def _check_positions(line: Line, stops: tuple[Row, ...], volume: Volume, source:
         )
     for row, nominal in zip(stops, expected, strict=False):
         if not _equal(np.asarray(row.position), nominal).all():
-            raise refusal(
-                source, row.number, _position_reason(row, line, nominal, volume), fault="mismatch"
-            )
+            reason, aspect = _position_reason(row, line, nominal, volume)
+            raise refusal(source, row.number, reason, fault="mismatch", aspect=aspect)
     if len(stops) < len(expected):
         raise refusal(
             source,
@@ -299,7 +296,8 @@ def _moved_like(line: Line, actual: Vector, volume: Volume) -> str:
     return ""
 
 
-def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> str:
+def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> tuple[str, str]:
+    """Return in words and by its aspect why a position is refused."""
     for axis, name in enumerate(AXES):
         value = row.position[axis]
         if abs(value - nominal[axis]) <= POSITION_TOLERANCE:
@@ -310,10 +308,10 @@ def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> s
         away = volume.nodes(axis)
         nearest = float(away[np.argmin(np.abs(away - value))])
         if nominal[axis] and abs(value / nominal[axis] - 1000.0) < 1.0:
-            return f"{place}; positions are in metres, this looks like millimetres"
+            return f"{place}; positions are in metres, this looks like millimetres", "unit"
         if abs(value - nearest) > POSITION_TOLERANCE:
-            return f"{place}; it is off the grid, whose nearest node is {nearest:g} m"
-        return f"{place}; the position does not follow the line's name and order"
+            return f"{place}; it is off the grid, whose nearest node is {nearest:g} m", "grid"
+        return f"{place}; the position does not follow the line's name and order", "order"
     raise AssertionError("called for a position that is right")
 
 
@@ -350,22 +348,19 @@ def _check_readings(
             nominal = float(beam @ (np.asarray(row.position) - np.asarray(start.position)))
             reading = row.reading - start.reading
             if abs(reading - nominal) > READING_TOLERANCE * length:
-                raise refusal(
-                    source,
-                    row.number,
-                    _reading_reason(line, row, nominal, reading),
-                    fault="out_of_range",
-                )
+                reason, aspect = _reading_reason(line, row, nominal, reading)
+                raise refusal(source, row.number, reason, fault="out_of_range", aspect=aspect)
 
 
-def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> str:
+def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> tuple[str, str]:
+    """Return in words and by its aspect why a reading is refused."""
     place = (
         f"the reading has changed by {reading:g} m since the first stop of the setup at stop "
         f"{row.stop} of '{line}', where the positions have changed by {nominal:g} m along the beam"
     )
     ratio = reading / nominal if nominal else 0.0
     if abs(ratio + 1.0) < 0.05:
-        return f"{place}; its sign is wrong, a reading grows along the beam"
+        return f"{place}; its sign is wrong, a reading grows along the beam", "sign"
     if 900.0 < abs(ratio) < 1100.0:
-        return f"{place}; readings are in metres, this looks like millimetres"
-    return place
+        return f"{place}; readings are in metres, this looks like millimetres", "unit"
+    return place, ""

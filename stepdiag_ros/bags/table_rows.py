@@ -420,5 +420,6 @@ def same_in_pass(stops: Sequence[Row], source: str) -> None:
             source,
             row.number,
             "'time_s' is ''; expected a number, since other stops of the pass have one",
-            fault="missing",
+            fault="malformed",
+            column="time_s",
         )

@@ -6,6 +6,7 @@ from math import atan2, hypot, pi
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 RAPID, LINE, ARC = "rapid", "line", "arc"
 RADIUS_TOLERANCE = 5e-6
@@ -98,11 +99,15 @@ def arc_by_center(
     finish = end[[first, second]] - center
     radii = hypot(*begin), hypot(*finish)
     if min(radii) <= 0.0:
-        raise ValueError("the center of the arc is its start or its end")
+        raise Refusal(
+            "the center of the arc is its start or its end", fault="mismatch", aspect="centre"
+        )
     if abs(radii[1] - radii[0]) > max(RADIUS_TOLERANCE, RADIUS_SHARE * radii[0]):
-        raise ValueError(
+        raise Refusal(
             f"the arc's radius is {1e3 * radii[0]:.4f} mm at its start and"
-            f" {1e3 * radii[1]:.4f} mm at its end"
+            f" {1e3 * radii[1]:.4f} mm at its end",
+            fault="mismatch",
+            aspect="radius",
         )
     sweep = atan2(finish[1], finish[0]) - atan2(begin[1], begin[0])
     whole = bool(np.allclose(begin, finish, rtol=0.0, atol=1e-9))
@@ -129,10 +134,18 @@ def arc_by_radius(
     chord = finish - begin
     half = hypot(*chord) / 2.0
     if half <= 0.0:
-        raise ValueError("an arc by radius needs an end that is not its start; use I, J, K")
+        raise Refusal(
+            "an arc by radius needs an end that is not its start; use I, J, K",
+            fault="mismatch",
+            aspect="end",
+        )
     beyond = half - abs(radius)
     if beyond > max(RADIUS_TOLERANCE, RADIUS_SHARE * abs(radius)):
-        raise ValueError("the arc's radius is too small to reach from its start to its end")
+        raise Refusal(
+            "the arc's radius is too small to reach from its start to its end",
+            fault="out_of_range",
+            aspect="radius",
+        )
     height = np.sqrt(max(radius * radius - half * half, 0.0))
     normal = np.array([-chord[1], chord[0]]) / (2.0 * half)
     # The center of a shorter counter-clockwise arc lies to the left of its chord.

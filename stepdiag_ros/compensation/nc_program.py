@@ -22,7 +22,7 @@ from stepdiag_ros.compensation.nc_motion import (
 )
 from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusal
 from stepdiag_ros.metrology.geometry import AXES, Vector
-from stepdiag_ros.metrology.refusal import Fault
+from stepdiag_ros.metrology.refusal import Fault, Refusal
 
 
 class Refuse(Protocol):
@@ -343,13 +343,13 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
     try:
         if radius is not None:
             if block.has("IJK"):
-                raise ValueError("an arc has either R or I, J, K")
+                raise Refusal("an arc has either R or I, J, K", fault="mismatch", aspect="R")
             arc = arc_by_radius(start, end, state.plane, state.unit * radius, clockwise)
         else:
             center = _center(block, state, zero)
             arc = arc_by_center(start, end, state.plane, center[[first, second]], clockwise)
-    except ValueError as error:
-        raise refuse(str(error), "mismatch", "arc") from None
+    except Refusal as error:
+        raise refuse(str(error), error.fault or "mismatch", error.aspect) from None
     return Motion(ARC, start, end, arc)
 
 
@@ -358,11 +358,19 @@ def _center(block: Block, state: State, zero: Vector) -> Vector:
     in_plane = state.plane[:2]
     told = [axis for axis in range(3) if block.get(names[axis]) is not None]
     if not told:
-        raise ValueError("an arc needs I, J, K or R")
+        raise Refusal("an arc needs I, J, K or R", fault="missing", aspect="centre")
     if any(axis not in in_plane for axis in told):
-        raise ValueError("I, J or K stands for an axis that is not in the arc's plane")
+        raise Refusal(
+            "I, J or K stands for an axis that is not in the arc's plane",
+            fault="mismatch",
+            aspect="plane",
+        )
     if state.absolute_centers and len(told) < 2:
-        raise ValueError("with G90.1 an arc needs both coordinates of its center")
+        raise Refusal(
+            "with G90.1 an arc needs both coordinates of its center",
+            fault="missing",
+            aspect="centre",
+        )
     center: Vector = (zero if state.absolute_centers else state.position).copy()
     for axis in told:
         center[axis] += state.unit * (block.get(names[axis]) or 0.0)

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from stepdiag_ros.declaration import USE_SIM_TIME, Change, Declaration
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters import declared_node
 from stepdiag_ros.refusals import sentence
 
@@ -72,7 +73,9 @@ class DeclaringNode(Node):
         for name in self._of_client.difference(CLIENT_PARAMETERS):
             # One that the client itself declares is described; one that was given to it is not.
             if not self.describe_parameter(name).description:
-                raise ValueError(self._declared.no_such(name, self.get_name()))
+                raise Refusal(
+                    self._declared.no_such(name, self.get_name()), fault="unknown", about=name
+                )
         self._refuse_wrong(USE_SIM_TIME, self.get_parameter(USE_SIM_TIME.name).value)
         for declaration in self._declared.parameters:
             self._declare(declaration)
@@ -101,7 +104,11 @@ class DeclaringNode(Node):
             ValueError: it is declared to be set at start only.
         """
         if self._declared.find(name).change is Change.AT_START:
-            raise ValueError(f"parameter '{name}' of node {self.get_name()} is set at start only")
+            raise Refusal(
+                f"parameter '{name}' of node {self.get_name()} is set at start only",
+                fault="rejected",
+                about=name,
+            )
         self._changes[name] = (take, prepare)
 
     def device_is_open(self) -> bool:
@@ -133,7 +140,11 @@ class DeclaringNode(Node):
         try:
             declaration = self._declared.find(parameter.name)
         except ValueError:
-            raise ValueError(self._declared.no_such(parameter.name, self.get_name())) from None
+            raise Refusal(
+                self._declared.no_such(parameter.name, self.get_name()),
+                fault="unknown",
+                about=parameter.name,
+            ) from None
         called = f"parameter '{parameter.name}' of node {self.get_name()}"
         if parameter.type_ is Parameter.Type.NOT_SET:
             raise ValueError(f"{called} cannot be deleted")
@@ -168,6 +179,8 @@ class DeclaringNode(Node):
 
     def _refuse_wrong(self, declaration: Declaration, value: object) -> None:
         if refusal := declaration.refusal(value):
-            raise ValueError(
-                f"parameter '{declaration.name}' of node {self.get_name()} is {refusal}"
+            raise Refusal(
+                f"parameter '{declaration.name}' of node {self.get_name()} is {refusal}",
+                fault="out_of_range",
+                about=declaration.name,
             )

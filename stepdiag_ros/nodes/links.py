@@ -18,6 +18,7 @@ from rclpy.time import Time
 
 from stepdiag_ros.control_text import one_line
 from stepdiag_ros.message_types import message_type
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
 from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
@@ -150,9 +151,10 @@ class Outlet:
                 if not self._node.context.ok():
                     raise
                 if self._node.real_time() > deadline:
-                    raise ValueError(
+                    raise Refusal(
                         f"a subscriber of {self._topic.name} has not taken what was published "
-                        f"{self._patience:g} s ago: end it, or publish more slowly ({error})"
+                        f"{self._patience:g} s ago: end it, or publish more slowly ({error})",
+                        fault="silent",
                     ) from error
                 time.sleep(NAP)
             else:

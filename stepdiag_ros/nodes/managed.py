@@ -29,6 +29,7 @@ from rclpy.lifecycle import (
 
 from stepdiag_ros.configuration import load_device
 from stepdiag_ros.declaration import Change
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
 from stepdiag_ros.parameters import declared_node
@@ -160,11 +161,12 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         try:
             yield
         except ValueError as error:
+            fields = fields_of(error)
             if file:
-                raise ValueError(f"{file}: {error}") from None
-            if str(error).endswith("is missing"):
-                raise ValueError(
-                    f"{error}; the parameter device_file is to name the file of settings"
+                raise Refusal(f"{file}: {error}", **fields) from None
+            if fields.get("fault") == "missing":
+                raise Refusal(
+                    f"{error}; the parameter device_file is to name the file of settings", **fields
                 ) from None
             raise
 

@@ -97,7 +97,7 @@ class OperatorNode(StepdiagNode):
         finally:
             self.destroy_client(client)
         if not response.success:
-            raise ValueError(response.message)
+            raise Refusal(response.message, fault="rejected")
         return str(response.message)
 
     def start(self, plan: str = "") -> str:
@@ -132,7 +132,7 @@ class OperatorNode(StepdiagNode):
             handle.cancel_goal_async()
             raise ValueError("the sequencer does not say which run it has begun")
         if answer.done():
-            raise ValueError(str(answer.result().result.text))
+            raise Refusal(str(answer.result().result.text), fault="rejected")
         self._handle, self._answer = handle, answer
         self.started_run = str(self._feedback[key].run_id)
         self.state = None

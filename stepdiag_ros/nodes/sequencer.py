@@ -133,8 +133,8 @@ class SequencerNode(StepdiagNode):
         missing = self.watch.missing(REQUIRED + present) or self._unknown_of_machine()
         if missing:
             starting = self._may_be_starting(REQUIRED + present)
-            refusal = NotReadyYet if starting else ValueError
-            raise refusal(f"cannot start: {'; '.join(missing)}")
+            refusal = NotReadyYet if starting else Refusal
+            raise refusal(f"cannot start: {'; '.join(missing)}", fault="not_ready")
         state = self._machine_state
         low, high = tuple(state.soft_limits_low), tuple(state.soft_limits_high)
         beyond = out_of_limits(chosen, low, high)
@@ -162,7 +162,7 @@ class SequencerNode(StepdiagNode):
         sequence = self._running()
         missing = self.watch.missing(self._needed) or self._unknown_of_machine()
         if missing:
-            raise ValueError(f"cannot resume: {'; '.join(missing)}")
+            raise Refusal(f"cannot resume: {'; '.join(missing)}", fault="not_ready")
         self._sessions = self.watch.sessions()
         if sequence.state is State.FAULT:
             self._reset_machine(self._continue)

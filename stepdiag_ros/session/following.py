@@ -122,7 +122,7 @@ class FollowedRun:
         measured = self.measured
         assert measured is not None
         if measured.outcome is not Outcome.FINISHED:
-            raise RunFailed(f"the run has stopped: {measured.text}")
+            raise RunFailed(f"the run has stopped: {measured.text}", fault="stopped")
         return measured
 
     def _start(self, plan: str) -> str:

@@ -70,7 +70,8 @@ class Session:
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
             raise RunFailed(
                 f"another measurement is on ROS domain {domain} (node {others[0]}): end it, or set "
-                "ROS_DOMAIN_ID to another number"
+                "ROS_DOMAIN_ID to another number",
+                fault="busy",
             )
 
     def _measure(self, operator: "OperatorNode", processes: Processes) -> Path:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from bags_for_tests import READING, header, reading_cdr, write_readings
+from refused import refused
 
 from stepdiag_ros.bags.errors import BagCutError, BagError
 from stepdiag_ros.bags.reader import BagReader
@@ -172,14 +173,14 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path):
 def test_nothing_to_save_is_an_error_and_leaves_no_file(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + bytes(200))
-    with pytest.raises(BagError, match="not one record is whole"):
+    with refused(BagError, "damaged", "a.mcap"):
         recover(path, tmp_path / "b.mcap")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap"]
 
 
 def test_an_existing_target_is_not_touched(tmp_path):
     path = write_readings(tmp_path / "a.mcap", 10)
-    with pytest.raises(BagError, match="exists already"):
+    with refused(BagError, "exists", "a.mcap"):
         recover(path, path)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bags_for_tests import START, description, header, put
+from refused import refused
 
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.errors import BagError
@@ -109,5 +110,5 @@ def test_a_block_that_is_none_is_named(tmp_path):
     with BagWriter(tmp_path / "a.mcap", header()) as bag:
         put(bag, topics.RUN_DESCRIPTION, description(), START)
         put(bag, topics.SAMPLES, NEW(topics.SAMPLES.type_name), START)
-    with pytest.raises(BagError, match=r"interferometer/samples .* at least one sample"):
+    with refused(BagError, "too_few", "interferometer/samples"):
         bag_info(tmp_path / "a.mcap")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
@@ -80,7 +81,7 @@ def test_a_message_without_its_end_is_refused(missing):
     types, type_name = own_types(), "stepdiag_ros/msg/RunState"
     message = types.new(type_name)
     message.text = "x" * 40
-    with pytest.raises(BagError, match="no stepdiag_ros/msg/RunState"):
+    with refused(BagError, "malformed", "stepdiag_ros/msg/RunState"):
         types.decode(type_name, types.encode(type_name, message)[:-missing])
 
 
@@ -109,7 +110,7 @@ def test_a_value_that_does_not_fit_is_refused_by_name(field, value):
     name = "stepdiag_ros/msg/CommandStatus"
     message = types.new(name)
     setattr(message, field, value)
-    with pytest.raises(BagError, match=f"field '{field}'"):
+    with refused(BagError, "malformed", field):
         types.encode(name, message)
 
 
@@ -117,18 +118,18 @@ def test_a_missing_field_is_named():
     types = own_types()
     message = types.new("stepdiag_ros/msg/RunState")
     del message.text
-    with pytest.raises(BagError, match="no field 'text'"):
+    with refused(BagError, "unknown", "text"):
         types.encode("stepdiag_ros/msg/RunState", message)
 
 
 def test_constants_are_found():
     assert own_types().constant("stepdiag_ros/msg/RunDescription", "SCHEMA_VERSION") == 1
-    with pytest.raises(BagError, match="no constant NOTHING"):
+    with refused(BagError, "unknown", "NOTHING"):
         own_types().constant("stepdiag_ros/msg/RunDescription", "NOTHING")
 
 
 def test_bytes_of_another_type_are_refused():
     types = own_types()
     state = types.encode("stepdiag_ros/msg/RunState", types.new("stepdiag_ros/msg/RunState"))
-    with pytest.raises(BagError, match="no stepdiag_ros/msg/MeasuredLine"):
+    with refused(BagError, "malformed", "stepdiag_ros/msg/MeasuredLine"):
         types.decode("stepdiag_ros/msg/MeasuredLine", state)

@@ -7,6 +7,7 @@ import textwrap
 
 import pytest
 from bags_for_tests import PERIOD, READING, START, header, reading, reading_cdr, write_readings
+from refused import refused
 
 from stepdiag_ros import conversion, topics
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
@@ -76,27 +77,27 @@ def test_time_order_sorts_messages_of_overlapping_chunks_and_keeps_equal_times_a
 def test_an_existing_file_is_never_overwritten(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(b"precious")
-    with pytest.raises(BagError, match="exists already"):
+    with refused(BagError, "exists", "a.mcap"):
         BagWriter(path, header())
     assert path.read_bytes() == b"precious"
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(BagError, match="nowhere does not exist"):
+    with refused(BagError, "not_found", "a.mcap"):
         BagWriter(tmp_path / "nowhere" / "a.mcap", header())
 
 
 def test_two_types_on_one_topic_are_refused(tmp_path):
     with BagWriter(tmp_path / "a.mcap", header()) as bag:
         bag.write("/t", topics.READING.type_name, reading_cdr(0), START)
-        with pytest.raises(BagError, match="topic /t has type"):
+        with refused(BagError, "mismatch", "a.mcap"):
             bag.write("/t", topics.RUN_STATE.type_name, b"", START)
 
 
 def test_an_unknown_type_is_refused(tmp_path):
     with (
         BagWriter(tmp_path / "a.mcap", header()) as bag,
-        pytest.raises(BagError, match="no_such/msg/Thing is not known"),
+        refused(BagError, "unknown", "no_such/msg/Thing"),
     ):
         bag.write("/t", "no_such/msg/Thing", b"", START)
 
@@ -105,7 +106,7 @@ def test_a_closed_bag_takes_nothing(tmp_path):
     bag = BagWriter(tmp_path / "a.mcap", header())
     bag.close()
     bag.close()
-    with pytest.raises(BagError, match="is closed"):
+    with refused(BagError, "stopped", "a.mcap"):
         bag.write(READING, topics.READING.type_name, reading_cdr(0), START)
 
 
@@ -150,7 +151,7 @@ def test_a_damaged_chunk_is_named_by_its_offset(tmp_path):
     bad = bytearray(good)
     bad[place + 40] ^= 4
     path.write_bytes(bad)
-    with pytest.raises(BagCorruptError, match=r"record at byte (\d+) is damaged") as caught:
+    with refused(BagCorruptError, "damaged", "a.mcap") as caught:
         BagReader(path)
     offset = int(str(caught.value).split("record at byte ")[1].split()[0])
     assert offset < place < offset + 40_000
@@ -162,18 +163,18 @@ def test_every_cut_is_recognised(tmp_path):
     good = path.read_bytes()
     for length in [9, 60, len(good) // 2, len(good) - 37, len(good) - 8, len(good) - 1]:
         path.write_bytes(good[:length])
-        with pytest.raises(BagCutError, match="stepdiag recover"):
+        with refused(BagCutError, "cut", "a.mcap"):
             BagReader(path)
 
 
 def test_what_is_no_bag_is_said_to_be_none(tmp_path):
     (tmp_path / "empty.mcap").touch()
-    with pytest.raises(BagCutError, match="is empty"):
+    with refused(BagCutError, "too_few", "empty.mcap"):
         BagReader(tmp_path / "empty.mcap")
     (tmp_path / "text.mcap").write_text("hello, this is a text")
-    with pytest.raises(BagError, match="is no MCAP file"):
+    with refused(BagError, "wrong_kind", "text.mcap"):
         BagReader(tmp_path / "text.mcap")
-    with pytest.raises(BagError, match="there is no bag"):
+    with refused(BagError, "not_found", "nothing.mcap"):
         BagReader(tmp_path / "nothing.mcap")
 
 
@@ -181,7 +182,7 @@ def test_bytes_that_are_no_message_are_named_with_topic_and_time(tmp_path):
     path = tmp_path / "a.mcap"
     with BagWriter(path, header()) as bag:
         bag.write(READING, topics.READING.type_name, reading_cdr(0)[:30], START)
-    with BagReader(path) as bag, pytest.raises(BagError, match=f"{READING} at {START} ns cannot"):
+    with BagReader(path) as bag, refused(BagError, "malformed", READING, str(START)):
         list(bag.messages())
 
 

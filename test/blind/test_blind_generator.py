@@ -21,6 +21,7 @@ from blind_machine import Machine
 from blind_plans import draw_plan, make_run
 from blind_shapes import draw_curves, draw_noise
 from blind_yardstick import Yardstick
+from refused import refused
 
 GENERATOR = (
     "cases",
@@ -293,5 +294,5 @@ def test_a_seal_that_was_changed_is_refused(tmp_path):
         b"hidden" not in path.read_bytes() and case.hidden[0].kind.encode() not in path.read_bytes()
     )
     seal(path, case, (2e-6,), {"labels": []})
-    with pytest.raises(ValueError, match="was changed"):
+    with refused(ValueError, None, "seal"):
         unseal(path, digest)

@@ -4,9 +4,11 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.metrology import rest_matching
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.rest_matching import (
     BREAK,
     EXTRA,
@@ -150,5 +152,5 @@ def test_places_where_one_line_ends_and_the_next_begins_are_shared():
 
 def test_too_much_for_one_recording_is_refused(monkeypatch):
     monkeypatch.setattr(rest_matching, "_MOST_CELLS", 10)
-    with pytest.raises(ValueError, match="a file of its own"):
+    with refused(Refusal, "too_many"):
         match(line(0.0, 0.01, 0.02, 0.03), rests_at(0.0, 0.01, 0.02), TOLERANCE)

@@ -4,9 +4,11 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 import pytest
+from refused import a_fault, refused
 
 from stepdiag_ros.commands.air import AS_MEASURED, add_air_options, air_choice
 from stepdiag_ros.metrology.air.recompensation import AirChoice
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report.recorded_run import measurement_of
 
 
@@ -30,7 +32,7 @@ def test_options_become_a_choice():
 
 @pytest.mark.parametrize("words", [("--dead-path", "1"), ("--air", "off", "--wavelength", "5e-7")])
 def test_an_option_that_serves_nothing_is_refused(words):
-    with pytest.raises(ValueError, match="only serves a compensation for the air: give --air own"):
+    with refused(Refusal, "mismatch", "--air", aspect="compensation"):
         chosen(*words)
 
 
@@ -57,12 +59,12 @@ class Recorded:
 @pytest.mark.parametrize(
     ("recorded", "recorded_lines", "words"),
     [
-        (Recorded(), True, "cannot be used with --recorded-lines"),
-        (Recorded(begun_late=True), False, "needs all commands and readings of the run"),
-        (Recorded(commands=()), False, "needs all commands and readings of the run"),
-        (Recorded(), False, "no weather sensor was recorded"),
+        (Recorded(), True, a_fault("mismatch", "--recorded-lines")),
+        (Recorded(begun_late=True), False, a_fault("too_few")),
+        (Recorded(commands=()), False, a_fault("too_few")),
+        (Recorded(), False, a_fault("missing")),
     ],
 )
 def test_a_recording_that_is_not_enough_is_refused(recorded, recorded_lines, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         measurement_of(recorded, recorded_lines, lambda *_: None, AirChoice("own"))

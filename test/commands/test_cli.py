@@ -12,8 +12,10 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros import __version__, cli, conversion, topics
+from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
@@ -139,7 +141,7 @@ def stepdiag(capsys, *arguments):
     return code, said.out, said.err
 
 
-def refused(capsys, *arguments):
+def refusal_of(capsys, *arguments):
     """Run a command that must be refused with exit code 1 and one sentence; return the sentence."""
     code, out, err = stepdiag(capsys, *arguments)
     assert code == 1
@@ -240,12 +242,12 @@ def write_description(path, version):
 
 def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
     path = write_description(tmp_path / "empty.mcap", 1)
-    assert "empty.mcap: no line was finished" in refused(capsys, "solve", path)
+    assert "empty.mcap: no line was finished" in refusal_of(capsys, "solve", path)
 
 
 @pytest.mark.parametrize("command", ["solve", "export", "replay"])
 def test_a_bag_of_a_newer_schema_version_is_refused(command, tmp_path, capsys):
-    sentence = refused(capsys, command, write_description(tmp_path / "newer.mcap", 2))
+    sentence = refusal_of(capsys, command, write_description(tmp_path / "newer.mcap", 2))
     assert "newer.mcap was made by stepdiag_ros 9.9" in sentence
     assert "schema version 2, this program reads up to 1" in sentence
 
@@ -255,12 +257,12 @@ def test_a_bag_without_a_run_is_not_replayed(tmp_path, capsys):
     header = RunHeader(RUN_ID, "quick", __version__, 1, "none", START, "")
     with BagWriter(path, header) as bag:
         bag.write("/chatter", "std_msgs/msg/String", b"\0\1\0\0\2\0\0\0a\0", START)
-    assert "other.mcap holds no run" in refused(capsys, "replay", path)
+    assert "other.mcap holds no run" in refusal_of(capsys, "replay", path)
 
 
 def test_a_replay_with_nothing_to_compare_says_so(tmp_path, capsys):
     path = write_description(tmp_path / "bare.mcap", 1)
-    assert "nothing to compare" in refused(capsys, "replay", path, "--check")
+    assert "nothing to compare" in refusal_of(capsys, "replay", path, "--check")
 
 
 # -- import, export, info, recover ---------------------------------------------------------------
@@ -285,7 +287,7 @@ def test_a_table_is_imported_solved_and_exported_again(capsys, tmp_path):
     files = [Path(name) for name in json.loads(out)["files"]]
     assert tmp_path / "case_tables" / "run.csv" in files
     assert all(path.is_file() for path in files)
-    assert "exists" in refused(capsys, "export", bag)
+    assert "exists" in refusal_of(capsys, "export", bag)
     assert stepdiag(capsys, "export", bag, "--overwrite")[0] == 0
 
 
@@ -304,7 +306,7 @@ def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
     cut = tmp_path / "cut.mcap"
     whole = bag.read_bytes()
     cut.write_bytes(whole[: len(whole) * 9 // 10])
-    assert f"stepdiag recover {cut}" in refused(capsys, "solve", cut)
+    assert f"stepdiag recover {cut}" in refusal_of(capsys, "solve", cut)
     code, out, err = stepdiag(capsys, "info", cut)
     assert code == 1
     assert "cut off: the end is missing" in out
@@ -319,7 +321,7 @@ def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
     code, out, _ = stepdiag(capsys, "solve", document["target"], "--json", "--pictures", "none")
     assert code == 0
     jsonschema.validate(json.loads(out), schema("result"))
-    assert "exists already" in refused(capsys, "recover", cut)
+    assert "exists already" in refusal_of(capsys, "recover", cut)
 
 
 def test_a_flipped_bit_is_refused(bag, capsys, tmp_path):
@@ -327,7 +329,7 @@ def test_a_flipped_bit_is_refused(bag, capsys, tmp_path):
     content = bytearray(bag.read_bytes())
     content[len(content) // 2] ^= 0x10
     flipped.write_bytes(content)
-    assert "flipped.mcap" in refused(capsys, "solve", flipped)
+    assert "flipped.mcap" in refusal_of(capsys, "solve", flipped)
 
 
 # -- wrong input ---------------------------------------------------------------------------------
@@ -336,11 +338,11 @@ def test_a_flipped_bit_is_refused(bag, capsys, tmp_path):
 @pytest.mark.parametrize("command", ["solve", "info", "export", "recover"])
 def test_a_file_that_is_missing_or_no_bag(command, capsys, tmp_path):
     missing = tmp_path / "missing.mcap"
-    assert str(missing) in refused(capsys, command, missing)
+    assert str(missing) in refusal_of(capsys, command, missing)
     other = tmp_path / "other.mcap"
     other.write_text("not a bag")
-    assert str(other) in refused(capsys, command, other)
-    assert str(tmp_path) in refused(capsys, command, tmp_path)
+    assert str(other) in refusal_of(capsys, command, other)
+    assert str(tmp_path) in refusal_of(capsys, command, tmp_path)
 
 
 def test_a_wrong_table_is_refused_with_the_row(capsys, tmp_path):
@@ -348,11 +350,11 @@ def test_a_wrong_table_is_refused_with_the_row(capsys, tmp_path):
     rows = (CASE / "run.csv").read_text().splitlines()
     rows[6] = rows[6].replace("forward", "sideways")
     table.write_text("\n".join(rows))
-    sentence = refused(capsys, "import", table)
+    sentence = refusal_of(capsys, "import", table)
     assert "run.csv, row 7" in sentence
     assert "sideways" in sentence
     assert list(tmp_path.iterdir()) == [table]
-    assert "nothing.csv" in refused(capsys, "import", tmp_path / "nothing.csv")
+    assert "nothing.csv" in refusal_of(capsys, "import", tmp_path / "nothing.csv")
 
 
 @pytest.mark.parametrize(
@@ -369,7 +371,7 @@ def test_a_wrong_table_is_refused_with_the_row(capsys, tmp_path):
 def test_a_wrong_truth_is_refused(text, message, bag, capsys, tmp_path):
     truth = tmp_path / "truth.yaml"
     truth.write_text(text)
-    assert message in refused(capsys, "solve", bag, "--truth", truth)
+    assert message in refusal_of(capsys, "solve", bag, "--truth", truth)
 
 
 @pytest.mark.parametrize(
@@ -416,10 +418,10 @@ def test_files_and_options_come_in_any_order(tmp_path):
 
 def test_a_folder_that_cannot_be_written(bag, capsys, tmp_path):
     (tmp_path / "file").write_text("")
-    sentence = refused(capsys, "solve", bag, "--output", tmp_path / "file" / "results")
+    sentence = refusal_of(capsys, "solve", bag, "--output", tmp_path / "file" / "results")
     assert str(tmp_path / "file") in sentence
     for arguments in (("solve", bag), ("run", "--plan", "quick")):
-        sentence = refused(capsys, *arguments, "--output", tmp_path / "file")
+        sentence = refusal_of(capsys, *arguments, "--output", tmp_path / "file")
         assert f"{tmp_path / 'file'} is a file" in sentence
 
 
@@ -431,7 +433,7 @@ def test_a_full_disk_is_said_with_the_file_and_leaves_no_part_of_it(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_text", full)
-    sentence = refused(capsys, "solve", bag, "--pictures", "none", "--output", tmp_path / "new")
+    sentence = refusal_of(capsys, "solve", bag, "--pictures", "none", "--output", tmp_path / "new")
     assert f"{tmp_path / 'new' / 'results.json'}: no space left" in sentence
     assert list((tmp_path / "new").iterdir()) == []
 
@@ -451,7 +453,7 @@ def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
     assert right in text
     plan = tmp_path / "plan.yaml"
     plan.write_text(text.replace(right, wrong))
-    sentence = refused(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
+    sentence = refusal_of(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
     assert f"{plan} cannot be executed on" in sentence
     assert message in sentence
     assert not (tmp_path / "out").exists()
@@ -460,7 +462,7 @@ def test_a_plan_beyond_the_machine_is_refused_before_anything_starts(
 def test_a_plan_beyond_the_cell_is_refused_before_anything_starts(capsys, tmp_path):
     plan = tmp_path / "plan.yaml"
     plan.write_text(load_plan("quick")[1].replace("step_m: [0.010,", "step_m: [0.050,"))
-    sentence = refused(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
+    sentence = refusal_of(capsys, "run", "--plan", plan, "--output", tmp_path / "out")
     assert "X = 150 mm" in sentence
     assert "0 to 120 mm" in sentence
     assert not (tmp_path / "out").exists()
@@ -471,7 +473,7 @@ def test_a_correction_that_is_no_map_is_refused_before_anything_starts(capsys, t
     no_map.write_text('{"schema": "urn:stepdiag:plan:1"}')
     out = tmp_path / "out"
     for wrong in (no_map, tmp_path / "missing.json"):
-        sentence = refused(capsys, "run", "--correction", wrong, "--output", out)
+        sentence = refusal_of(capsys, "run", "--correction", wrong, "--output", out)
         assert str(wrong) in sentence
         assert not out.exists()
 
@@ -518,8 +520,8 @@ def test_help_needs_no_slow_import():
 
 def test_an_error_shows_its_place_only_when_asked(tmp_path, capsys):
     missing = tmp_path / "missing.mcap"
-    refused(capsys, "solve", missing)
-    with pytest.raises(ValueError, match=r"missing\.mcap"):
+    refusal_of(capsys, "solve", missing)
+    with refused(BagError, "not_found", "missing.mcap"):
         cli.main(["--traceback", "solve", str(missing)])
 
 

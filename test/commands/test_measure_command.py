@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from refused import refused
 
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands import measure
@@ -63,7 +64,7 @@ def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, 
         for _ in range(3):
             assert not attendant(State.WAITING_FOR_SETUP, SETUP)
         assert capsys.readouterr().err == f"{SETUP}: the service sequencer/resume goes on\n"
-        with pytest.raises(RunFailed, match="the run has stopped: the beam is lost"):
+        with refused(RunFailed, "stopped"):
             attendant(State.FAULT, "the beam is lost")
 
 
@@ -118,7 +119,7 @@ def test_a_namespace_is_taken_with_or_without_its_slash(given, taken):
 
 @pytest.mark.parametrize("given", ["1 bad", "/cell_1/", "//a", "a-b", "/", "ä"])
 def test_what_is_no_namespace_is_refused(given, capsys):
-    with pytest.raises(SystemExit, match="2"):
+    with refused(SystemExit, code=2):
         make_parser().parse_args(["measure", "--namespace", given])
     assert f"'{given}' is no namespace, such as /cell_1" in capsys.readouterr().err
 

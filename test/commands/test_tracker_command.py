@@ -5,9 +5,11 @@ import json
 import jsonschema
 import numpy as np
 import pytest
+from refused import a_fault, refused
 
 from stepdiag_ros import cli
 from stepdiag_ros.configuration import available, find, load_tracker
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.schemas import schema
 
 PLACE = ["--station", "-0.2", "0.1", "0.05"]
@@ -229,16 +231,16 @@ def test_trackers_of_the_package(name):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("minimum_range_m: -1", "'minimum_range_m' is -1"),
-        ("maximum_range_m: 0.01", "not below maximum_range_m"),
-        ("lowest_elevation_deg: 90", "not below highest_elevation_deg"),
-        ("upright: [0, 0, 0]", "no direction"),
-        ("held_by: roof", "'held_by' is 'roof'"),
-        ("hight: 1", "unknown key 'hight'"),
+        ("minimum_range_m: -1", a_fault("out_of_range", "-1", about="minimum_range_m")),
+        ("maximum_range_m: 0.01", a_fault("mismatch", "maximum_range_m")),
+        ("lowest_elevation_deg: 90", a_fault("mismatch", "highest_elevation_deg")),
+        ("upright: [0, 0, 0]", a_fault("malformed", "tracker.yaml")),
+        ("held_by: roof", a_fault("unknown", "roof", about="held_by")),
+        ("hight: 1", a_fault("unknown", about="hight")),
     ],
 )
 def test_a_wrong_tracker_file_is_refused_with_its_key(line, words, tmp_path):
     path = tmp_path / "tracker.yaml"
     path.write_text(line + "\n")
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         load_tracker(path)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from control_doubles import DOUBLES
 from machines_for_tables import along, measured, positioning, tool_errors
+from refused import a_fault, refused
 
 from stepdiag_ros.compensation import CONTROLS, control
 from stepdiag_ros.compensation.applied import Beyond, Table, TableSet
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.compensation.identified import Identified, reversal_of
 from stepdiag_ros.compensation.remaining import remainder
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 
 TABLES = tuple(name for name in CONTROLS if name != "generic")
@@ -185,20 +187,24 @@ def test_tables_on_top_of_tables_contain_them():
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("linuxcnc", {"spacing": 0.0005}, "401 entries, the control takes 256"),
-        ("siemens", {"tables": 3}, "6 entries, the control takes 3"),
-        ("siemens", {"points": 5}, "11 entries, the control takes 5"),
-        ("siemens", {"axes": "X1,Y1"}, "expected three different names"),
-        ("heidenhain", {"spacing": 0.0003}, "the control takes 256"),
-        ("fanuc", {"spacing": 0.001}, "the control takes 128"),
-        ("fanuc", {"spacing": 0.05, "magnification": 1, "detection_unit_um": 0.01}, "more than 7"),
-        ("linuxcnc", {"joints": "0,a,2"}, "expected three numbers"),
+        ("linuxcnc", {"spacing": 0.0005}, a_fault("too_many", "401", "256")),
+        ("siemens", {"tables": 3}, a_fault("too_many", "6", "3")),
+        ("siemens", {"points": 5}, a_fault("too_many", "11", "5")),
+        ("siemens", {"axes": "X1,Y1"}, a_fault("malformed", aspect="axes")),
+        ("heidenhain", {"spacing": 0.0003}, a_fault("too_many", "256")),
+        ("fanuc", {"spacing": 0.001}, a_fault("too_many", "128")),
+        (
+            "fanuc",
+            {"spacing": 0.05, "magnification": 1, "detection_unit_um": 0.01},
+            a_fault("out_of_range", "7", aspect="change"),
+        ),
+        ("linuxcnc", {"joints": "0,a,2"}, a_fault("malformed", aspect="joints")),
     ],
     ids=str,
 )
 def test_what_is_beyond_the_limits_of_a_control_is_refused(name, options, words):
     _, identified = measured()
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         written(name, identified, **options)
 
 
@@ -211,7 +217,7 @@ def larger(identified: Identified, factor: float) -> Identified:
 def test_errors_that_no_table_should_correct_are_refused(name):
     _, identified = measured()
     options = {"spacing": 0.002} if name == "fanuc" else {}
-    with pytest.raises(ValueError, match="set right mechanically"):
+    with refused(Refusal, "out_of_range", aspect="limit"):
         written(name, larger(identified, 500.0), **options)
 
 
@@ -220,28 +226,58 @@ def test_a_curve_that_is_not_determined_is_refused_by_name(name):
     _, identified = measured()
     curves = {**identified.error_map.curves, "E_YY": np.full(11, np.nan)}
     holed = replace(identified, error_map=replace(identified.error_map, curves=curves))
-    with pytest.raises(ValueError, match="E_YY is not determined"):
+    with refused(Refusal, "undetermined", "E_YY"):
         written(name, holed)
 
 
 @pytest.mark.parametrize(
     ("name", "file", "change", "words"),
     [
-        ("linuxcnc", "x.comp", lambda t: "# header\n" + t, "x.comp line 1: expected nominal"),
-        ("linuxcnc", "y.comp", lambda t: t + t, "y.comp line 12: the nominal position does not"),
-        ("siemens", "AX_EEC.INI", lambda t: t.replace("]=", "]:="), "AX_EEC.INI line"),
-        ("siemens", "NC_CEC.INI", lambda t: t.replace("$AN_CEC[0,3]", ";"), "CEC"),
-        ("heidenhain", "X.COM", lambda t: t.replace("[END]", ""), r"expected BEGIN"),
-        ("heidenhain", "X.COM", lambda t: t.replace("AXISPOS", "POSITION"), "AXISPOS"),
-        ("fanuc", "PITCH.TXT", lambda t: t.replace("P", "R"), "PITCH.TXT line 2"),
-        ("fanuc", "parameters_3620.txt", lambda t: t.replace("3621 Y", "3629 Y"), "3621"),
+        (
+            "linuxcnc",
+            "x.comp",
+            lambda t: "# header\n" + t,
+            a_fault("malformed", "x.comp", "1", aspect="line"),
+        ),
+        ("linuxcnc", "y.comp", lambda t: t + t, a_fault("out_of_order", "y.comp", "12")),
+        (
+            "siemens",
+            "AX_EEC.INI",
+            lambda t: t.replace("]=", "]:="),
+            a_fault("malformed", "AX_EEC.INI", aspect="line"),
+        ),
+        (
+            "siemens",
+            "NC_CEC.INI",
+            lambda t: t.replace("$AN_CEC[0,3]", ";"),
+            a_fault("mismatch", "$AN_CEC[0]"),
+        ),
+        ("heidenhain", "X.COM", lambda t: t.replace("[END]", ""), a_fault("malformed", "BEGIN")),
+        (
+            "heidenhain",
+            "X.COM",
+            lambda t: t.replace("AXISPOS", "POSITION"),
+            a_fault("missing", "AXISPOS"),
+        ),
+        (
+            "fanuc",
+            "PITCH.TXT",
+            lambda t: t.replace("P", "R"),
+            a_fault("malformed", "2", aspect="line"),
+        ),
+        (
+            "fanuc",
+            "parameters_3620.txt",
+            lambda t: t.replace("3621 Y", "3629 Y"),
+            a_fault("missing", "3621"),
+        ),
     ],
     ids=lambda value: value if isinstance(value, str) else "changed",
 )
 def test_a_damaged_table_is_refused_by_file_and_line(name, file, change, words):
     _, identified = measured()
     files = written(name, identified)
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         control(name).read({**files, file: change(files[file])})
 
 

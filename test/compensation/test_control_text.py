@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from machines_for_tables import measured
 from nc_examples import MILLING, machine
 from nc_examples import PROGRAM as SETUP
+from refused import refused
 
 from stepdiag_ros.commands import compensate, compensate_nc
 from stepdiag_ros.compensation import CONTROLS, control
@@ -23,7 +24,9 @@ from stepdiag_ros.compensation.control import Layout, checked_files, checked_set
 from stepdiag_ros.compensation.identified import Identified, Origin
 from stepdiag_ros.compensation.nc_readback import refuse_foreign_words
 from stepdiag_ros.compensation.nc_rewrite import RewriteSettings, rewrite
+from stepdiag_ros.compensation.nc_words import NcError
 from stepdiag_ros.control_text import Comment, one_line, refuse_foreign
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.nc_program import Move, nc_program
 
 BREAKS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
@@ -163,7 +166,7 @@ def test_a_comment_keeps_what_can_be_read():
 
 @pytest.mark.parametrize("digest", [ATTACK, DIGEST.upper(), DIGEST[1:], DIGEST + "\n"])
 def test_a_digest_is_a_digest(digest):
-    with pytest.raises(ValueError, match="not 64 hexadecimal digits"):
+    with refused(Refusal, "malformed", "64", aspect="digest"):
         Origin(sha256=digest)
 
 
@@ -179,7 +182,7 @@ def test_a_line_that_is_not_ours_is_found_when_a_file_is_read_once_more(name, li
     for file, text in files_of(name, Origin()).items():
         known = next(k for pattern, k in found.grammar.items() if re.fullmatch(pattern, file))
         refuse_foreign(file, text, *known)
-        with pytest.raises(ValueError, match=f"{re.escape(file)} line 3 would be"):
+        with refused(Refusal, "rejected", file, "3"):
             refuse_foreign(file, foreign(text, line), *known)
 
 
@@ -194,7 +197,7 @@ def test_positions_that_no_control_can_take_are_refused(name, value):
     forged = object.__new__(type(error_map))
     forged.__dict__.update(vars(error_map), nodes=(nodes, *error_map.nodes[1:]))
     layout = Layout(settings=checked_settings(control(name), {}))
-    with pytest.raises(ValueError, match="position"):
+    with refused(Refusal, "out_of_range", aspect="position"):
         checked_files(control(name), replace(identified, error_map=forged), layout)
 
 
@@ -203,7 +206,7 @@ def test_positions_that_no_control_can_take_are_refused(name, value):
 def test_names_of_axes_are_names(name, axes):
     _, identified = measured()
     layout = Layout(settings=checked_settings(control(name), {"axes": axes}))
-    with pytest.raises(ValueError, match="expected three different names"):
+    with refused(Refusal, "malformed", aspect="axes"):
         checked_files(control(name), identified, layout)
 
 
@@ -222,5 +225,5 @@ def test_a_word_that_the_original_lacks_is_found(old, new):
     made = rewrite(MILLING, "m.nc", machine(), RewriteSettings(program=SETUP), ["from a test"])
     refuse_foreign_words(MILLING, made)
     assert old in made.text
-    with pytest.raises(ValueError, match="the rewritten program, line"):
+    with refused(NcError, where="the rewritten program"):
         refuse_foreign_words(MILLING, replace(made, text=made.text.replace(old, new, 1)))

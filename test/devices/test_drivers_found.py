@@ -4,9 +4,11 @@ import sys
 from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
+from refused import refused
 
 from stepdiag_ros import devices
 from stepdiag_ros.devices import Surroundings, known_drivers, prepare
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 class Gauge:
@@ -45,10 +47,10 @@ def test_a_name_that_no_package_or_two_packages_bring_is_refused(installed):
         ("stepdiag_ros.weather", "gone", "lab_package:nothing"),
         ("stepdiag_ros.weather", "lost", "no_such_package:gauge"),
     )
-    with pytest.raises(ValueError, match="there is no weather driver 'lap'; known: simulated"):
+    with refused(Refusal, "unknown", "lap"):
         prepare("weather", "lap", {}, Surroundings())
-    with pytest.raises(ValueError, match="there are 2 weather drivers 'simulated': remove"):
+    with refused(Refusal, "ambiguous", "simulated", "2"):
         prepare("weather", "simulated", {}, Surroundings())
     for name in ("gone", "lost"):
-        with pytest.raises(ValueError, match=rf"weather driver '{name}' \(.*cannot be loaded: "):
+        with refused(Refusal, "failed", name):
             prepare("weather", name, {}, Surroundings())

@@ -5,6 +5,7 @@ from math import isnan
 
 import pytest
 from instrument_peers import MS, SECOND, START, Bench, Ids3010Peer
+from refused import a_fault, refused
 
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import (
@@ -14,6 +15,7 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OK,
     STATUS_OVERSPEED,
 )
+from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
 
 ALIGNMENT = ("x", (0.01, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -76,7 +78,7 @@ def test_the_measurement_is_begun_and_waited_for(ids):
     ids.mode = "measurement starting"
     bench = Bench(ids, step=20 * MS)
     bench.open(opener(ids, start_within_s=20.0))
-    with pytest.raises(TimeoutError, match="has not begun to measure within 20 s"):
+    with refused(Silent, "silent", "20", aspect="measurement"):
         bench.for_looks(1500)
 
 
@@ -85,14 +87,15 @@ def test_an_instrument_that_does_not_measure_is_refused(ids, mode):
     ids.mode = mode
     bench = Bench(ids)
     bench.open(opener(ids, start_measurement=False))
-    with pytest.raises(ConnectionError, match=f"its state is '{mode}'"):
+    with refused(Lost, "not_ready") as caught:
         bench.for_looks(1000)
+    assert mode in str(caught.value)
 
 
 def test_a_measurement_that_ends_is_noticed(bench, ids):
     bench.until(3)
     ids.mode = "system idle"
-    with pytest.raises(ConnectionError, match="no longer measures: its state is 'system idle'"):
+    with refused(Lost, "stopped"):
         bench.for_looks(2000)
 
 
@@ -165,18 +168,18 @@ def test_an_instrument_without_compensation_tells_raw_values_alone(ids):
     ids.index = [42, 0.0]
     bench = Bench(ids)
     bench.open(opener(ids))
-    with pytest.raises(ValueError, match=r"error 42\): say it in the setting 'refractive_index'"):
+    with refused(Refusal, "undetermined", "refractive_index", "42)"):
         bench.for_looks(1000)
 
 
 @pytest.mark.parametrize(
     ("garbage", "words"),
     [
-        (b"hello\r\n", "no JSON"),
-        (b"[1, 2]\r\n", "no JSON-RPC"),
-        (b'{"jsonrpc": "2.0", "result": [0', "has not answered"),
-        (b"x" * 70000, "without the terminator"),
-        (b"\xff\xfe\x00\r\n", "no JSON"),
+        (b"hello\r\n", a_fault("malformed", aspect="JSON")),
+        (b"[1, 2]\r\n", a_fault("malformed", aspect="JSON-RPC")),
+        (b'{"jsonrpc": "2.0", "result": [0', a_fault("silent", aspect="answer")),
+        (b"x" * 70000, a_fault("too_many")),
+        (b"\xff\xfe\x00\r\n", a_fault("malformed", aspect="JSON")),
     ],
 )
 def test_garbage_is_refused_in_words(ids, garbage, words):
@@ -184,7 +187,7 @@ def test_garbage_is_refused_in_words(ids, garbage, words):
     bench.open(opener(ids))
     bench.until(3)
     ids.garbage = garbage
-    with pytest.raises((ValueError, TimeoutError), match=words):
+    with refused((ValueError, TimeoutError), words):
         bench.for_looks(1000)
 
 
@@ -193,7 +196,7 @@ def test_silence_and_a_lost_connection_are_errors_and_a_new_device_begins_anew(i
     bench.open(opener(ids))
     bench.until(5)
     ids.silent = True
-    with pytest.raises(TimeoutError, match=r"has not answered com\.attocube\..* within 2 s"):
+    with refused(Silent, "silent", "com.attocube", "2", aspect="answer"):
         bench.for_looks(1000)
     bench.device.close()
     ids.silent = False
@@ -201,11 +204,11 @@ def test_silence_and_a_lost_connection_are_errors_and_a_new_device_begins_anew(i
     bench.open(opener(ids))
     assert bench.until(3)[0].sequence == 0
     ids.hang_up()
-    with pytest.raises(ConnectionError, match="is broken"):
+    with refused(Lost, "lost", aspect="link"):
         bench.for_looks(1000)
     bench.device.close()
     ids.close()
-    with pytest.raises(ConnectionError, match="Connection refused"):
+    with refused(Lost, "lost", aspect="opening"):
         bench.open(opener(ids))
         bench.for_looks(50)
 
@@ -227,12 +230,12 @@ def test_halves_of_answers_are_kept(bench, ids):
 
 def test_settings_are_checked_before_anything_is_opened(ids):
     for settings, words in (
-        ({"axis": 3}, "'axis' is 3; expected a whole number from 0 to 2"),
-        ({"host": "a b"}, "'host' is 'a b'; expected a name or an IP address"),
-        ({"warnings": {12: "bad"}}, "expected one of good, low_signal"),
-        ({"sing": 1}, "unknown key 'sing'; did you mean 'sign'"),
+        ({"axis": 3}, a_fault("out_of_range", "3", "0", "2", about="axis")),
+        ({"host": "a b"}, a_fault("malformed", "host", "a b", "IP")),
+        ({"warnings": {12: "bad"}}, a_fault("unknown", "low_signal", about="warnings: 12")),
+        ({"sing": 1}, a_fault("unknown", "sign", about="sing")),
     ):
-        with pytest.raises(ValueError, match=words):
+        with refused(Refusal, words):
             opener(ids, **settings)
     assert ids.connections == 0
     assert SECOND == 1000 * MS

@@ -5,6 +5,7 @@ from math import isnan
 
 import pytest
 from instrument_peers import MS, START, Bench, TcpPeer
+from refused import a_fault, refused
 
 from stepdiag_ros.configuration import available, load_device
 from stepdiag_ros.devices import Surroundings, known_drivers, prepare
@@ -17,6 +18,8 @@ from stepdiag_ros.devices.interferometer import (
     STATUS_OVERSPEED,
 )
 from stepdiag_ros.devices.interferometer.messages import MOST_UNREADABLE
+from stepdiag_ros.devices.line_protocol import StartedAgain
+from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
 
 ALIGNMENT = ("x", (0.01, 0.0, 0.0), (0.0, 0.0, 0.0))
 STREAM = {
@@ -207,7 +210,7 @@ def test_the_clock_of_the_instrument_tells_the_times_and_may_begin_again(instrum
         times += [one.time for one in laser.say(f"{tick % (1 << 32)},1\n")]
     assert all(abs(b - a - 10 * MS) <= 2 * MS for a, b in pairwise(times[2:]))
     assert times[-1] < laser.bench.now
-    with pytest.raises(ConnectionError, match="clock of the instrument has jumped"):
+    with refused(StartedAgain, "restarted", aspect="clock"):
         laser.say("1000,1\n")
 
 
@@ -218,7 +221,7 @@ def test_gaps_are_found_by_number_or_by_time(instrument):
     )
     readings = numbered.say("5,1\n6,1\nga#bage\n8,1\n8,1\n9,1\n", 4)
     assert [reading.sequence for reading in readings] == [0, 1, 3, 4]
-    with pytest.raises(ConnectionError, match="fall from 9 to 0: the instrument was started again"):
+    with refused(StartedAgain, "restarted", "9", "0", aspect="number"):
         numbered.say("0,1\n")
 
     timed = instrument(
@@ -243,9 +246,7 @@ def test_what_cannot_be_read_is_a_lost_reading(instrument):
 
 def test_a_device_that_speaks_another_language_is_refused(instrument):
     laser = instrument()
-    with pytest.raises(
-        ValueError, match=r"messages in a row cannot be read.*'hello' has 1 columns"
-    ):
+    with refused(Refusal, "malformed", "hello", "1"):
         laser.say("hello\n" * (MOST_UNREADABLE + 1), 1)
 
 
@@ -255,7 +256,7 @@ def test_half_lines_and_a_stream_of_garbage(instrument):
         laser.peer.say(part)
         laser.bench.for_looks(5)
     assert [reading.raw_displacement for reading in laser.bench.taken] == pytest.approx([12.5e-6])
-    with pytest.raises(ValueError, match="without the terminator"):
+    with refused(Refusal, "too_many"):
         laser.say(bytes(range(128, 255)).decode("latin-1") * 10, 1)
 
 
@@ -289,14 +290,14 @@ def test_the_zero_is_set_at_the_alignment_and_a_lost_count_stays_lost(instrument
 def test_an_instrument_that_starts_again_falls_silent_or_hangs_up_is_given_up(instrument):
     laser = instrument(silence_s=0.5)
     laser.say("1,80,OK\n")
-    with pytest.raises(ConnectionError, match=r"was started again: it said 'BOOT v1'"):
+    with refused(StartedAgain, "restarted", "BOOT v1", aspect="greeting"):
         laser.say("2,80,OK\nBOOT v1\n", 2)
     laser.bench.device.close()
     laser.peer.hang_up()
     laser.open()
     assert laser.say("1,80,OK\n")[0].sequence == 0
     assert laser.bench.for_looks(240) == []
-    with pytest.raises(TimeoutError, match=r"has sent nothing for 0\.5 s"):
+    with refused(Silent, "silent", "0.5"):
         laser.bench.for_looks(20)
     laser.bench.device.close()
     laser.peer.hang_up()
@@ -304,7 +305,7 @@ def test_an_instrument_that_starts_again_falls_silent_or_hangs_up_is_given_up(in
     # Power lost in the middle of a line.
     laser.peer.say("1,80,OK\n2,8")
     laser.peer.hang_up()
-    with pytest.raises(ConnectionError, match="is broken"):
+    with refused(Lost, "lost", aspect="link"):
         laser.bench.for_looks(500)
     assert laser.bench.taken[-1].raw_displacement == pytest.approx(1e-6)
 
@@ -354,7 +355,7 @@ class TestRequests:
         laser = instrument(ASKED)
         heard = self.serve(laser, 190, {})
         assert heard == b"REMOTE\rPOS?\r"
-        with pytest.raises(TimeoutError, match=r"has not answered b'POS\?' within 0.4 s"):
+        with refused(Silent, "silent", "POS?", "0.4"):
             self.serve(laser, 50, {})
 
     def test_what_the_device_repeats_is_no_answer(self, instrument):
@@ -367,23 +368,26 @@ class TestRequests:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"message": {"columns": ["a", "a"]}}, "'columns' has 'a' twice"),
-        ({"message": {"columns": ["_", "_"]}}, "'columns' names no column"),
-        ({"message": {"pattern": "(?P<a>"}}, "'pattern' is no regular expression"),
-        ({"message": {"pattern": "a+"}}, "'pattern' has no named group"),
-        ({"message": {}}, "'columns' is missing"),
-        ({"values": {"signal": {}}}, "'full'|neither 'raw' nor 'compensated'|unit"),
-        ({"values": {}}, "neither 'raw' nor 'compensated' is there"),
-        ({"values": {"raw": {"unit": "mm"}}}, "'from' is 'raw'; the message has the fields length"),
-        ({"values": {"raw": {"from": "length"}}}, "'unit' is missing"),
-        ({"values": {"raw": {"from": "length", "unit": "feet"}}}, "'unit' is 'feet'; expected one"),
+        ({"message": {"columns": ["a", "a"]}}, a_fault("twice", "columns", "a")),
+        ({"message": {"columns": ["_", "_"]}}, a_fault("too_few", "columns")),
+        ({"message": {"pattern": "(?P<a>"}}, a_fault("malformed", "pattern")),
+        ({"message": {"pattern": "a+"}}, a_fault("missing", "pattern")),
+        ({"message": {}}, a_fault("missing", about="columns")),
+        ({"values": {"signal": {}}}, a_fault("missing", "raw", "compensated")),
+        ({"values": {}}, a_fault("missing", "raw", "compensated")),
+        ({"values": {"raw": {"unit": "mm"}}}, a_fault("unknown", "from", "raw")),
+        ({"values": {"raw": {"from": "length"}}}, a_fault("missing", about="unit")),
+        (
+            {"values": {"raw": {"from": "length", "unit": "feet"}}},
+            a_fault("unknown", "feet", about="unit"),
+        ),
         (
             {"values": {"raw": {"from": "length", "unit": "count"}}},
-            "'counts_per_wavelength' is missing",
+            a_fault("missing", about="counts_per_wavelength"),
         ),
         (
             {"values": {"raw": {"from": "length", "unit": "m"}, "sign": 0}},
-            "'sign' is 0; expected 1 or -1",
+            a_fault("out_of_range", "sign", "0", "1", "-1"),
         ),
         (
             {
@@ -392,7 +396,7 @@ class TestRequests:
                     "status": {"from": "state", "words": {"A": "fine"}},
                 }
             },
-            "'words: A' is 'fine'; expected one of good",
+            a_fault("unknown", "fine", about="words: A"),
         ),
         (
             {
@@ -401,16 +405,16 @@ class TestRequests:
                     "status": {"from": "state", "words": {True: "good"}},
                 }
             },
-            "expected texts; write it in quotes",
+            a_fault("malformed", about="words"),
         ),
-        ({"connection": {"url": "10.1.1.1:3"}}, "write socket://10.1.1.1:3"),
-        ({"rate": 3}, "unknown key 'rate'"),
-        ({"commands": {"request": 5}}, "'request' is 5; expected a list of texts"),
+        ({"connection": {"url": "10.1.1.1:3"}}, a_fault("malformed", "socket://10.1.1.1:3")),
+        ({"rate": 3}, a_fault("unknown", about="rate")),
+        ({"commands": {"request": 5}}, a_fault("malformed", "5", about="request")),
     ],
 )
 def test_settings_are_checked_before_anything_is_opened(change, words):
     settings = {"connection": {"url": "socket://127.0.0.1:9"}, **STREAM, **change}
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         prepare("interferometer", "line_protocol", settings, NOBODY)
 
 

@@ -1,9 +1,10 @@
 """The simulated weather station against the cell's weather."""
 
-import pytest
+from refused import refused
 from test_simulated_interferometer import CELL, SECOND, START, weather
 
 from stepdiag_ros.devices import Surroundings, prepare
+from stepdiag_ros.metrology.refusal import Refusal
 
 
 def test_samples_lie_on_their_grid_and_are_the_cell_s_weather():
@@ -38,7 +39,7 @@ def test_a_silent_station_gives_nothing():
 
 
 def test_settings_are_checked():
-    with pytest.raises(ValueError, match="unknown key 'rate'"):
+    with refused(Refusal, "unknown", about="rate"):
         weather(rate=2)
-    with pytest.raises(ValueError, match="needs a simulated cell"):
+    with refused(Refusal, "missing"):
         prepare("weather", "simulated", {}, Surroundings())

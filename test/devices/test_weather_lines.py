@@ -4,10 +4,12 @@ from math import isnan
 
 import pytest
 from instrument_peers import MS, SECOND, Bench, TcpPeer, is_open
+from refused import a_fault, refused
 
 from stepdiag_ros.configuration import load_device
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Lost, Refusal
 
 
 class Peers:
@@ -137,14 +139,14 @@ def test_a_sensor_that_does_not_know_says_so_and_garbage_is_no_sample(peers):
     peers[0].say("air=err\ngarbage\nair=1000\n")
     samples = bench.until(2)
     assert isnan(samples[0][1].air_pressure) and samples[1][1].air_pressure == 100_000.0
-    with pytest.raises(ValueError, match=r"20 messages of .* in a row cannot be read"):
+    with refused(Refusal, "malformed", "20", aspect="message"):
         peers[0].say("garbage\n" * 20)
         bench.until(1)
     bench.device.close()
 
 
 def test_a_station_that_is_not_there_is_refused():
-    with pytest.raises(ConnectionError, match="refused"):
+    with refused(Lost, "lost", aspect="opening"):
         url = {"connection": {"url": "socket://127.0.0.1:1"}}
         peer = type("", (), {"url": url["connection"]["url"]})
         prepared(sensor(peer, "air_pressure", "hPa"))(0).poll(0)
@@ -156,12 +158,15 @@ def test_settings_are_checked():
 
     good = sensor(Nowhere, "air_pressure", "hPa")
     for change, words in (
-        ({"values": {}}, "nothing is there; expected air_temperature, air_pressure"),
-        ({"values": {"pressure": {}}}, "unknown key 'pressure'"),
-        ({"values": {"air_pressure": {"from": "v", "unit": "at"}}}, "'unit' is 'at'; expected one"),
-        ({"values": {"air_pressure": {"from": "w", "unit": "Pa"}}}, "has the fields v"),
-        ({"sensors": []}, "'sensors' is"),
-        ({"speed": 1}, "unknown key 'speed'"),
+        ({"values": {}}, a_fault("missing", "air_temperature", "air_pressure")),
+        ({"values": {"pressure": {}}}, a_fault("unknown", about="pressure")),
+        (
+            {"values": {"air_pressure": {"from": "v", "unit": "at"}}},
+            a_fault("unknown", "at", about="unit"),
+        ),
+        ({"values": {"air_pressure": {"from": "w", "unit": "Pa"}}}, a_fault("unknown")),
+        ({"sensors": []}, a_fault("malformed", about="sensors")),
+        ({"speed": 1}, a_fault("unknown", about="speed")),
     ):
-        with pytest.raises(ValueError, match=words):
+        with refused(Refusal, words):
             prepared(good | change)

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from refused import refused
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -61,5 +62,5 @@ def test_a_figure_is_written_at_each_of_its_places_and_nowhere_else(tmp_path, mo
     counted = Figure("page.md", r"(\d+) pass", lambda: "28")
     write(counted, "28")
     assert (tmp_path / "page.md").read_text().startswith("28 pass\n")
-    with pytest.raises(ValueError, match=r"page\.md"):
+    with refused(ValueError, None, "page.md"):
         texts(Figure("page.md", marked("b"), lambda: ""))

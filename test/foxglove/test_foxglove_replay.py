@@ -11,6 +11,7 @@ from pathlib import Path
 import fake_launch
 import pytest
 from foxglove_viewer import Viewer
+from refused import refused
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import stepdiag_ros  # noqa: F401 - makes message classes importable
@@ -20,6 +21,7 @@ from stepdiag_ros.bags.runs import choose_run, records_of
 from stepdiag_ros.cli import main
 from stepdiag_ros.foxglove_live.replay import FoxgloveReplay
 from stepdiag_ros.foxglove_live.server import Place
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.scene.frames import LASER, MIRROR, TOOL, WORKPIECE
 from stepdiag_ros.topics import Qos
 
@@ -229,7 +231,7 @@ def test_the_server_is_launched_where_it_is_asked_for(monkeypatch):
         (parameters,) = server.options["parameters"]
         assert {name: parameters[name] for name in wanted} == wanted
         assert "192.0.2.1" in str(vars(parameters["address"])) and scene.options["parameters"]
-        with pytest.raises(ValueError, match="foxglove_port is 'x'; expected a number"):
+        with refused(Refusal, "malformed", "x", "foxglove_port"):
             fake_launch.launched(file, foxglove="true", foxglove_port="x")
     finally:
         sys.modules.pop("stepdiag_ros.session.launching", None)
@@ -248,6 +250,6 @@ def test_a_port_in_use_is_refused_in_one_sentence(capsys):
     [("--rate", "0", "is not between 0.001 and 1000"), ("--port", "http", "is no port")],
 )
 def test_options_are_numbers_that_make_sense(option, value, said, capsys):
-    with pytest.raises(SystemExit, match="2"):
+    with refused(SystemExit, code=2):
         main(["foxglove", str(OLD), option, value])
     assert said in capsys.readouterr().err

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 from foxglove_viewer import Viewer
+from refused import refused
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import stepdiag_ros  # noqa: F401 - makes message classes importable
@@ -12,6 +13,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.conversion import new_message
 from stepdiag_ros.foxglove_live.server import BACKLOG, FoxgloveServer, Place
+from stepdiag_ros.metrology.refusal import Refusal
 
 READING, LINE, STOP = (topics.absolute(one) for one in (topics.READING, topics.LINE, topics.STOP))
 DESCRIPTION, FRAMES = topics.absolute(topics.RUN_DESCRIPTION), topics.FIXED_FRAMES.name
@@ -149,7 +151,7 @@ def test_who_has_gone_is_forgotten(served):
 
 
 def test_what_is_no_message_of_its_type_is_refused(served):
-    with pytest.raises(BagError, match="are no stepdiag_ros/msg/MeasuredLine"):
+    with refused(BagError, "malformed", "stepdiag_ros/msg/MeasuredLine"):
         served.server.send(LINE, b"\0\1\0\0no", 1)
 
 
@@ -164,23 +166,23 @@ def test_who_speaks_another_protocol_is_turned_away_and_that_is_said(served):
 
 @pytest.mark.parametrize("address", ["0.0.0.0", "::", "192.0.2.1", "cell.example"])
 def test_an_address_that_others_can_reach_must_be_wanted(address):
-    with pytest.raises(ValueError, match="everybody there may look on") as refused:
+    with refused(Refusal, "exposed") as caught:
         Place(address)
-    assert address in str(refused.value) and "open_to_network" in str(refused.value)
+    assert address in str(caught.value) and "open_to_network" in str(caught.value)
     assert not Place(address, open_to_network=True).is_local
 
 
 def test_a_port_in_use_and_an_address_of_nobody_are_said(served):
     for place in (Place(port=served.port), Place("192.0.2.1", 0, open_to_network=True)):
         server = FoxgloveServer("test", place, print)
-        with pytest.raises(ValueError, match="viewers cannot be served on") as refused:
+        with refused(Refusal, "busy") as caught:
             server.start()
         server.close()
-        assert f"{place.address} port {place.port}: " in str(refused.value)
-        assert "choose another port" in str(refused.value)
+        assert f"{place.address} port {place.port}: " in str(caught.value)
+        assert "choose another port" in str(caught.value)
 
 
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(ValueError, match=r"pip install 'stepdiag_ros\[foxglove\]'"):
+    with refused(Refusal, "not_installed", "stepdiag_ros[foxglove]"):
         FoxgloveServer("test", Place(port=0), print)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refused import a_fault, refused
 
 from stepdiag_ros.metrology.air import (
     compensated_displacement,
@@ -15,6 +16,7 @@ from stepdiag_ros.metrology.air import (
     saturation_vapour_pressure,
 )
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 
 # Stone & Zimmerman, "Index of refraction of air", NIST Engineering Metrology Toolbox, table 1:
 # temperature degC, humidity %, pressure kPa, vacuum wavelength nm, n by modified Edlén,
@@ -74,19 +76,19 @@ def test_index_is_vectorised_and_keeps_unknown_air_unknown():
 @pytest.mark.parametrize(
     ("air", "words"),
     [
-        ((-60.0, 101325.0, 0.5), "air temperature is -60"),
-        ((20.0, 1013.25, 0.5), "air pressure is 1013.25"),
-        ((20.0, 101325.0, 50.0), "relative humidity is 50; expected 0 to 1 .*not per cent"),
-        ((np.array([20.0, 200.0]), 101325.0, 0.5), "air temperature is 200"),
+        ((-60.0, 101325.0, 0.5), a_fault("out_of_range", "-60")),
+        ((20.0, 1013.25, 0.5), a_fault("out_of_range", "1013.25")),
+        ((20.0, 101325.0, 50.0), a_fault("out_of_range", "50", "0", "1")),
+        ((np.array([20.0, 200.0]), 101325.0, 0.5), a_fault("out_of_range", "200")),
     ],
 )
 def test_impossible_air_is_refused(air, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         refractive_index(*air)
 
 
 def test_wavelength_out_of_range_is_refused():
-    with pytest.raises(ValueError, match="wavelength"):
+    with refused(Refusal, "out_of_range", "633"):
         refractive_index(20.0, 101325.0, 0.5, wavelength=633.0)
 
 

@@ -8,6 +8,7 @@ from case_tables import load_case, rms_error
 from cells_for_tests import by_noise_alone, make_cell, make_plan
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refused import refused
 
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, beam_direction, line_signs
 from stepdiag_ros.metrology.simulation import simulate
@@ -161,5 +162,5 @@ def test_its_covariance_is_that_of_repeated_simulations():
 def test_it_needs_the_linear_lines():
     measurement = measured((0.01,) * 3)
     lines = tuple(line for line in measurement.lines if line.line.name != "y")
-    with pytest.raises(NotDeterminable, match="missing: y"):
+    with refused(NotDeterminable, "missing", about="y", aspect="lines"):
         solve(replace(measurement, lines=lines), "alternative")

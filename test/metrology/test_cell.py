@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from cells_for_tests import make_cell, make_plan
+from refused import a_fault, refused
 
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import perpendiculars, tilted
@@ -21,6 +22,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.resources import directory
 
@@ -71,15 +73,21 @@ def test_every_chain_is_a_machine():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"chain": "XYY"}, "chain"),
-        ({"travel_low_m": [0, 2, 0]}, "travel_low_m of Y"),
-        ({"feed_limit_m_per_s": 0}, "feed_limit_m_per_s"),
-        ({"feedlimit": 1}, "unknown key 'feedlimit'"),
-        ({"travel_high_m": [1, 1]}, "travel_high_m"),
+        ({"chain": "XYY"}, a_fault("unknown", about="chain")),
+        ({"travel_low_m": [0, 2, 0]}, a_fault("mismatch", "travel_low_m", "Y", aspect="travel")),
+        (
+            {"feed_limit_m_per_s": 0},
+            a_fault("out_of_range", about="feed_limit_m_per_s"),
+        ),
+        ({"feedlimit": 1}, a_fault("unknown", about="feedlimit")),
+        (
+            {"travel_high_m": [1, 1]},
+            a_fault("malformed", about="travel_high_m"),
+        ),
     ],
 )
 def test_wrong_machines_are_refused(changed, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         Machine.from_mapping(machine_mapping(**changed), "m")
 
 
@@ -197,14 +205,25 @@ def test_weather_drifts_and_waves():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"chain": "ABC"}, "chain"),
-        ({"errors": {"curves": {"E_XX": [0, 0]}}}, "nodes_m: 'X' is missing"),
-        ({"errors": {"travel_low_m": [0, 0, 0], "travel_high_m": [0, 1, 1]}}, "travel_low_m"),
-        ({"misalignment": {"lines": {"qqq": [0, 0, 0, 0]}}}, "qqq"),
-        ({"misalignment": {"lines": {"ppp": [0, 0]}}}, "4 numbers"),
-        ({"drive": {"lag": 0.1}}, "unknown key 'lag'"),
-        ({"weather": {"relative_humidity": 45}}, "relative_humidity"),
-        ({"seed": -1}, "seed"),
+        ({"chain": "ABC"}, a_fault("unknown", about="chain")),
+        ({"errors": {"curves": {"E_XX": [0, 0]}}}, a_fault("missing", "nodes_m", about="X")),
+        (
+            {
+                "errors": {
+                    "travel_low_m": [0, 0, 0],
+                    "travel_high_m": [0, 1, 1],
+                }
+            },
+            a_fault("mismatch", "travel_low_m", aspect="travel"),
+        ),
+        ({"misalignment": {"lines": {"qqq": [0, 0, 0, 0]}}}, a_fault("unknown", "qqq")),
+        ({"misalignment": {"lines": {"ppp": [0, 0]}}}, a_fault("malformed", "4", about="ppp")),
+        ({"drive": {"lag": 0.1}}, a_fault("unknown", about="lag")),
+        (
+            {"weather": {"relative_humidity": 45}},
+            a_fault("out_of_range", about="relative_humidity"),
+        ),
+        ({"seed": -1}, a_fault("out_of_range", about="seed")),
     ],
 )
 def test_wrong_cells_are_refused(changed, words):
@@ -213,14 +232,14 @@ def test_wrong_cells_are_refused(changed, words):
         "errors": {"travel_low_m": [0, 0, 0], "travel_high_m": [1, 1, 1]},
         **changed,
     }
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         SimulatedCell.from_mapping(mapping, "c")
 
 
 def test_too_few_values_name_the_curve():
     nodes = {axis: [0.0, 1.0] for axis in AXES}
     errors = {"nodes_m": nodes, "curves": {"E_ZY": [0.0]}}
-    with pytest.raises(ValueError, match="E_ZY: 1 values for 2 nodes of Y"):
+    with refused(Refusal, "mismatch", "E_ZY", "1", "2", "Y"):
         SimulatedCell.from_mapping({"chain": "XYZ", "errors": errors}, "c")
 
 
@@ -228,10 +247,10 @@ def test_nothing_is_measured_or_true_beyond_the_curves():
     """The curves are held beyond their ends, but neither a stop nor a truth is taken from there."""
     cell = make_cell(high=(0.06, 0.06, 0.06), held=0.0)
     larger = Volume((0.0, 0.0, 0.0), (0.01, 0.011, 0.01), 6)
-    with pytest.raises(ValueError, match="Y = 66 mm"):
+    with refused(Refusal, "out_of_range", "Y", "66"):
         cell.truth(larger)
     plan = make_plan(step=larger.step)
-    with pytest.raises(ValueError, match=r"line \w+ asks for Y = 66 mm.* 0 to 60 mm"):
+    with refused(Refusal, "out_of_range", "Y", "66", "0", "60"):
         simulate(plan, cell)
     assert simulate(make_plan(step=larger.step), make_cell(held=0.01)).lines
 

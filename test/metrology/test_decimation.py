@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refused import a_fault, refused
 
 from stepdiag_ros.metrology.decimation import Decimator, coefficients, decimation_factor
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.samples import SampleBlock
 
 START = 1_700_000_000_000_000_123
@@ -185,12 +187,15 @@ def test_the_factor_keeps_readings_below_the_limit():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"raw_displacement": np.empty(0)}, "at least one sample"),
-        ({"period": 0.0}, "period above zero"),
-        ({"status": np.zeros(2, dtype=np.uint8)}, "2 values of status"),
-        ({"signal_strength": np.zeros(4, dtype=np.float32)}, "4 values of signal_strength"),
+        ({"raw_displacement": np.empty(0)}, a_fault("too_few", "0", "2e-05")),
+        ({"period": 0.0}, a_fault("too_few", "3", "0")),
+        ({"status": np.zeros(2, dtype=np.uint8)}, a_fault("mismatch", "2")),
+        (
+            {"signal_strength": np.zeros(4, dtype=np.float32)},
+            a_fault("mismatch", "4", "signal_strength"),
+        ),
     ],
 )
 def test_a_block_that_is_none_is_refused(changes, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         replace(block(np.zeros(3)), **changes)

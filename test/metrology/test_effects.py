@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
+from refused import a_fault, refused
 
 from stepdiag_ros.metrology import effects
 from stepdiag_ros.metrology.effects import catalogue
@@ -16,6 +17,7 @@ from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
 from stepdiag_ros.metrology.measurement import Environment
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 
 STEP = (0.01, 0.012, 0.009)
@@ -292,11 +294,11 @@ def test_a_slip_stays_to_the_end_of_its_setup_and_a_break_to_the_end_of_its_pass
     assert known["fringe slip"].label(setting) == (
         "fringe slip on npp YZX backward, repeat 0, from stop 5"
     )
-    with pytest.raises(ValueError, match=r"no pass npp XZY backward, repeat 0"):
+    with refused(Refusal, "not_found", "npp", "XZY", "0"):
         known["fringe slip"].columns({**setting, "order": "XZY"}, stops)
-    with pytest.raises(ValueError, match="has no stop 500"):
+    with refused(Refusal, "not_found", "500"):
         known["fringe slip"].columns({**setting, "from_stop": 500}, stops)
-    with pytest.raises(ValueError, match="no setup 'zzz'"):
+    with refused(Refusal, "not_found", "zzz"):
         known["cosine error"].columns({"setup": "zzz"}, stops)
 
 
@@ -482,12 +484,12 @@ def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch
     offer(monkeypatch, THE_POINT=found[broken])
     if broken == "absent":
         monkeypatch.delattr(sys.modules[__name__], "THE_POINT")
-    reason = {
-        "text": "is no object of a class",
-        "nameless": "does not tell its 'name'",
-        "taken": "is another effect's name",
-        "absent": "cannot be loaded",
+    why = {
+        "text": a_fault("wrong_kind", "Effect"),
+        "nameless": a_fault("wrong_kind", "'name'"),
+        "taken": a_fault("twice", "backlash"),
+        "absent": a_fault("failed"),
     }
-    with pytest.raises(ValueError, match=reason[broken]) as refused:
+    with refused(Refusal, why[broken]) as caught:
         catalogue()
-    assert "THE_POINT" in str(refused.value) and "\n" not in str(refused.value)
+    assert "THE_POINT" in str(caught.value) and "\n" not in str(caught.value)

@@ -9,8 +9,10 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refused import a_fault, refused
 
 from stepdiag_ros.metrology.plan import LINEAR
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, evaluate
 from stepdiag_ros.metrology.standards.positioning_uncertainty import (
@@ -254,24 +256,24 @@ def test_a_description_is_read_with_unknowns_and_refuses_what_it_does_not_know()
     found = UncertaintyDescription.from_mapping({"misalignment_m": 1e-3}, "file")
     assert found.misalignment == 1e-3
     assert np.isnan(found.device)
-    with pytest.raises(ValueError, match="file: unknown key 'misalignement_m'"):
+    with refused(Refusal, "unknown", about="misalignement_m"):
         UncertaintyDescription.from_mapping({"misalignement_m": 1e-3}, "file")
-    with pytest.raises(ValueError, match=r"'device_U_m_per_m' is 0\.5; expected"):
+    with refused(Refusal, "out_of_range", "0.5", about="device_U_m_per_m"):
         UncertaintyDescription.from_mapping({"device_U_m_per_m": 0.5}, "file")
 
 
 @pytest.mark.parametrize(
     ("target", "forward", "backward", "message"),
     [
-        ([0.0], [[0.0]], [[0.0]], "two or more targets"),
-        ([0.0, 0.0], [[0, 0]], [[0, 0]], "ascending"),
-        ([0.0, 1.0], [[0, 0, 0]], [[0, 0]], "forward runs do not have one deviation for each"),
-        ([0.0, 1.0], [[0, np.nan]], [[0, 0]], "forward deviation is not finite"),
-        ([0.0, 1.0], np.empty((0, 2)), np.empty((0, 2)), "there is no run"),
+        ([0.0], [[0.0]], [[0.0]], a_fault("out_of_order")),
+        ([0.0, 0.0], [[0, 0]], [[0, 0]], a_fault("out_of_order")),
+        ([0.0, 1.0], [[0, 0, 0]], [[0, 0]], a_fault("mismatch")),
+        ([0.0, 1.0], [[0, np.nan]], [[0, 0]], a_fault("out_of_range", aspect="deviation")),
+        ([0.0, 1.0], np.empty((0, 2)), np.empty((0, 2)), a_fault("too_few")),
     ],
 )
 def test_runs_that_contradict_themselves_are_refused(target, forward, backward, message):
-    with pytest.raises(ValueError, match=message):
+    with refused(Refusal, message):
         BidirectionalRuns(
             "X", LINEAR, np.array(target), np.array(forward, float), np.array(backward, float)
         )

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from refused import a_fault, refused
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.jcgm101 import (
     BLOCK,
     FEWEST_BLOCKS,
@@ -148,18 +150,18 @@ def test_intervals_of_trials_that_are_known():
     low, high, shortest_low, shortest_high = coverage_intervals(values, 0.95)
     assert (low[0], high[0]) == (25.0, 975.0)
     assert shortest_high[0] - shortest_low[0] == 950.0
-    with pytest.raises(ValueError, match="too few"):
+    with refused(Refusal, "too_few", aspect="trials"):
         coverage_intervals(values[:5], 0.95)
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"coverage": 95.0}, "coverage probability is 95"),
-        ({"digits": 3}, "digits is 3"),
-        ({"most_trials": 100}, "fewest are 5 blocks of 10000"),
+        ({"coverage": 95.0}, a_fault("out_of_range", "95")),
+        ({"digits": 3}, a_fault("out_of_range", "3")),
+        ({"most_trials": 100}, a_fault("too_few", "5", "10000", aspect="limit")),
     ],
 )
 def test_wrong_arguments_are_refused(wrong, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         monte_carlo(lambda n, rng: rng.standard_normal((n, 1)), **wrong)

@@ -4,11 +4,13 @@ import copy
 
 import pytest
 import yaml
+from refused import a_fault, refused
 
 from stepdiag_ros.configuration import available, find, load_model, model_from_text
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, ModelEffect, Provenance
+from stepdiag_ros.metrology.refusal import Refusal
 
 FULL = {
     "name": "a mill",
@@ -75,7 +77,7 @@ def test_a_model_holds_a_typical_size_of_rotations_which_is_not_negative(status)
     (active,) = model.of_status(status)
     assert active.effect.typical and active.sizes == {"size": 12e-6}
     assert model_of(model.to_mapping()).of_status(status) == (active,)
-    with pytest.raises(ValueError, match=r"effects\[0\]: sizes: 'size' is -1\.2e-05"):
+    with refused(Refusal, "out_of_range", "effects[0]", "-1.2e-05", about="size"):
         model_of({"chain": "YXZ", "effects": [{**turns, "sizes": {"size": -12e-6}}]})
 
 
@@ -94,23 +96,38 @@ def _changed(change):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda m, _: m.update(chain="XYX"), r"mill.yaml: 'chain' is 'XYX'; expected one of"),
-        (lambda m, _: m.update(cruves="free"), r"unknown key 'cruves'; did you mean 'curves'"),
-        (lambda m, _: m.update(curves=[1.0]), r"'curves' is \[1.0\]; expected 'free'"),
-        (lambda m, _: m.update(curves={"E_AX": [0.0, 1.0]}), r"curves: 'E_AX' is no translation"),
-        (lambda m, _: m.update(curves={"E_XX": [0.0]}), r"'E_XX' needs a value for each node"),
-        (lambda m, _: m.update(effects={"effect": "backlash"}), r"'effects' is .*expected a list"),
-        (lambda _, e: e.update(effect="backslash"), r"effects\[0\]: 'effect' is 'backslash'"),
-        (lambda _, e: e.update(setting={"axis": "W"}), r"setting: 'axis' is 'W'"),
-        (lambda _, e: e.update(sizes={"lost": 1.0}), r"sizes: unknown key 'lost'"),
-        (lambda _, e: e.update(status="free"), r"'status' is 'free'; expected one of fixed"),
-        (lambda _, e: e["standard_uncertainty"].update(lost_motion=-1.0), r"'lost_motion' is -1"),
-        (lambda _, e: e["provenance"].update(sha256="abc"), r"expected 64 hexadecimal digits"),
-        (lambda m, e: m["effects"].append(copy.deepcopy(e)), r"'backlash of X' is there twice"),
+        (lambda m, _: m.update(chain="XYX"), a_fault("unknown", "XYX", "mill.yaml", about="chain")),
+        (lambda m, _: m.update(cruves="free"), a_fault("unknown", "curves", about="cruves")),
+        (
+            lambda m, _: m.update(curves=[1.0]),
+            a_fault("malformed", "curves", "free", "[1.0]", aspect="curves"),
+        ),
+        (lambda m, _: m.update(curves={"E_AX": [0.0, 1.0]}), a_fault("unknown", "E_AX")),
+        (
+            lambda m, _: m.update(curves={"E_XX": [0.0]}),
+            a_fault("malformed", "E_XX", aspect="values"),
+        ),
+        (
+            lambda m, _: m.update(effects={"effect": "backlash"}),
+            a_fault("malformed", about="effects"),
+        ),
+        (
+            lambda _, e: e.update(effect="backslash"),
+            a_fault("unknown", "backslash", "effects[0]", about="effect"),
+        ),
+        (lambda _, e: e.update(setting={"axis": "W"}), a_fault("unknown", "W", about="axis")),
+        (lambda _, e: e.update(sizes={"lost": 1.0}), a_fault("unknown", about="lost")),
+        (lambda _, e: e.update(status="free"), a_fault("unknown", "free", about="status")),
+        (
+            lambda _, e: e["standard_uncertainty"].update(lost_motion=-1.0),
+            a_fault("out_of_range", "-1", about="lost_motion"),
+        ),
+        (lambda _, e: e["provenance"].update(sha256="abc"), a_fault("malformed", "64")),
+        (lambda m, e: m["effects"].append(copy.deepcopy(e)), a_fault("twice", "X")),
     ],
 )
 def test_what_is_wrong_is_refused_with_its_place(change, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         model_of(_changed(change))
 
 

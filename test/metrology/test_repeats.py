@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
+from refused import refused
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.repeats import line_errors, solve_repeats, split_repeats
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
@@ -60,7 +62,7 @@ def test_the_mean_of_the_repeats_is_the_result_of_all_and_its_scatter_the_uncert
 
 
 def test_one_run_has_no_spread():
-    with pytest.raises(ValueError, match="1 repeats in common; a spread needs two"):
+    with refused(Refusal, "too_few", "1"):
         solve_repeats(measured(make_plan(blocks=2)), ["setup_robust"])
 
 

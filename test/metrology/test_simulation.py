@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
+from refused import refused
 
 from stepdiag_ros.metrology.geometry import beam_direction
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import planned_run, read_again, simulate
 
 
@@ -38,7 +40,7 @@ def test_noise_is_that_of_the_mean_of_the_readings_of_a_stop():
     )
     assert np.std(errors) == pytest.approx(0.1e-6, rel=0.05)
     assert noisy.lines[0].standard_uncertainty == pytest.approx(np.full(41, 0.1e-6))
-    with pytest.raises(ValueError, match="readings_per_stop"):
+    with refused(Refusal, "out_of_range", "readings_per_stop"):
         simulate(plan, make_cell(), readings_per_stop=0)
 
 

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import by_noise_alone, make_cell, make_plan
+from refused import refused
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
@@ -311,12 +313,12 @@ def test_rigid_body_has_a_budget_of_its_rotations_too():
 
 
 def test_what_cannot_be_is_refused(measurement):
-    with pytest.raises(ValueError, match="'wang' is no method"):
+    with refused(Refusal, "unknown", "wang", aspect="replicated method"):
         make_budget(measurement, perfect(), "wang")
-    with pytest.raises(ValueError, match="coverage probability is 95"):
+    with refused(Refusal, "out_of_range", "95"):
         make_budget(measurement, perfect(), coverage=95.0)
-    with pytest.raises(NotDeterminable, match="chain"):
+    with refused(NotDeterminable, "missing", aspect="chain"):
         make_budget(replace(measurement, chain=""), perfect(), "rigid_body")
     linear_only = replace(measurement, lines=measurement.lines[:12])
-    with pytest.raises(NotDeterminable, match="missing"):
+    with refused(NotDeterminable, "missing", aspect="lines"):
         make_budget(linear_only, perfect(), "setup_robust")

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
+from refused import refused
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.plausible import NOTHING, Plausible
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -167,7 +169,7 @@ def test_a_curve_that_is_not_determined_makes_it_unknown():
 
 def test_rotations_need_a_chain_and_those_that_are_missing_are_named():
     values = curves(1, True)
-    with pytest.raises(ValueError, match="name the machine's chain"):
+    with refused(Refusal, "missing"):
         of_result(result_of(values))
     del values["E_BY"]
     assert "E_BY" in of_result(result_of(values), "XYZ").remarks[0]

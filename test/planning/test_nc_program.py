@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcode_reader import Machine as Controller
+from refused import a_fault, refused
 
 from stepdiag_ros.configuration import available, load_machine, load_plan
 from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.moves import moves_of, passes_of, program_of
 from stepdiag_ros.planning.nc_program import DWELL_FORMS, Dialect, Move, nc_program
 from stepdiag_ros.run.sequence import Answer, Sequence, State
@@ -91,34 +93,37 @@ def test_positions_are_within_half_the_last_decimal(decimals):
 @pytest.mark.parametrize(
     ("moves", "said"),
     [
-        ([], "at least one move"),
-        ([Move((0.0, float("nan"), 0.0), 1.0)], "move 1: the target"),
-        ([Move((0.0, -100.1, 0.0), 1.0)], "move 1: the target"),
-        ([Move((0.0, 0.0, 0.0), -1.0)], "move 1: a dwell of -1 s"),
-        ([Move((0.0, 0.0, 0.0), 1.0), Move((2e-8, 0.0, 0.0), 1.0)], "move 2: X goes from 0 mm"),
+        ([], a_fault("too_few")),
+        ([Move((0.0, float("nan"), 0.0), 1.0)], a_fault("out_of_range", "1", aspect="target")),
+        ([Move((0.0, -100.1, 0.0), 1.0)], a_fault("out_of_range", "1", aspect="target")),
+        ([Move((0.0, 0.0, 0.0), -1.0)], a_fault("out_of_range", "1", "-1", aspect="dwell")),
+        (
+            [Move((0.0, 0.0, 0.0), 1.0), Move((2e-8, 0.0, 0.0), 1.0)],
+            a_fault("mismatch", "2", "X", "0"),
+        ),
     ],
 )
 def test_what_no_program_can_say_is_refused(moves, said):
-    with pytest.raises(ValueError, match=said):
+    with refused(Refusal, said):
         program(moves)
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"dwell": "U_s"}, "dwell form 'U_s'"),
-        ({"decimals": 2}, "2 decimals"),
-        ({"program_number": 10000}, "10000 is not from 1 to 9999"),
+        ({"dwell": "U_s"}, a_fault("unknown", "U_s")),
+        ({"decimals": 2}, a_fault("out_of_range", "2")),
+        ({"program_number": 10000}, a_fault("out_of_range", "10000", "1", "9999")),
     ],
 )
 def test_what_no_controller_reads_is_refused(options, said):
-    with pytest.raises(ValueError, match=said):
+    with refused(Refusal, said):
         Dialect(**options)
 
 
 @pytest.mark.parametrize("feed", [float("nan"), float("inf"), 0.0, -0.01, 1e-9, 1e6])
 def test_a_feed_that_is_none_is_refused(feed):
-    with pytest.raises(ValueError, match="feed"):
+    with refused(Refusal, "out_of_range", aspect="feed"):
         nc_program(MOVES, feed_m_per_s=feed, name="x")
 
 
@@ -216,8 +221,8 @@ def test_a_plan_beyond_the_machine_gets_no_program():
     machine = load_machine("demo")[0]
     volume = Volume((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), 5)
     plan = Plan("too high", volume, (Line("linear", "z", "", 0, "forward"),), 0.033)
-    with pytest.raises(ValueError, match=r"no NC program: line z runs Z from 0 m to 0.5 m"):
+    with refused(Refusal, "out_of_range", "Z", "0", "0.5", aspect="move"):
         program_of(plan, machine)
     fast = replace(load_plan("demo")[0], feed=1.0)
-    with pytest.raises(ValueError, match="feed limit"):
+    with refused(Refusal, "out_of_range", aspect="move"):
         program_of(fast, machine)

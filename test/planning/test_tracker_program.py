@@ -5,8 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros.configuration import load_machine
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, points_of
@@ -96,7 +98,7 @@ def test_several_axes_move_together_only_along_a_diagonal(planned):
 def test_a_place_out_of_the_volume_is_refused(planned):
     readings, _ = planned
     small = Box(np.zeros(3), np.array([0.5, 0.5, 0.4]))
-    with pytest.raises(ValueError, match="outside of the volume"):
+    with refused(Refusal, "out_of_range"):
         tracker_program(
             readings, STATION, TRACKER, small, feed_m_per_s=0.05, name="x", overrun=OVERRUN
         )

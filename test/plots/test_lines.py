@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refused import refused
 from results_by_hand import VOLUME, make_measurement
 
 from stepdiag_ros import plots
@@ -14,6 +15,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import Line
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.lines import passes_from_mean
 
 LINE = Line("linear", "x", "", 0, "forward")
@@ -95,11 +97,11 @@ def test_many_readings_keep_their_extremes():
 
 
 def test_nothing_to_draw_is_said():
-    with pytest.raises(ValueError, match="there is no stop"):
+    with refused(Refusal, "too_few", aspect="stop"):
         plots.readings(readings(), [])
-    with pytest.raises(ValueError, match="no reading at the time"):
+    with refused(Refusal, "missing"):
         plots.readings([], [stop(0)])
-    with pytest.raises(ValueError, match="there is no block"):
+    with refused(Refusal, "too_few", aspect="block"):
         plots.block_displacements([])
 
 
@@ -184,7 +186,7 @@ def test_a_rejected_stop_is_enlarged_about_the_mean_of_its_window():
 
 
 def test_stops_without_readings_are_refused():
-    with pytest.raises(ValueError, match="no stop"):
+    with refused(Refusal, "too_few", aspect="stop"):
         plots.settling(readings(), [])
-    with pytest.raises(ValueError, match="no reading"):
+    with refused(Refusal, "missing"):
         plots.settling([], [stop(1)])

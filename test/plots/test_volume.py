@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refused import refused
 from results_by_hand import VOLUME, make_result, with_rotations, with_unknown
 
 from stepdiag_ros import plots
 from stepdiag_ros.configuration import load_machine, load_plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.planning.moves import passes_of
@@ -62,7 +64,7 @@ def test_the_wires_are_bent_by_the_error_map_and_the_worst_place_is_marked(turni
 
 def test_a_volume_that_is_not_known_is_not_drawn():
     assert plots.volume(with_unknown(make_result())) is None
-    with pytest.raises(ValueError, match="chain"):
+    with refused(Refusal, "missing"):
         plots.volume(with_rotations(make_result(), unknown=()))
 
 

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
-import pytest
+from refused import refused
 
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.sequence import Answer, Purpose, Sequence, State
 
 MAPPING = {
@@ -57,5 +58,5 @@ def test_the_operator_aligns_each_diagonal_once():
 
 
 def test_the_key_is_true_or_false():
-    with pytest.raises(ValueError, match="'one_alignment_per_diagonal' is 'yes'"):
+    with refused(Refusal, "malformed", "yes", about="one_alignment_per_diagonal"):
         Plan.from_mapping({**MAPPING, "one_alignment_per_diagonal": "yes"}, "plan")

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refused import refused
 
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.machine import Machine
@@ -19,6 +20,7 @@ from stepdiag_ros.metrology.plan import (
     Sampling,
     Volume,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
 from stepdiag_ros.run.sequence import (
     ANSWER_LIMIT,
@@ -320,7 +322,7 @@ def test_abort_stops_the_machine_for_good():
     rig.settle()
     rig.wait(10.0)
     assert len(rig.sent) == 1
-    with pytest.raises(ValueError, match="cannot resume: the run is aborted"):
+    with refused(Refusal, "not_ready", "aborted", aspect="resume"):
         rig.sequence.resume(rig.now, rig.real, ORIGIN)
 
 

@@ -1,7 +1,9 @@
 """One node commands the machine; whoever else could is named, and stops it."""
 
 import pytest
+from refused import refused
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sole_sender import GHOST_LIMIT, Sender, SoleSender
 
@@ -57,7 +59,7 @@ def test_a_stranger_is_named_and_forbids_the_run(sole, stranger):
     found = sole.judge([*ONE, stranger], 1.0)
     assert found.forbids and found.level is Level.ERROR
     assert found.message.startswith(f"{stranger.who} publishes {stranger.topic} beside node /seq")
-    with pytest.raises(ValueError, match="beside node"):
+    with refused(Refusal, "busy"):
         sole.bind([*ONE, stranger], 1.0)
     # Alone, he is still not the one that this run was bound to.
     instead = sole.judge([stranger], 1.0)
@@ -66,7 +68,7 @@ def test_a_stranger_is_named_and_forbids_the_run(sole, stranger):
         sole.bind([stranger], 1.0)
     both = [Sender(topic, stranger.node, f"f{topic}") for topic in TOPICS]
     if stranger.node:
-        with pytest.raises(ValueError, match="begun by another sequencer"):
+        with refused(Refusal, "mismatch"):
             sole.bind(both, 1.0)
     assert sole.judge(ONE, 2.0).level is Level.OK
 
@@ -83,7 +85,7 @@ def test_what_the_graph_still_shows_of_a_dead_process_is_no_stranger_for_a_while
     sole.bind(ONE, 0.0)
     sole.lost(5.0)
     assert sole.judge(AGAIN + ONE, 6.0).level is Level.OK
-    with pytest.raises(ValueError, match="begun by another sequencer"):
+    with refused(Refusal, "mismatch"):
         sole.bind(AGAIN + ONE, 6.0)
     sole.begin_run()
     sole.bind(AGAIN + ONE, 6.0)
@@ -102,5 +104,5 @@ def test_one_that_was_only_silent_goes_on(sole):
     assert "taken from" in sole.judge(ONE, 7.0).message
     # It lives: beside another one it is no ghost.
     sole.begin_run()
-    with pytest.raises(ValueError, match="/rogue and node /sequencer"):
+    with refused(Refusal, "busy", "/rogue", "/sequencer"):
         sole.bind(ONE + OTHER, 8.0)

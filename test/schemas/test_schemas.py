@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from refused import refused
 
 import stepdiag_ros
 from stepdiag_ros import schemas
@@ -91,7 +92,7 @@ def test_json_is_written_in_one_place():
 
 def test_what_is_no_number_is_refused_not_written(monkeypatch):
     monkeypatch.undo()  # the check of all tests, which would refuse it first
-    with pytest.raises(ValueError, match="not JSON compliant"):
+    with refused(ValueError, None, "nan"):
         schemas.json_text(schemas.document("info", {"duration": float("nan")}))
 
 

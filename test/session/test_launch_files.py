@@ -7,7 +7,9 @@ from types import SimpleNamespace
 
 import fake_launch
 import pytest
+from refused import a_fault, refused
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameter_documents import parameter_file
 from stepdiag_ros.parameters import NODES, declared_node
 from stepdiag_ros.session.cell_file import check_cell_file
@@ -88,9 +90,9 @@ def test_a_simulated_cell_runs_in_simulated_time_in_one_weather(launched):
     assert given["recorder"]["folder"] == "/tmp/12"
     assert given["interferometer"]["seed"] == 7
     assert given["interferometer"]["weather_begins"] == given["weather"]["weather_begins"] > 0
-    with pytest.raises(ValueError, match="the argument factor is 'fast'; expected a number"):
+    with refused(Refusal, "malformed", "fast"):
         launched("simulated_cell", factor="fast")
-    with pytest.raises(ValueError, match=r"'factor' of node clock is 0\.0; expected"):
+    with refused(Refusal, "out_of_range", "factor", "0.0"):
         launched("simulated_cell", factor="0")
 
 
@@ -150,16 +152,28 @@ def test_a_machine_is_measured_with_the_parameters_of_one_file(launched, cell_fi
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("/**/cnc_bridge:", "/**/cnc_brigde:", "is none of the nodes; did you mean cnc_bridge?"),
-        ("/**/cnc_bridge:", "/cell_2/cnc_bridge:", "none of the nodes; the nodes are /cell_1/ass"),
-        (r"    position_rate: 50.0", r"    positionrate: 50.0", "did you mean 'position_rate'?"),
-        (r"    position_rate: 50.0", r"    position_rate: 50", "is 50; expected a number with"),
+        ("/**/cnc_bridge:", "/**/cnc_brigde:", a_fault("unknown", "cnc_brigde", "cnc_bridge")),
+        (
+            "/**/cnc_bridge:",
+            "/cell_2/cnc_bridge:",
+            a_fault("unknown", "/cell_2/cnc_bridge", "/cell_1/cnc_bridge"),
+        ),
+        (
+            r"    position_rate: 50.0",
+            r"    positionrate: 50.0",
+            a_fault("unknown", "positionrate", "position_rate"),
+        ),
+        (
+            r"    position_rate: 50.0",
+            r"    position_rate: 50",
+            a_fault("out_of_range", "position_rate", "50"),
+        ),
         (
             r"(cnc_bridge:\n(.*\n)*?)    device: 'simulated'\n",
             r"\1",
-            "there is no 'device' for cnc_bridge; say which driver it has",
+            a_fault("missing", "device", "cnc_bridge"),
         ),
-        (r"\A", "- ", "is not YAML|must map node names"),
+        (r"\A", "- ", a_fault()),
     ],
 )
 def test_a_file_that_does_not_fit_the_cell_is_refused(launched, cell_file, old, new, message):
@@ -167,14 +181,14 @@ def test_a_file_that_does_not_fit_the_cell_is_refused(launched, cell_file, old, 
     text, count = re.subn(old, new, cell_file.read_text(), count=1)
     assert count == 1
     cell_file.write_text(text)
-    with pytest.raises(ValueError, match=message if "|" in message else re.escape(message)) as info:
+    with refused(ValueError, message) as info:
         launched("measure", parameters=str(cell_file), namespace="cell_1")
     assert str(cell_file) in str(info.value)
 
 
 def test_a_file_for_all_namespaces_fits_any():
     pytest.importorskip("yaml")
-    with pytest.raises(ValueError, match="cannot be read"):
+    with refused(ValueError, None, "cell.yaml"):
         check_cell_file("/nowhere/cell.yaml")
 
 

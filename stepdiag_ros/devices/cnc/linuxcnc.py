@@ -134,7 +134,7 @@ class LinuxCnc:
         answer = self._ask("move", move=number, target=list(target), feed=feed, axes=axes)
         if not answer["ok"]:
             self._last_move = number - 1
-            raise MoveRefused(str(answer["reason"]))
+            raise MoveRefused(str(answer["reason"]), fault="rejected")
 
     def stop(self, time_ns: int, reason: str) -> None:  # noqa: ARG002
         """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
@@ -147,7 +147,7 @@ class LinuxCnc:
             raise still_moves()
         answer = self._ask("start")
         if not answer["ok"]:
-            raise MoveRefused(str(answer["reason"]))
+            raise MoveRefused(str(answer["reason"]), fault="rejected")
 
     def poll(self, time_ns: int) -> list[CncEvent]:  # noqa: ARG002
         """Return what has happened since the last poll, in order of time."""

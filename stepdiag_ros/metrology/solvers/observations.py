@@ -354,6 +354,7 @@ def block_means(
         raise NotDeterminable(
             f"needs the lines {', '.join(lines)}; missing: {', '.join(missing)}",
             fault="missing",
+            about=", ".join(missing),
             aspect="lines",
         )
     weights = np.zeros((len(lines), 3, blocks, end - start))

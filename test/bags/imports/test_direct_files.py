@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from refused import a_fault, refused
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.direct_table import load_direct
@@ -140,11 +141,11 @@ def test_files_that_hold_the_same_error_or_are_no_tables_are_refused(tmp_path):
     assert convert(path) == 0
     table = tmp_path / "pitch_E_BX.csv"
     for wrong, names in (
-        ([table, table], "E_BX"),
-        ([path], r"pitch\.rta"),
-        ([tmp_path / "nothing.csv"], r"nothing\.csv"),
-        ([tmp_path], "folder"),
+        ([table, table], a_fault("twice", "E_BX")),
+        ([path], a_fault("wrong_kind", "pitch.rta")),
+        ([tmp_path / "nothing.csv"], a_fault("not_found", "nothing.csv")),
+        ([tmp_path], a_fault("unreadable")),
     ):
-        with pytest.raises(ValueError, match=names):
+        with refused(ValueError, names):
             load_direct(wrong)
     assert load_direct([]) is None

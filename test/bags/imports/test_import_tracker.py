@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refused import refused
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.export import TRACKER_FILE, export_bag
@@ -77,9 +78,9 @@ def test_without_a_chain_no_uncertainty_is_given(table, tmp_path, capsys):
     assert all(value is None for row in joint["covariance"] for value in row)
 
 
-def refused(path, tmp_path, text):
+def refusal_of(path, tmp_path, text):
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(TableError, match=path.name) as error:
+    with refused(TableError, None, path.name) as error:
         import_file(path, tmp_path / "no.mcap", ImportOptions())
     assert not (tmp_path / "no.mcap").exists()
     return str(error.value)
@@ -88,8 +89,10 @@ def refused(path, tmp_path, text):
 def test_a_table_that_does_not_fit_together_leaves_no_bag(table, tmp_path):
     rows = table.read_text(encoding="utf-8").splitlines(keepends=True)
     first_of_x = next(number for number, row in enumerate(rows) if ",x,1,forward,0" in row)
-    assert "line x" in refused(table, tmp_path, "".join(rows[:first_of_x] + rows[first_of_x + 1 :]))
-    assert "station 1" in refused(table, tmp_path, "".join(rows[:4]))
+    assert "line x" in refusal_of(
+        table, tmp_path, "".join(rows[:first_of_x] + rows[first_of_x + 1 :])
+    )
+    assert "station 1" in refusal_of(table, tmp_path, "".join(rows[:4]))
 
 
 def test_a_chain_is_for_a_tracker_alone(tmp_path, capsys):

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from refused import a_fault, refused
 from trackers_for_tests import PLACES
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.location import (
     dilution_of,
@@ -103,13 +105,13 @@ def test_points_on_a_sphere_about_the_tracker_do_no_harm():
 
 def test_fewer_than_six_places_are_refused_also_when_one_is_there_twice():
     points = PLACES[[0, 1, 2, 3, 4, 4]]
-    with pytest.raises(PoorGeometry, match="5 different places"):
+    with refused(PoorGeometry, "too_few", "5", aspect="places"):
         locate(points, changes(points), NOISE)
 
 
 def test_places_in_one_plane_need_a_rough_place_and_say_so():
     points = PLACES * [1, 1, 0] + np.arange(8)[:, None] * [0.01, 0.02, 0.0]
-    with pytest.raises(PoorGeometry, match="in one plane"):
+    with refused(PoorGeometry, "ambiguous"):
         locate(points, changes(points), NOISE)
     below = locate(points, changes(points), NOISE, near=STATION + 0.02)
     np.testing.assert_allclose(below.position, STATION, atol=1e-9)
@@ -189,12 +191,17 @@ def test_a_place_nearer_than_the_shortest_length_is_named():
 @pytest.mark.parametrize(
     ("points", "read", "uncertainty", "words"),
     [
-        (PLACES, np.full(8, np.nan), NOISE, "not finite"),
-        (PLACES, np.zeros(7), NOISE, "one length change"),
-        (PLACES, np.zeros(8), np.array([NOISE] * 7 + [np.nan]), "some readings"),
-        (PLACES, changes(), 0.0, "not more than zero"),
+        (PLACES, np.full(8, np.nan), NOISE, a_fault("out_of_range", aspect="value")),
+        (PLACES, np.zeros(7), NOISE, a_fault("mismatch", aspect="shape")),
+        (
+            PLACES,
+            np.zeros(8),
+            np.array([NOISE] * 7 + [np.nan]),
+            a_fault("mismatch", aspect="uncertainty"),
+        ),
+        (PLACES, changes(), 0.0, a_fault("out_of_range", aspect="uncertainty")),
     ],
 )
 def test_readings_that_make_no_sense_are_refused(points, read, uncertainty, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(Refusal, words):
         locate(points, read, uncertainty)
