@@ -176,8 +176,8 @@ def check_forbidden_moves_are_refused_and_nothing_moves(rig):
     for target, feed, axes, words in (
         ((high[0] + 1e-3, *here[1:]), rig.feed, "X", a_fault("out_of_range", aspect="limits")),
         (add(here, x=0.001), 0.0, "X", a_fault("out_of_range", aspect="feed")),
-        (add(here, x=0.001), limit * 1.01, "X", "feed"),
-        (add(here, x=0.001), nan, "X", "feed"),
+        (add(here, x=0.001), limit * 1.01, "X", a_fault("out_of_range", aspect="feed")),
+        (add(here, x=0.001), nan, "X", a_fault("out_of_range", aspect="feed")),
         (add(here, x=0.001, y=0.001), rig.feed, "X", a_fault("mismatch", "X", "Y", aspect="axes")),
         (add(here, x=0.001), rig.feed, "", a_fault("mismatch", aspect="axes")),
         ((nan, *here[1:]), rig.feed, "X", a_fault("malformed", aspect="target")),
@@ -197,7 +197,7 @@ def check_one_move_at_a_time(rig):
     start = operator.position
     operator.move(add(start, x=0.01), "X")
     operator.watch(0.1)
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "moving", aspect="state"):
         operator.move(add(start, y=0.01), "Y")
     with refused(MoveRefused, "busy", aspect="motion"):
         operator.device.reset(rig.now())
@@ -225,7 +225,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
     for sample in operator.samples:
         assert sample.position == pytest.approx(operator.position, abs=operator.near())
     assert start[0] < operator.position[0] < target[0] - 1e-3
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "stopped", aspect="state"):
         operator.move(start, "X")
     operator.reset()
     operator.until_state(CncState.READY)

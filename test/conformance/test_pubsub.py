@@ -200,5 +200,7 @@ def test_wrong_arguments_are_refused(node: Any) -> None:
         node.create_publisher(String, "a", -1)
     with pytest.raises(InvalidQoSProfileException):
         QoSProfile()
-    with pytest.raises(Exception, match=r"(?i)callback|argument"):
+    with pytest.raises(Exception) as caught:
         node.create_subscription(String, "a", lambda: None, 10)
+    said = str(caught.value).lower()
+    assert "callback" in said or "argument" in said, "each client has words of its own"

@@ -233,7 +233,7 @@ def test_braking_keeps_to_the_straight_line():
 def test_a_second_move_is_refused_while_the_first_goes_on():
     cnc = controller()
     cnc.start_move(START, (0.1, 0.0, 0.0), 0.1, "X")
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "moving", aspect="state"):
         cnc.start_move(START + 100 * MS, (0.1, 0.1, 0.0), 0.1, "X")
     assert changes(cnc.poll(START + 3 * SECOND))[-1].position[0] == pytest.approx(0.1, abs=1e-6)
 
@@ -253,7 +253,7 @@ def test_stop_brakes_tells_when_the_axes_stand_and_wants_a_reset():
     # 0.2 m/s from 0.05 s on, then 0.1 s of braking.
     assert after.pop()[0] == pytest.approx(0.2 * 0.95 + 0.2**2 / 2 / 2.0, abs=1e-3)
     assert len(changes(events)) == 2
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "stopped", aspect="state"):
         cnc.start_move(START + 3 * SECOND, (0.0, 0.0, 0.0), 0.1, "X")
     cnc.reset(START + 3 * SECOND)
     # A target made from the encoders of the standing axes is a single-axis move.
@@ -286,7 +286,7 @@ def test_a_fault_brakes_and_is_told_at_its_time():
     assert fault.reason == "joint 0 following error"
     with refused(MoveRefused, "busy", aspect="motion"):
         cnc.reset(START + SECOND + 20 * MS)
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "fault", aspect="state"):
         cnc.start_move(START + SECOND + 30 * MS, (0.0, 0.0, 0.0), 0.1, "X")
     events = cnc.poll(START + 3 * SECOND)
     assert not changes(events)

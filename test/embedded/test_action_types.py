@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refused import refused
 from ros_processes import spin_until, wait_until
 
 from stepdiag_ros.embedded import actions, dds, definitions, packages, registry
@@ -72,10 +73,10 @@ def test_action_classes() -> None:
     assert data[4:20] == bytes(16) and data[20:] == b"\3\0\0\0"
     # A bag gives the message by its name alone.
     assert registry.message_class(f"{FIBONACCI}_FeedbackMessage") is Fibonacci.Impl.FeedbackMessage
-    with pytest.raises(ImportError, match="Missing"):
+    with refused(ImportError, None, "Missing"):
         from example_interfaces.action import Missing  # noqa: F401
     for name in (f"{FIBONACCI}_Nothing", FIBONACCI, "std_srvs/srv/Trigger"):
-        with pytest.raises(registry.UnknownTypeError, match="no"):
+        with refused(registry.UnknownTypeError, None, name):
             registry.message_class(name)
     assert actions.action_of("a/action/Go_SendGoal_Request") == "a/action/Go"
     assert actions.action_of("a/action/Go_Result") == "a/action/Go"
@@ -100,14 +101,14 @@ def test_own_actions_come_from_the_packages_folder(
     probe = stepdiag_ros.action.Probe
     assert probe.Feedback().done == probe.Feedback.DONE == 1
     assert probe.Impl.GetResultService.Response().result.found.tolist() == [0, 0, 0]
-    with pytest.raises(AssertionError, match="'axis' field"):
+    with refused(AssertionError, None, "'axis'", "8"):
         probe.Goal(axis="X" * 9)
     assert stepdiag_ros.srv.Ask.Request(loud=True).loud
 
 
 @pytest.mark.parametrize("text", ["int32 x", "int32 x\n---\nint32 y", "---\n---\n---"])
 def test_an_action_needs_two_separators(text: str) -> None:
-    with pytest.raises(definitions.DefinitionError, match="exactly two lines '---' between goal"):
+    with refused(definitions.DefinitionError, None, "test_msgs/action/Do", "---"):
         definitions.parse_action("test_msgs/action/Do", text)
 
 
@@ -311,7 +312,7 @@ def test_the_reason_of_a_failed_transition_is_logged(
 
     assert node is not None
     with Laser("laser") as laser:
-        with pytest.raises(AttributeError, match=r"on_error\(\) returned None"):
+        with refused(AttributeError, None, "on_error()", "None"):
             laser.trigger_configure()
         assert laser._state_machine.current_state[1] == "errorprocessing"
     assert "on_configure() raised OSError: no laser at /dev/ttyUSB0" in capfd.readouterr().err
@@ -332,7 +333,7 @@ def test_a_node_takes_its_servers_and_clients_with_it(ros: Any) -> None:
     client.destroy()
     with pytest.raises(InvalidHandle):
         client.send_goal_async(Fibonacci.Goal())
-    with pytest.raises(ValueError, match="must not be negative"):
+    with refused(ValueError, None, "result_timeout", "-1"):
         ActionServer(ros.create_node("wrong"), Fibonacci, "count", print, result_timeout=-1)
-    with pytest.raises(TypeError, match="not an action class"):
+    with refused(TypeError, None, "Fibonacci_Goal"):
         ActionClient(ros.create_node("wrong"), Fibonacci.Goal, "count")

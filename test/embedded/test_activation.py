@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from refused import refused
 
 from stepdiag_ros.embedded import dds, ddslib
 
@@ -135,11 +136,11 @@ def test_bad_environment_is_explained() -> None:
 def test_missing_library_is_explained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     monkeypatch.setattr("ctypes.util.find_library", lambda _: None)
-    with pytest.raises(ddslib.DdsError, match="pip install 'cyclonedds"):
+    with refused(ddslib.DdsError, None, "cyclonedds"):
         ddslib.library_path()
     wrong = tmp_path / "libddsc.so"
     wrong.write_text("no library")
-    with pytest.raises(ddslib.DdsError, match="cannot be loaded"):
+    with refused(ddslib.DdsError, None, str(wrong)):
         ddslib.Library(str(wrong))
 
 
@@ -150,7 +151,7 @@ def test_self_test_notices_a_library_that_loses_samples(
     try:
         dds.self_test(participant)
         monkeypatch.setattr(dds.Reader, "take", lambda _: [])
-        with pytest.raises(ddslib.DdsError, match="does not work"):
+        with refused(ddslib.DdsError, None, ddslib.library_path()):
             dds.self_test(participant)
     finally:
         participant.close()

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from refused import refused
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -205,14 +206,14 @@ def test_defaults_and_constants() -> None:
 def test_wrong_values_are_refused_by_name(fields: str, value: Any) -> None:
     cls = make(fields)
     message: Any = cls()
-    with pytest.raises(AssertionError, match="'x' field"):
+    with refused(AssertionError, None, "'x'"):
         message.x = value
-    with pytest.raises(AssertionError, match="'x' field"):
+    with refused(AssertionError, None, "'x'"):
         cls(x=value)
 
 
 def test_unknown_keyword_is_refused() -> None:
-    with pytest.raises(AssertionError, match="no field wrong"):
+    with refused(AssertionError, None, "Sample", "wrong"):
         make("int32 x")(wrong=1)
     with pytest.raises(TypeError):
         make("int32 x")(1)
@@ -348,29 +349,30 @@ def test_small_message_costs_microseconds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("text", "named"),
     [
-        ("float64", "neither a field"),
-        ("float64 X", "neither a field"),
+        ("float64", "'float64'"),
+        ("float64 X", "'float64 X'"),
         ("wstring x", "wstring"),
-        ("int32 x abc", "not a int32"),
-        ("int32[] x 3", "not in brackets"),
-        ("int32 x\nint32 x", "same name"),
-        ("float64[a] x", "does not start with"),
+        ("int32 x abc", "'int32 x abc'"),
+        ("int32[] x 3", "'int32[] x 3'"),
+        ("int32 x\nint32 x", "test_msgs/msg/Sample"),
+        ("float64[a] x", "'float64[a] x'"),
     ],
 )
-def test_wrong_definitions_are_explained(text: str, reason: str) -> None:
-    with pytest.raises(definitions.DefinitionError, match=reason):
+def test_wrong_definitions_are_explained(text: str, named: str) -> None:
+    with pytest.raises(definitions.DefinitionError) as caught:
         definitions.parse_message("test_msgs/msg/Sample", text)
+    assert named in str(caught.value)
 
 
 def test_service_definition_needs_one_separator() -> None:
-    with pytest.raises(definitions.DefinitionError, match="---"):
+    with refused(definitions.DefinitionError, None, "test_msgs/srv/Do", "---"):
         definitions.parse_service("test_msgs/srv/Do", "int32 x")
 
 
 def test_unknown_message_is_an_import_error() -> None:
-    with pytest.raises(ImportError, match="Nothing"):
+    with refused(ImportError, None, "Nothing"):
         from std_msgs.msg import Nothing  # noqa: F401
     with pytest.raises(ImportError):
         import no_such_msgs.msg  # noqa: F401

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refused import refused
 
 from .conftest import Peer, spin_until
 
@@ -136,7 +137,7 @@ def test_node_prefix_and_wrong_type_from_command_line(make_node: Any) -> None:
     node = make_node("-p", "other:speed:=1.0", "-p", "tester:gain:=2.0", "-p", "count:=2.5")
     assert node.declare_parameter("speed", 9.0).value == 9.0
     assert node.declare_parameter("gain", 0.0).value == 2.0
-    with pytest.raises(InvalidParameterTypeException, match="count"):
+    with refused(InvalidParameterTypeException, None, "count", "2.5"):
         node.declare_parameter("count", 1)
 
 
@@ -216,43 +217,43 @@ def test_services_and_events(ros: Any, node: Any, peer: Start) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "reason"),
+    ("args", "names"),
     [
-        (["-p", "a"], "name:=value"),
-        (["-p", "a:=[1, b]"], "not a parameter value"),
-        (["-p", "a:={x: 1}"], "mapping"),
-        (["-p", "a:="], "no value; an empty text is written"),
-        (["-p", "a:=[x"], "not a YAML value"),
-        (["--params-file", "/no/such/file.yaml"], "cannot be read"),
-        (["-r", "a"], "from:=to"),
-        (["--log-level", "loud"], "log level"),
-        (["--what", "x"], "unknown"),
-        (["-r"], "lacks its value"),
+        (["-p", "a"], ["a", "name:=value"]),
+        (["-p", "a:=[1, b]"], ["a:=[1, b]"]),
+        (["-p", "a:={x: 1}"], ["a:={x: 1}"]),
+        (["-p", "a:="], ["a:=", "''"]),
+        (["-p", "a:=[x"], ["a:=[x", "YAML"]),
+        (["--params-file", "/no/such/file.yaml"], ["/no/such/file.yaml"]),
+        (["-r", "a"], ["a", "from:=to"]),
+        (["--log-level", "loud"], ["loud", "debug", "fatal"]),
+        (["--what", "x"], ["--what"]),
+        (["-r"], ["-r"]),
     ],
 )
-def test_wrong_arguments_are_explained(args: list[str], reason: str) -> None:
+def test_wrong_arguments_are_explained(args: list[str], names: list[str]) -> None:
     import rclpy
 
-    with pytest.raises(ValueError, match=reason):
+    with refused(ValueError, None, *names):
         rclpy.init(args=["program", "--ros-args", *args])
     assert not rclpy.ok()
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("text", "names"),
     [
-        ("a: [", "not YAML"),
-        ("- a", "must map node names"),
-        ("tester: 3", "lacks ros__parameters"),
-        ("tester:\n  ros__parameters: 3", "no mapping"),
-        ("tester:\n  ros__parameters:\n    a:\n    b: 1", "line 3: there is no value"),
-        ("tester:\n  ros__parameters: {a: [1, 2.0]}", "parameter 'a'"),
+        ("a: [", ["1"]),
+        ("- a", ["ros__parameters"]),
+        ("tester: 3", ["/tester", "ros__parameters"]),
+        ("tester:\n  ros__parameters: 3", ["/tester", "ros__parameters"]),
+        ("tester:\n  ros__parameters:\n    a:\n    b: 1", ["3"]),
+        ("tester:\n  ros__parameters: {a: [1, 2.0]}", ["/tester", "a", "[1, 2.0]"]),
     ],
 )
-def test_wrong_files_are_explained(tmp_path: Path, text: str, reason: str) -> None:
+def test_wrong_files_are_explained(tmp_path: Path, text: str, names: list[str]) -> None:
     import rclpy
 
     file = tmp_path / "p.yaml"
     file.write_text(text)
-    with pytest.raises(ValueError, match=reason):
+    with refused(ValueError, None, str(file), *names):
         rclpy.init(args=["program", "--ros-args", "--params-file", str(file)])

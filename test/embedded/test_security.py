@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refused import refused
 
 from stepdiag_ros.embedded import ddslib, security
+from stepdiag_ros.embedded.security import NotProtectedError
 
 FILES = (
     "identity_ca.cert.pem",
@@ -51,27 +53,30 @@ BRIDGE = ("--enclave", "/stepdiag/bridge")
 
 @pytest.mark.usefixtures("keystore")
 def test_the_wheel_cannot_protect_and_says_so() -> None:
-    with pytest.raises(RuntimeError, match=r"has no DDS Security.*set CYCLONEDDS_HOME"):
+    with refused(NotProtectedError, None, "CYCLONEDDS_HOME"):
         start(*BRIDGE)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "reason"),
+    ("spoil", "named"),
     [
-        (lambda _, env: env.delenv("ROS_SECURITY_KEYSTORE"), "ROS_SECURITY_KEYSTORE names no"),
-        (lambda _, env: env.setenv("ROS_SECURITY_KEYSTORE", "/nowhere"), "'/stepdiag/bridge'"),
-        (lambda folder, _: (folder / "key.pem").unlink(), "has no key.pem; make the enclave"),
+        (lambda _, env: env.delenv("ROS_SECURITY_KEYSTORE"), "ROS_SECURITY_KEYSTORE"),
+        (
+            lambda _, env: env.setenv("ROS_SECURITY_KEYSTORE", "/nowhere"),
+            "/nowhere/enclaves/stepdiag/bridge",
+        ),
+        (lambda folder, _: (folder / "key.pem").unlink(), "key.pem"),
         (
             lambda _, env: env.setenv("ROS_SECURITY_ENCLAVE_OVERRIDE", "/stepdiag/nobody"),
-            "no enclave '/stepdiag/nobody'",
+            "/stepdiag/nobody",
         ),
     ],
 )
 def test_what_is_missing_is_named(
-    keystore: Path, monkeypatch: pytest.MonkeyPatch, spoil: Callable[..., Any], reason: str
+    keystore: Path, monkeypatch: pytest.MonkeyPatch, spoil: Callable[..., Any], named: str
 ) -> None:
     spoil(keystore, monkeypatch)
-    with pytest.raises(RuntimeError, match=reason):
+    with refused(NotProtectedError, None, named):
         start(*BRIDGE)
 
 
@@ -115,7 +120,5 @@ def test_a_library_with_plugins_is_given_the_enclave(
 
 def test_a_wrong_home_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CYCLONEDDS_HOME", str(tmp_path))
-    with pytest.raises(
-        ddslib.DdsError, match=r"CYCLONEDDS_HOME is '.*', but there is no .*libddsc"
-    ):
+    with refused(ddslib.DdsError, None, "CYCLONEDDS_HOME", str(tmp_path)):
         ddslib.library_path()

@@ -1,12 +1,14 @@
 """What becomes of the machine when the agent in LinuxCNC, or LinuxCNC's own task, dies."""
 
 import contextlib
+import errno
 import os
 import time
 from pathlib import Path
 
 import pytest
 from linuxcnc_watched import Watched
+from refused import refused
 
 from stepdiag_ros.devices.cnc import CncState, MoveRefused
 
@@ -31,7 +33,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     watched.wait(0.1)
     instance.signal("STOP", "stepdiag_agent")
     begun = time.monotonic()
-    with pytest.raises(OSError, match=r"has said nothing for 1 s"):
+    with refused(OSError, None, "1", errno=errno.ETIMEDOUT):
         watched.wait(5.0)
     assert time.monotonic() - begun < 2.0
     watched.driver.close()
@@ -39,7 +41,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     time.sleep(0.2)
     # The watchdog in HAL: 0.5 s at 0.1 m/s and the braking.
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 90.0
-    with pytest.raises(OSError, match="has not answered within"):
+    with refused(OSError, errno=errno.ETIMEDOUT):
         Watched(instance.socket)
     instance.signal("CONT", "stepdiag_agent")
     time.sleep(0.3)
@@ -59,7 +61,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
     time.sleep(0.2)
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 100.0
-    with pytest.raises(MoveRefused, match="has died"):
+    with refused(MoveRefused, "rejected", "milltask"):
         again.driver.reset(time.time_ns())
     again.driver.close()
 
@@ -68,7 +70,7 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     instance = make_instance(lost_motion_m=(4e-6, 0.0, 0.0))
     watched = Watched(instance.socket)
     watched.until_state(CncState.READY)
-    with pytest.raises(MoveRefused, match="nobody has said that the machine may move"):
+    with refused(MoveRefused, "rejected"):
         watched.go(5.0, 0.0, 0.0)
     watched.reset()
     # Lost motion: the motor is where it was told to be, the axis half of it behind.
@@ -84,10 +86,10 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     watched.go(800.0, 0.0, 0.0)
     watched.wait(0.1)
     instance.signal("KILL", "stepdiag_agent")
-    with pytest.raises(OSError, match="has gone"):
+    with refused(OSError, errno=errno.ECONNRESET):
         watched.wait(3.0)
     watched.driver.close()
-    with pytest.raises(OSError, match=r"cannot be reached .*is LinuxCNC running\?"):
+    with refused(OSError, errno=errno.ECONNREFUSED):
         Watched(instance.socket)
     instance.start()
     own = namespaces(str(instance.socket.parent))
@@ -95,7 +97,7 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     again = Watched(instance.socket)
     again.until_state(CncState.READY)
     instance.stop()
-    with pytest.raises(OSError, match="has gone"):
+    with refused(OSError, errno=errno.ECONNRESET):
         again.wait(3.0)
     again.driver.close()
     deadline = time.monotonic() + 5.0
@@ -120,7 +122,7 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     watched.go(800.0, *(1e3 * value for value in watched.position()[1:]))
     watched.wait(0.1)
     instance.signal("KILL", "stepdiag_agent")
-    with pytest.raises(OSError, match="has gone"):
+    with refused(OSError, errno=errno.ECONNRESET):
         watched.wait(3.0)
     watched.driver.close()
     time.sleep(1.0)
@@ -128,6 +130,6 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     time.sleep(0.2)
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < here + 300.0
     agent = str(instance.socket.parent / "linuxcnc_agent" / "stepdiag_agent.py")
-    with pytest.raises(OSError, match="one has been killed; start LinuxCNC anew"):
+    with refused(OSError, None, "stepdiag"):
         instance.run(agent, "-ini", "machine.ini")
     instance.stop()

@@ -1,15 +1,18 @@
 """The driver of LinuxCNC's own text server, against that server."""
 
 import contextlib
+import errno
 import socket
 import time
 
 import pytest
 from cnc_conformance import CHECKS, Rig
+from refused import refused
 
 from stepdiag_ros.configuration import load_device, load_machine
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, MoveRefused, PositionSample, StateChange
+from stepdiag_ros.metrology.refusal import Refusal
 
 MACHINE = load_machine("demo")[0]
 pytestmark = pytest.mark.timeout(60)
@@ -120,8 +123,9 @@ def test_an_acknowledged_move_that_an_e_stop_breaks_is_a_fault(server):
     events = until(device, lambda: device.state is not CncState.MOVING)
     change = [e for e in events if isinstance(e, StateChange)][-1]
     assert change.state is CncState.FAULT and change.reason == "e-stop"
-    with pytest.raises(MoveRefused, match="e-stop"):
+    with refused(MoveRefused, "not_ready") as caught:
         device.reset(time.time_ns())
+    assert change.reason in str(caught.value)
     # Whoever comes now sees the e-stop, though the server refuses nearly everything meanwhile.
     device.close()
     device = prepare("cnc", "linuxcncrsh", settings, around())(0)
@@ -160,17 +164,17 @@ def test_closing_in_mid_move_aborts_it(server):
 def test_wrong_passwords_and_wrong_servers_are_said(server):
     settings = server[1]
     for key in ("connect_password", "enable_password"):
-        with pytest.raises(ValueError, match="is the password right"):
+        with refused(Refusal, "rejected"):
             opened({**settings, key: "wrong"})
-    with pytest.raises(OSError, match="cannot be reached"):
+    with refused(OSError, errno=errno.ECONNREFUSED):
         opened({**settings, "port": 1})
-    with pytest.raises(ValueError, match="no blanks"):
+    with refused(Refusal, "malformed"):
         opened({**settings, "enable_password": "a b"})
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen(1)
         begun = time.monotonic()
-        with pytest.raises(OSError, match="does not let this client in"):
+        with refused(OSError, errno=errno.ETIMEDOUT):
             opened({**settings, "port": silent.getsockname()[1]})
         assert time.monotonic() - begun < 2.5
 
@@ -192,6 +196,6 @@ def test_a_server_that_talks_nonsense_is_refused(garbage):
 
         thread = threading.Thread(target=babble)
         thread.start()
-        with pytest.raises((OSError, ValueError), match=r"no reply to|not asked for|let this"):
+        with refused((OSError, ValueError)):
             opener(0)
         thread.join()

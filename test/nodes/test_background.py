@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from refused import refused
 
 from stepdiag_ros.nodes.background import YIELDING, BackgroundProcess, WorkFailed
 
@@ -50,11 +51,11 @@ def test_what_is_printed_while_working_does_not_get_between_the_replies(backgrou
 
 
 def test_a_refusal_stays_one_and_another_error_tells_where(background):
-    with pytest.raises(ValueError, match="invalid literal for int"):
+    with refused(ValueError, None, "'x'"):
         background.submit(int, "x").result(LIMIT)
-    with pytest.raises(WorkFailed, match=r"(?s)Traceback.*ZeroDivisionError"):
+    with refused(WorkFailed, None, "Traceback", "ZeroDivisionError"):
         background.submit(divmod, 1, 0).result(LIMIT)
-    with pytest.raises(WorkFailed, match="pickle"):
+    with refused(WorkFailed, None, "pickle"):
         background.submit(lambda: 1).result(LIMIT)
     assert background.submit(abs, -1).result(LIMIT) == 1
 
@@ -64,7 +65,7 @@ def test_a_killed_process_is_said_and_replaced(background):
     work = background.submit(time.sleep, 60.0)
     time.sleep(0.2)
     os.kill(process_id, signal.SIGKILL)
-    with pytest.raises(WorkFailed, match="ended with code -9"):
+    with refused(WorkFailed, None, "-9"):
         work.result(LIMIT)
     assert background.submit(os.getpid).result(LIMIT) != process_id
 

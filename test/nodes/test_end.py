@@ -7,6 +7,7 @@ import sys
 import pytest
 import rclpy
 from rclpy.exceptions import NotInitializedException
+from refused import refused
 
 from stepdiag_ros.nodes import base
 
@@ -113,6 +114,6 @@ def test_a_second_request_to_end_does_not_cut_the_closing_short() -> None:
 
 def test_a_failure_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_Failing, "told_to_end", False)
-    with pytest.raises(RuntimeError, match="context is invalid"):
+    with refused(RuntimeError, None, "context"):
         base.spin(_Failing)
     assert _Failing.last.closed

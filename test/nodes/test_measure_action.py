@@ -10,10 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
+from refused import refused
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import load_plan
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.sequence import Progress, State
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6
@@ -288,12 +290,12 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
     text = load_plan("quick")[1]
     with make_cell(plan="demo", factor=10.0) as cell:
         operator, states = cell.operator, followed(cell)
-        for plan, reason in (
-            ("nonsense", "there is no plan 'nonsense'"),
-            ("{name: short}", "the given plan"),
-            (text.replace("step_m: [0", "step_m: [1"), "outside the soft limits"),
+        for plan, names in (
+            ("nonsense", ["nonsense"]),
+            ("{name: short}", ["step_m"]),
+            (text.replace("step_m: [0", "step_m: [1"), ["X"]),
         ):
-            with pytest.raises(ValueError, match=reason):
+            with refused(Refusal, "rejected", *names):
                 operator.start(plan)
         assert not cell.statuses, "a refused goal has moved the machine"
 
@@ -302,7 +304,7 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         # Not the plan of the parameter, but the one of the goal.
         lines = len(load_plan("quick")[0].lines)
         assert operator.state.line_count == lines
-        with pytest.raises(ValueError, match="a run is going on"):
+        with refused(Refusal, "rejected"):
             operator.start()
         assert "between runs only" in parameter_is_refused(cell, "quick")
         operator.call("sequencer/pause")
@@ -318,7 +320,7 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         assert result.outcome == ABORTED_OUTCOME and "cancelled" in result.text
         assert result.run_id == run_id and run_id in result.bag and result.bag_closed
         assert 5 <= result.stops_done < result.stops_total
-        with pytest.raises(ValueError, match="has ended already"):
+        with refused(Refusal, "stopped"):
             operator.cancel()
 
         assert "there is no plan 'nonsense'" in parameter_is_refused(cell, "nonsense")

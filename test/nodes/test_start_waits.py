@@ -5,8 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
+from refused import refused
 from std_srvs.srv import Trigger
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.measure_action import START_PATIENCE, NotReadyYet
 from stepdiag_ros.nodes.sequencer import REQUIRED, SequencerNode
 from stepdiag_ros.run.sequence import State
@@ -33,7 +35,7 @@ def stand(node, position=(0.0, 0.0, 0.0)):
 
 
 def refusal(node):
-    with pytest.raises(ValueError, match="cannot start: ") as caught:
+    with refused(Refusal, "not_ready") as caught:
         node.start()
     return caught
 

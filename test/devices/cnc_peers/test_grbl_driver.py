@@ -188,7 +188,7 @@ def test_a_restart_in_the_middle_of_a_step_is_a_fault_and_loses_the_position(pee
     assert operator.device.state is CncState.FAULT
     operator.watch(0.3)
     assert peer.made == [(50.0, 0.0, 0.0)]
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "fault", aspect="state"):
         operator.move((0.001, 0.0, 0.0), "X")
     # Its zero is another one now, and an operator must say that this is known.
     with refused(MoveRefused, "busy", aspect="unlocking"):

@@ -108,7 +108,7 @@ def test_a_fault_of_the_plc_is_told_in_words_and_needs_an_operator(plc, opened):
     fault(operator, "the PLC has a fault: number 4: following error: axis X")
     operator.watch(0.3)
     assert plc.position[0] < 49.0
-    with refused(MoveRefused, "not_ready", aspect="state"):
+    with refused(MoveRefused, "not_ready", "fault", aspect="state"):
         operator.move(FAR, "X")
     operator.reset()
     assert operator.device.state is CncState.READY
