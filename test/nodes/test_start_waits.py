@@ -53,17 +53,17 @@ def test_only_what_was_never_ready_may_still_come(sequencer):
     assert refusal(sequencer).type is NotReadyYet
     sequencer._made -= START_PATIENCE
     said = refusal(sequencer)
-    assert said.type is ValueError and "waiting for the ROS clock" in str(said.value)
+    assert said.type is Refusal and "waiting for the ROS clock" in str(said.value)
     sequencer._made += START_PATIENCE
     # But not if he was ready before, nor if he is silent now.
     hear(sequencer, REQUIRED[0])
     hear(sequencer, REQUIRED[0], faulty=True, text="the link is broken")
     said = refusal(sequencer)
-    assert said.type is ValueError and "interferometer: the link is broken" in str(said.value)
+    assert said.type is Refusal and "interferometer: the link is broken" in str(said.value)
     hear(sequencer, REQUIRED[0])
     sequencer.watch.lost["/recorder"] = "recorder node /recorder is silent for 2.1 s"
     said = refusal(sequencer)
-    assert said.type is ValueError and "recorder is silent" in str(said.value)
+    assert said.type is Refusal and "recorder is silent" in str(said.value)
 
 
 def test_a_node_that_asks_one_that_has_joined_is_waited_for_though_it_was_ready(sequencer):
@@ -103,7 +103,7 @@ def test_a_bridge_that_has_not_said_where_the_machine_stands_may_still_do_so(seq
     assert refusal(sequencer).type is NotReadyYet
     stand(sequencer, (0.0, float("nan"), 0.0))
     said = refusal(sequencer)
-    assert said.type is ValueError and "has not said where the machine stands" in str(said.value)
+    assert said.type is Refusal and "has not said where the machine stands" in str(said.value)
     stand(sequencer)
     assert sequencer.start()
 
