@@ -1,5 +1,7 @@
 """A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
 
+from patience import PATIENCE
+
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
@@ -7,8 +9,6 @@ from stepdiag_ros.run.sequence import State
 
 class ShownCell:
     """All nodes of a simulated cell and those that show it; what was said on some topics."""
-
-    patience = 90.0
 
     def __init__(self, folder, kept, shown=()):
         import rclpy
@@ -44,10 +44,9 @@ class ShownCell:
         self.processes.end()
         rclpy.try_shutdown()
 
-    def wait(self, condition, what, limit=None):
-        limit = limit or self.patience
-        if not self.operator.spin_until(condition, limit):
-            raise AssertionError(f"not in {limit} s: {what}\n{self.last_words()}")
+    def wait(self, condition, what):
+        if not self.operator.spin_until(condition, PATIENCE):
+            raise AssertionError(f"not in {PATIENCE} s: {what}\n{self.last_words()}")
 
     def last_words(self):
         """Return what is to be read where something does not come."""

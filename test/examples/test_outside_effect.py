@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from patience import PATIENCE
 
 try:
     import tomllib
@@ -70,7 +71,7 @@ def _python(*arguments, site=None):
         capture_output=True,
         text=True,
         env=environment,
-        timeout=120,
+        timeout=PATIENCE,
     )
 
 

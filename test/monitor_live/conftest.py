@@ -104,9 +104,7 @@ def replay(cell):
             ],
             stderr=out,
         )
-    cell.wait(
-        lambda: "all of the recording is shown" in path.read_text(), "the bag is played", 180.0
-    )
+    cell.wait(lambda: "all of the recording is shown" in path.read_text(), "the bag is played")
     yield re.search(r"http://\S+/", path.read_text()).group(0), process
     if process.poll() is None:
         process.kill()

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -18,7 +19,7 @@ from stepdiag_ros.conversion import new_message, set_header
 from stepdiag_ros.nodes import links
 from stepdiag_ros.nodes.links import LinkedNode, Outlet, message_class, quality
 
-LIMIT = 30.0
+LIMIT = PATIENCE
 VOLATILE = QoSProfile(depth=100)
 
 

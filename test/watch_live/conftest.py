@@ -17,8 +17,6 @@ WATCH = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
 class WatchedCell(ShownCell):
     """The cell; what was said, and what a watch has written of it."""
 
-    patience = 60.0
-
     def __init__(self, folder):
         super().__init__(folder, KEPT)
         self._log = (folder / "watch.log").open("w")
@@ -54,7 +52,7 @@ class WatchedCell(ShownCell):
                 self.operator.call("sequencer/resume")
             return self.state() is State.FINISHED
 
-        self.wait(go_on, "the run is finished", 180.0)
+        self.wait(go_on, "the run is finished")
         last = self.said[topics.RUN_STATE][-1]
         self.wait(
             lambda: (
