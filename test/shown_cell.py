@@ -34,7 +34,6 @@ class ShownCell:
         self.wait(
             lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
             "all nodes are up",
-            120.0,
         )
         return self
 
