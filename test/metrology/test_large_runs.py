@@ -180,7 +180,6 @@ def evaluated(blocks, repeats):
     return int(stops), float(peak)
 
 
-@pytest.mark.slow
 def test_memory_of_five_thousand_stops_is_bounded_and_grows_with_them():
     _, bare = evaluated(2, 1)
     few, some = evaluated(12, 5)
