@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import tempfile
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
@@ -80,6 +81,7 @@ def pytest_configure(config):
         os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
+@cache
 def is_in(path, places):
     """Return whether a file is one of these places in this folder, or in one of them."""
     here = Path(__file__).parent
@@ -94,7 +96,7 @@ def pytest_collection_modifyitems(config, items):
         if is_in(item.path, LIVE):
             item.add_marker("live")
     order = (*FIRST, ".")
-    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
+    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, (one,))))
 
 
 def pytest_sessionfinish(session, exitstatus):

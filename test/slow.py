@@ -34,6 +34,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "house/test_benchmarks.py::test_every_benchmark*": EVERY,
     "house/test_house.py::*::mypy": EVERY,
     "linuxcnc/test_closed_loop.py*": (*CELL, "compensation", "metrology"),
+    "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::[XZ]*": (),
     "metrology/test_large_runs.py::test_memory_of_five_thousand_stops*": (),
     "metrology/test_loose.py::test_several_angular_errors*": (),
     "metrology/tracker/test_tracker_coverage.py::test_bands_are_not_so_wide*": (),
