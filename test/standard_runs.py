@@ -1,11 +1,12 @@
 """Bags of simulated lines, without nodes: for the tests of what is made from finished lines."""
 
+from cells_for_tests import make_cell
+
 from stepdiag_ros import __version__, conversion, topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import completed_by
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
@@ -28,24 +29,9 @@ lines:
 """
 
 
-def cell(noise=0.05e-6, tilt=100e-6, rotation=0.0, squareness=(30e-6, -20e-6, 25e-6), seed=3):
-    return SimulatedCell.from_mapping(
-        {
-            "seed": seed,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0, 0.0, 0.0],
-                "travel_high_m": [0.15, 0.10, 0.125],
-                "positioning_m": 2e-6,
-                "straightness_m": 1e-6,
-                "rotation_rad": rotation,
-                "squareness_rad": dict(zip(("C0Y", "B0Z", "A0Z"), squareness, strict=True)),
-            },
-            "misalignment": {"beam_sigma_rad": tilt, "mirror_sigma_rad": 0.0, "lines": {}},
-            "reading_noise_m": noise,
-        },
-        "test cell",
-    )
+def cell(**options):
+    given = {"high": (0.15, 0.10, 0.125), "noise": 0.05e-6, "tilt": 100e-6, "held": 0.0}
+    return make_cell(**given | options)
 
 
 def measured(plan_text=PLAN, seed=1, **options):

@@ -170,7 +170,7 @@ def evaluated(blocks, repeats):
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     done = subprocess.run(
         [sys.executable, "-c", EVALUATED, str(blocks), str(repeats)],
-        cwd=Path(__file__).parent,
+        cwd=Path(__file__).parents[1],
         env={**os.environ, **one_thread},
         capture_output=True,
         text=True,

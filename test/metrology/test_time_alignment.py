@@ -6,10 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, PositionSample
-from stepdiag_ros.metrology.cell import DriveModel, SimulatedCell
+from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.time_alignment import (
@@ -26,23 +27,20 @@ STEP = (0.01, 0.012, 0.008)
 MACHINE = Machine("m", "YXZ", (-0.1, -0.1, -0.1), (0.5, 0.4, 0.3), 0.5, 2.0)
 
 
-def make_cell(random):
+def crooked_cell(random):
     """A machine with errors of its own, its mirrors as crooked as they may be."""
-    mapping = {
-        "chain": "YXZ",
-        "seed": int(random.integers(1000)),
-        "errors": {
-            "travel_low_m": [0, 0, 0],
-            "travel_high_m": [0.2, 0.2, 0.2],
-            "positioning_m": 5e-6,
-            "straightness_m": 2e-6,
-            "rotation_rad": 1e-5,
-        },
-        "misalignment": {"beam_sigma_rad": 2e-4, "mirror_sigma_rad": 2e-4},
-        "reading_noise_m": 1e-7,
-        "dead_path_m": 0.4,
-    }
-    cell = SimulatedCell.from_mapping(mapping, "cell")
+    cell = make_cell(
+        seed=int(random.integers(1000)),
+        high=(0.2,) * 3,
+        positioning=5e-6,
+        size=2e-6,
+        rotation=1e-5,
+        squareness=(0.0,) * 3,
+        tilt=2e-4,
+        mirror=2e-4,
+        dead_path_m=0.4,
+        held=0.0,
+    )
     return replace(cell, drive=DriveModel(lag_s=float(random.uniform(0.002, 0.02))))
 
 
@@ -50,7 +48,7 @@ def measured_line(name, random, **options):
     """One line of a step diagonal or an axis on the simulated controller and interferometer."""
     position_rate = float(random.choice((50.0, 120.0)))
     rate = float(random.choice((137.0, 400.0, 1000.0)))
-    around = Surroundings(MACHINE, make_cell(random))
+    around = Surroundings(MACHINE, crooked_cell(random))
     cnc = prepare("cnc", "simulated", {"position_rate_hz": position_rate}, around)(START)
     settings = {"rate_hz": rate, "hold_after_s": 3600.0, "seed": int(random.integers(2**31))}
     laser = prepare("interferometer", "simulated", {**settings, **options}, around)(START)
