@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from standard_runs import RUN_ID, START, write_messages
 
-from stepdiag_ros import __version__, conversion, topics
-from stepdiag_ros.bags.header import RunHeader
-from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros import conversion, topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.conversion import new_message
 from stepdiag_ros.metrology.geometry import beam_direction
@@ -25,10 +23,8 @@ from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.monitor.items import RunBegin, RunStatus
 from stepdiag_ros.run.sequence import State as RunState
 
-START = 1_000_000_000
 SECOND = 1_000_000_000
 MACHINE = load_machine("demo")[1]
-RUN_ID = "20260102T030405-abcd"
 AIR = Environment(20.5, 101_325.0, 0.45, 20.1)
 PLAN = """\
 name: a small box
@@ -124,22 +120,11 @@ class SmallRun:
 
     def write(self, path):
         """Write the bag of the run."""
-        header = RunHeader(RUN_ID, self.plan.name, __version__, 1, "none", START, PLAN, MACHINE, "")
-        with BagWriter(path, header) as bag:
-            for time, topic, message in _messages(self):
-                data = own_types().encode(topic.type_name, message)
-                bag.write(topics.absolute(topic), topic.type_name, data, time)
-        return path
+        return write_messages(path, _messages(self), PLAN, MACHINE, self.plan.name)
 
 
 def _messages(run):
     """Yield (time, topic, message): a run of a minute, told as its nodes tell it."""
-    description = new_message(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(description, START)
-    description.schema_version, description.run_id = 1, RUN_ID
-    description.software_version = __version__
-    description.plan, description.machine = PLAN, MACHINE
-    yield START, topics.RUN_DESCRIPTION, description
     now = START
     for index, line in enumerate(run.measurement.lines):
         yield now, topics.RUN_STATE, _state(now, RunState.RUNNING, index)

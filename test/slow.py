@@ -27,6 +27,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "blind/test_blind.py::test_no_*": ("metrology",),
     "blind/test_blind.py::test_a_run_that_cannot_tell*": ("metrology",),
     "blind/test_blind.py::test_sizes_are_told*": ("metrology",),
+    "by_hand/test_by_hand.py::test_no_stop_is_ever_taken_for_another::*-2": (),
     "campaign/test_fault_campaign.py*": (*CELL, "benchmarks"),
     "commands/test_first_said.py::test_the_cases_that_are_known::effect_*": ("metrology",),
     "documents/test_document_figures.py::*::named effects": FIGURES,
