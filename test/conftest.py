@@ -4,12 +4,14 @@ import os
 import signal
 import subprocess
 import tempfile
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+import slow
 from domains import own_domain
 from forked import ForkedPopen
 from hypothesis import settings
@@ -56,12 +58,15 @@ FIRST = (
     "metrology/test_coverage.py",
 )
 """What takes longest begins first, so that no process is left alone with it at the end."""
-SLOW = (
-    "campaign/test_fault_campaign.py",
-    "linuxcnc/test_closed_loop.py",
-    "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments",
-)
-"""Beginnings of the names of live tests that take a minute or two each."""
+
+
+def pytest_addoption(parser):
+    """Add an option that picks slow tests by what a change touches."""
+    parser.addoption(
+        "--changed-since",
+        metavar="COMMIT",
+        help="of slow tests, only those that judge a folder which differs from this commit",
+    )
 
 
 def pytest_configure(config):
@@ -82,6 +87,7 @@ def pytest_xdist_auto_num_workers():
     return len(os.sched_getaffinity(0)) + 1
 
 
+@cache
 def is_in(path, places):
     """Return whether a file is one of these places in this folder, or in one of them."""
     here = Path(__file__).parent
@@ -89,16 +95,20 @@ def is_in(path, places):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Mark live tests by where they are and slow ones by their names; begin with what is long."""
-    here = Path(__file__).parent
+    slow.select(config, items, Path(__file__).parents[1])
     for item in items:
         if is_in(item.path, LIVE):
             item.add_marker("live")
-        if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
-            item.add_marker("slow")
     order = (*FIRST, ".")
-    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
+    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, (one,))))
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """Be content where a change concerns no slow test."""
+    if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED and session.config.option.changed_since:
+        session.exitstatus = pytest.ExitCode.OK
 
 
 @pytest.fixture(scope="session", autouse=True)

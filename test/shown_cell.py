@@ -1,5 +1,8 @@
 """A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
 
+import re
+
+import pytest
 from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
@@ -20,6 +23,7 @@ class ShownCell:
         self.folder = folder
         cell = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
         more = [NodeProcess(name, {"use_sim_time": True, **given}) for name, given in shown]
+        self._shown = [name for name, _ in shown]
         self.count = len(cell) + len(more)
         self.processes = Processes([*cell, *more], folder / "logs")
         rclpy.init(args=[])
@@ -49,10 +53,14 @@ class ShownCell:
 
     def last_words(self):
         """Return what is to be read where something does not come."""
-        return ""
+        return "\n".join(self.log(name)[-3000:] for name in self._shown)
 
     def log(self, name):
         return (self.folder / "logs" / f"{name}.log").read_text(errors="replace")
+
+    def logged_once(self, name, pattern):
+        """Return what the one group of a pattern holds in the log of a node."""
+        return re.search(pattern, self.log(name)).group(1)
 
     def state(self):
         states = self.said[topics.RUN_STATE]
@@ -60,3 +68,14 @@ class ShownCell:
 
     def bag(self):
         return next(iter(self.folder.glob("*.mcap")))
+
+
+def fixture_of(kind):
+    """Return a fixture that holds a cell of this kind for a module."""
+
+    @pytest.fixture(scope="module")
+    def cell(tmp_path_factory):
+        with kind(tmp_path_factory.mktemp("cell")) as made:
+            yield made
+
+    return cell

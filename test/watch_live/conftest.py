@@ -4,8 +4,7 @@ import os
 import subprocess
 import sys
 
-import pytest
-from shown_cell import ShownCell
+from shown_cell import ShownCell, fixture_of
 
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
@@ -84,7 +83,4 @@ class WatchedCell(ShownCell):
         return done.returncode, *done.communicate()
 
 
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with WatchedCell(tmp_path_factory.mktemp("cell")) as made:
-        yield made
+cell = fixture_of(WatchedCell)
