@@ -96,13 +96,22 @@ def is_in(path, places):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark live tests by where they are and slow ones by their names; begin with what is long."""
+    """Mark live tests by where they are and slow ones by their names; mix them.
+
+    Of live tests and of those that calculate what is long comes first. A live test needs its nodes
+    to keep up, and waits for half of its time: it is best run beside one that calculates.
+    """
     slow.select(config, items, Path(__file__).parents[1])
     for item in items:
         if is_in(item.path, LIVE):
             item.add_marker("live")
     order = (*FIRST, ".")
     items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, (one,))))
+    modules = list(dict.fromkeys(item.path for item in items))
+    live = [path for path in modules if is_in(path, LIVE)]
+    others = [path for path in modules if not is_in(path, LIVE)]
+    place = {path: n / len(kind) for kind in (live, others) for n, path in enumerate(kind)}
+    items.sort(key=lambda item: place[item.path])
 
 
 def pytest_sessionfinish(session, exitstatus):
