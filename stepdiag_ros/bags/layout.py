@@ -5,6 +5,7 @@ own readers neither tell where a file is damaged nor go on behind the damage; re
 error messages need both, so the frame is walked here and only the bodies are left to the library.
 """
 
+import mmap
 import struct
 import zlib
 from collections.abc import Collection, Iterator
@@ -25,6 +26,8 @@ FRAME = 9
 """Bytes of opcode and length in front of a body."""
 FOOTER_SIZE = FRAME + 20
 DATA_END_SIZE = FRAME + 4
+_KEPT = 2**22
+"""Bytes of a mapped file, about, that stay in memory while it is gone through."""
 _FRAME = struct.Struct("<BQ")
 _LENGTH = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -93,6 +96,7 @@ def records(data: Any, offset: int = len(MAGIC)) -> Iterator[RawRecord]:
     """
     while True:
         record = record_at(data, offset)
+        let_go(data, record.offset, record.end)
         yield record
         if record.opcode == Opcode.FOOTER:
             return
@@ -146,8 +150,23 @@ def summary_is_intact(data: Any, footer: Footer) -> bool:
 
 
 def _crc(data: Any, start: int, end: int) -> int:
-    with memoryview(data) as view, view[start:end] as part:
-        return zlib.crc32(part)
+    crc = 0
+    for begin in range(start, end, _KEPT):
+        stop = min(begin + _KEPT, end)
+        with memoryview(data) as view, view[begin:stop] as part:
+            crc = zlib.crc32(part, crc)
+        let_go(data, begin, stop)
+    return crc
+
+
+def let_go(data: Any, begin: int, end: int) -> None:
+    """Give back the memory of a mapped file when what is read from begin to end passes a mark.
+
+    The pages of a file that is gone through would otherwise all count as memory of the process;
+    what is read again comes from the computer's cache.
+    """
+    if begin // _KEPT != end // _KEPT and hasattr(data, "madvise"):
+        data.madvise(mmap.MADV_DONTNEED)
 
 
 def _parsed(reader: Any, body: bytes) -> Any:

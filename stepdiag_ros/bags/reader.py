@@ -208,6 +208,7 @@ class BagReader(Bag):
         self.metadata = {}
         self.attachments = []
         self._chunks: list[layout.RawRecord] = []
+        self._spans: dict[int, tuple[int, int]] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._promise = Promise()
@@ -241,7 +242,7 @@ class BagReader(Bag):
         if opcode in PROMISING:
             self._promise.take(opcode, record.body(self._data))
         if opcode == Opcode.CHUNK:
-            layout.chunk_times(self._data, record)
+            self._spans[record.offset] = layout.chunk_times(self._data, record)
             self._expansion += layout.chunk_size(self._data, record)
             if self._expansion > LARGEST_CHUNK + MOST_EXPANSION * len(self._data):
                 raise layout.Damaged(f"what is in the chunks is {MOST_EXPANSION} times the file")
@@ -249,7 +250,8 @@ class BagReader(Bag):
             if check:
                 layout.chunk_content(record.body(self._data))
         elif opcode == Opcode.MESSAGE:
-            _lone_message(record, self._data)
+            time = _lone_message(record, self._data).log_time
+            self._spans[record.offset] = time, time
             self._chunks.append(record)
         elif opcode == Opcode.METADATA:
             metadata = layout.metadata_of(record.body(self._data))
@@ -293,13 +295,11 @@ class BagReader(Bag):
             ) from None
 
     def _content(self, chunk: layout.RawRecord) -> bytes:
+        layout.let_go(self._data, chunk.offset, chunk.end)
         return layout.chunk_content(chunk.body(self._data))
 
     def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:
-        if chunk.opcode == Opcode.CHUNK:
-            return layout.chunk_times(self._data, chunk)
-        time = _lone_message(chunk, self._data).log_time
-        return time, time
+        return self._spans[chunk.offset]
 
     def _chunks_with(self, wanted: Set[int]) -> list[layout.RawRecord]:
         """Return the chunks that hold messages of the wanted channels.
