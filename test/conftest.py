@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -151,10 +152,15 @@ def ctrl_c():
 
 
 @pytest.fixture(autouse=True)
-def signals():
-    """Handle signals as before, whatever a test did in this process."""
+def process_as_before():
+    """Handle signals and the command line as before, whatever a test did in this process.
+
+    A command that becomes a node changes the command line, which the client library reads.
+    """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    given = list(sys.argv)
     yield
+    sys.argv = given
     for number, handler in handlers.items():
         signal.signal(number, handler)
 

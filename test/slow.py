@@ -56,6 +56,8 @@ SLOW: dict[str, tuple[str, ...]] = {
     "nodes/test_fast_stream.py*": CELL,
     "nodes/test_target_correction_live.py*": (*CELL, "compensation", "metrology"),
     "nodes/test_tracker_run.py*": (*CELL, "metrology"),
+    "nodes/test_faults.py::test_a_killed_node_stops*": CELL,
+    "nodes/test_measure_action.py::test_a_whole_run*": CELL,
     "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments*": CELL,
     "planning/test_proposal.py::test_the_scatter_of_simulated_results*": ("metrology",),
     "site/test_site.py*": EVERY,
