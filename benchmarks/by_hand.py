@@ -21,7 +21,8 @@ from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
-sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "by_hand"))
+_TESTS = Path(__file__).parents[1] / "test"
+sys.path[:0] = [str(_TESTS), str(_TESTS / "by_hand")]
 
 import numpy as np  # noqa: E402
 from hand_cases import FAULTS, HARMLESS, judge, make_case  # noqa: E402

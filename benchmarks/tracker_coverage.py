@@ -16,7 +16,8 @@ from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
-sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "metrology" / "tracker"))
+_TESTS = Path(__file__).parents[1] / "test"
+sys.path[:0] = [str(_TESTS), str(_TESTS / "metrology" / "tracker")]
 
 import numpy as np  # noqa: E402
 from random_machines import PLACES, any_measurement  # noqa: E402

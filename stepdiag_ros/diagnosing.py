@@ -27,7 +27,6 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.limits import TooLarge
-from stepdiag_ros.metrology.tracker.run_result import verdict_on_run
 from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures, not_testable_sentences
 from stepdiag_ros.report.diagnosis_build import NO_CHAIN
 
@@ -120,6 +119,9 @@ def diagnose_lines(
 def _tracker_summary(
     measurement: Measurement, plan: Plan, reference: Reference
 ) -> DiagnosisSummary:
+    # Only here: few runs have a tracker, and its evaluation takes time to import.
+    from stepdiag_ros.metrology.tracker.run_result import verdict_on_run
+
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         name, sentence = verdict_on_run(plan, measurement.lines, measurement.chain)
     unknown = GapFigures(math.nan, 0, math.nan, math.nan, math.nan)

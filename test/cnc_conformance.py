@@ -9,6 +9,7 @@ from itertools import pairwise
 from math import isfinite, nan
 
 import pytest
+from patience import PATIENCE
 from refused import a_fault, refused
 
 from stepdiag_ros.devices.cnc import (
@@ -21,6 +22,8 @@ from stepdiag_ros.devices.cnc import (
 from stepdiag_ros.metrology.machine import Machine
 
 SECOND = 1_000_000_000
+SLOWLY = 0.004
+"""m/s: a move of 10 mm goes on for long enough that a busy computer can meddle with it."""
 
 
 @dataclass
@@ -58,7 +61,7 @@ class Operator:
         self.events += new
         return new
 
-    def until(self, condition, limit=8.0):
+    def until(self, condition, limit=PATIENCE):
         end = self.rig.now() + limit * SECOND
         while True:
             self.poll()
@@ -69,9 +72,9 @@ class Operator:
 
     def watch(self, seconds):
         end = self.rig.now() + seconds * SECOND
-        self.until(lambda: self.rig.now() >= end, seconds + 5.0)
+        self.until(lambda: self.rig.now() >= end)
 
-    def until_state(self, state, limit=8.0):
+    def until_state(self, state, limit=PATIENCE):
         self.until(lambda: self.device.state is state, limit)
         return self.changes[-1] if self.changes else None
 
@@ -93,7 +96,7 @@ class Operator:
         self.until(lambda: self.device.state is not CncState.MOVING)
         return list(self.events)
 
-    def reset(self, limit=8.0):
+    def reset(self, limit=PATIENCE):
         end = self.rig.now() + limit * SECOND
         while True:
             try:
@@ -195,7 +198,7 @@ def check_forbidden_moves_are_refused_and_nothing_moves(rig):
 def check_one_move_at_a_time(rig):
     operator = Operator(rig).ready()
     start = operator.position
-    operator.move(add(start, x=0.01), "X")
+    operator.move(add(start, x=0.01), "X", SLOWLY)
     operator.watch(0.1)
     with refused(MoveRefused, "not_ready", "moving", aspect="state"):
         operator.move(add(start, y=0.01), "Y")
@@ -211,7 +214,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
     operator = Operator(rig).ready()
     start = operator.position
     target = add(start, x=0.01)
-    operator.move(target, "X")
+    operator.move(target, "X", SLOWLY)
     operator.until(lambda: operator.position and operator.position[0] > start[0] + 1e-3)
     operator.device.stop(rig.now(), "the operator")
     operator.until_state(CncState.STOPPED)
@@ -242,7 +245,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
 def check_stop_just_after_the_start_leaves_nothing_behind(rig):
     operator = Operator(rig).ready()
     start = operator.position
-    operator.move(add(start, x=0.01), "X")
+    operator.move(add(start, x=0.01), "X", SLOWLY)
     operator.device.stop(rig.now(), "at once")
     operator.until_state(CncState.STOPPED)
     operator.reset()
@@ -282,7 +285,7 @@ def check_samples_go_on_and_times_never_decrease(rig):
     assert times == sorted(times)
     samples = [s.time for s in operator.samples]
     gaps = [b - a for a, b in pairwise(samples)]
-    assert max(gaps) < 0.5 * SECOND
+    assert max(gaps) < 2 * SECOND
     assert begin - SECOND < times[0] and times[-1] <= rig.now()
     operator.device.close()
 

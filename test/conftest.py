@@ -3,13 +3,16 @@
 import os
 import signal
 import subprocess
+import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
 import jsonschema
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
+import slow
 from domains import own_domain
 from forked import ForkedPopen
 from hypothesis import settings
@@ -56,12 +59,15 @@ FIRST = (
     "metrology/test_coverage.py",
 )
 """What takes longest begins first, so that no process is left alone with it at the end."""
-SLOW = (
-    "campaign/test_fault_campaign.py",
-    "linuxcnc/test_closed_loop.py",
-    "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments",
-)
-"""Beginnings of the names of live tests that take a minute or two each."""
+
+
+def pytest_addoption(parser):
+    """Add an option that picks slow tests by what a change touches."""
+    parser.addoption(
+        "--changed-since",
+        metavar="COMMIT",
+        help="of slow tests, only those that judge a folder which differs from this commit",
+    )
 
 
 def pytest_configure(config):
@@ -76,6 +82,13 @@ def pytest_configure(config):
         os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """Run one process more than there are processors: live tests wait for half of their time."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
+@cache
 def is_in(path, places):
     """Return whether a file is one of these places in this folder, or in one of them."""
     here = Path(__file__).parent
@@ -83,16 +96,29 @@ def is_in(path, places):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Mark live tests by where they are and slow ones by their names; begin with what is long."""
-    here = Path(__file__).parent
+def pytest_collection_modifyitems(config, items):
+    """Mark live tests by where they are and slow ones by their names; mix them.
+
+    Of live tests and of those that calculate what is long comes first. A live test needs its nodes
+    to keep up, and waits for half of its time: it is best run beside one that calculates.
+    """
+    slow.select(config, items, Path(__file__).parents[1])
     for item in items:
         if is_in(item.path, LIVE):
             item.add_marker("live")
-        if f"{item.path.relative_to(here).as_posix()}::{item.name}".startswith(SLOW):
-            item.add_marker("slow")
     order = (*FIRST, ".")
-    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, [one])))
+    items.sort(key=lambda item: next(n for n, one in enumerate(order) if is_in(item.path, (one,))))
+    modules = list(dict.fromkeys(item.path for item in items))
+    live = [path for path in modules if is_in(path, LIVE)]
+    others = [path for path in modules if not is_in(path, LIVE)]
+    place = {path: n / len(kind) for kind in (live, others) for n, path in enumerate(kind)}
+    items.sort(key=lambda item: place[item.path])
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """Be content where a change concerns no slow test."""
+    if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED and session.config.option.changed_since:
+        session.exitstatus = pytest.ExitCode.OK
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -126,10 +152,15 @@ def ctrl_c():
 
 
 @pytest.fixture(autouse=True)
-def signals():
-    """Handle signals as before, whatever a test did in this process."""
+def process_as_before():
+    """Handle signals and the command line as before, whatever a test did in this process.
+
+    A command that becomes a node changes the command line, which the client library reads.
+    """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    given = list(sys.argv)
     yield
+    sys.argv = given
     for number, handler in handlers.items():
         signal.signal(number, handler)
 

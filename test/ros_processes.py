@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from domains import own_domain
+from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 
@@ -67,7 +68,7 @@ class Peer:
                 return line
         raise AssertionError(f"'{wanted}' never came: {self.process.stderr.read()}")  # type: ignore[union-attr]
 
-    def finish(self, timeout: float = 20.0) -> tuple[int, str, str]:
+    def finish(self, timeout: float = PATIENCE) -> tuple[int, str, str]:
         """Return the exit code, standard output and standard error."""
         out, err = self.process.communicate(timeout=timeout)
         return self.process.returncode, out, err
@@ -86,13 +87,13 @@ def peer() -> Iterator[Callable[..., Peer]]:
         item.process.terminate()
     for item in peers:
         try:
-            item.process.communicate(timeout=20)
+            item.process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             item.process.kill()
             item.process.communicate()
 
 
-def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 30.0) -> bool:
+def spin_until(node: Any, condition: Callable[[], bool], timeout: float = PATIENCE) -> bool:
     """Spin a node until a condition holds; return whether it does in time."""
     import rclpy
 
@@ -104,7 +105,7 @@ def spin_until(node: Any, condition: Callable[[], bool], timeout: float = 30.0) 
     return True
 
 
-def wait_until(condition: Callable[[], bool], timeout: float = 30.0) -> bool:
+def wait_until(condition: Callable[[], bool], timeout: float = PATIENCE) -> bool:
     """Wait without spinning until a condition holds; return whether it does in time."""
     end = time.monotonic() + timeout
     while not condition():

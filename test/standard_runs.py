@@ -1,11 +1,12 @@
 """Bags of simulated lines, without nodes: for the tests of what is made from finished lines."""
 
+from cells_for_tests import make_cell
+
 from stepdiag_ros import __version__, conversion, topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import completed_by
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
@@ -28,24 +29,9 @@ lines:
 """
 
 
-def cell(noise=0.05e-6, tilt=100e-6, rotation=0.0, squareness=(30e-6, -20e-6, 25e-6), seed=3):
-    return SimulatedCell.from_mapping(
-        {
-            "seed": seed,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0, 0.0, 0.0],
-                "travel_high_m": [0.15, 0.10, 0.125],
-                "positioning_m": 2e-6,
-                "straightness_m": 1e-6,
-                "rotation_rad": rotation,
-                "squareness_rad": dict(zip(("C0Y", "B0Z", "A0Z"), squareness, strict=True)),
-            },
-            "misalignment": {"beam_sigma_rad": tilt, "mirror_sigma_rad": 0.0, "lines": {}},
-            "reading_noise_m": noise,
-        },
-        "test cell",
-    )
+def cell(**options):
+    given = {"high": (0.15, 0.10, 0.125), "noise": 0.05e-6, "tilt": 100e-6, "held": 0.0}
+    return make_cell(**given | options)
 
 
 def measured(plan_text=PLAN, seed=1, **options):
@@ -55,27 +41,35 @@ def measured(plan_text=PLAN, seed=1, **options):
 
 def write_bag(path, plan_text=PLAN, with_tests=True, **options):
     plan, measurement = measured(plan_text, **options)
+    lines = measurement.lines
+    messages = []
+    for count, line in enumerate(lines, start=1):
+        messages.append(message_of(line))
+        runs = completed_by(line, lines[:count], plan)
+        if runs is not None and with_tests:
+            new = own_types().new
+            message = from_positioning_test(evaluate(runs), RUN_ID, line.end_time, new=new)
+            messages.append((START + line.end_time, topics.POSITIONING_TEST, message))
+    return write_messages(path, messages, plan_text, load_machine("demo")[1], plan.name)
+
+
+def message_of(line):
+    """Return time, topic and message of a measured line."""
+    message = conversion.from_measured_line(line, RUN_ID, new=own_types().new)
+    return START + line.end_time, topics.LINE, message
+
+
+def write_messages(path, messages, plan_text, machine_text="", name="run"):
+    """Write the bag of a run: its description, then messages, each with its time and topic."""
     types = own_types()
-    machine_text = load_machine("demo")[1]
     description = types.new(topics.RUN_DESCRIPTION.type_name)
     conversion.set_header(description, START)
     description.schema_version = types.constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
     description.run_id, description.software_version = RUN_ID, __version__
     description.plan, description.machine = plan_text, machine_text
-    messages = [(START, topics.RUN_DESCRIPTION, description)]
-    lines = measurement.lines
-    for count, line in enumerate(lines, start=1):
-        message = conversion.from_measured_line(line, RUN_ID, new=types.new)
-        messages.append((START + line.end_time, topics.LINE, message))
-        runs = completed_by(line, lines[:count], plan)
-        if runs is not None and with_tests:
-            message = from_positioning_test(evaluate(runs), RUN_ID, line.end_time, new=types.new)
-            messages.append((START + line.end_time, topics.POSITIONING_TEST, message))
-    header = RunHeader(
-        RUN_ID, plan.name, __version__, 1, "none", START, plan_text, machine_text, ""
-    )
+    header = RunHeader(RUN_ID, name, __version__, 1, "none", START, plan_text, machine_text, "")
     with BagWriter(path, header) as bag:
-        for stamp, topic, message in messages:
+        for stamp, topic, message in ((START, topics.RUN_DESCRIPTION, description), *messages):
             data = types.encode(topic.type_name, message)
             bag.write(topics.absolute(topic), topic.type_name, data, stamp)
     return path

@@ -39,6 +39,20 @@ class Record(NamedTuple):
     data: bytes
 
 
+class Payloads(NamedTuple):
+    """Messages of one topic that follow each other, as parallel lists.
+
+    Attributes:
+        type_name: of all of them.
+        times: when each was received, ns.
+        data: the serialised messages.
+    """
+
+    type_name: str
+    times: list[int]
+    data: list[bytes]
+
+
 class Bag(ABC):
     """A complete bag, opened for reading; a context manager closes it.
 
@@ -134,6 +148,15 @@ class Bag(ABC):
         Raises:
             BagCorruptError: a chunk's checksum is wrong; the text names the offset.
         """
+
+    def payloads(self, topic: str) -> Iterator[Payloads]:
+        """Go through the messages of one topic in the order of ``records``, some at a time.
+
+        Raises:
+            BagCorruptError: a chunk's checksum is wrong; the text names the offset.
+        """
+        for record in self.records(topics=(topic,)):
+            yield Payloads(record.type_name, [record.log_time], [record.data])
 
     @cached_property
     def header(self) -> RunHeader:

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from stepdiag_ros.bags.bag import Bag, Order, Record
+from stepdiag_ros.bags.bag import Bag, Order, Payloads, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.tally import Flaw
@@ -129,6 +129,10 @@ class FolderReader(Bag):
         if order == "time":
             return merge(*wanted, key=lambda record: record.log_time)
         return chain.from_iterable(wanted)
+
+    def payloads(self, topic: str) -> Iterator[Payloads]:
+        """Go through the messages of one topic of all files; see ``Bag``."""
+        return chain.from_iterable(part.payloads(topic) for part in self._parts)
 
 
 def _files(folder: Path) -> list[Path]:

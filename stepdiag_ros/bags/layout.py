@@ -5,9 +5,10 @@ own readers neither tell where a file is damaged nor go on behind the damage; re
 error messages need both, so the frame is walked here and only the bodies are left to the library.
 """
 
+import mmap
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -25,6 +26,9 @@ FRAME = 9
 """Bytes of opcode and length in front of a body."""
 FOOTER_SIZE = FRAME + 20
 DATA_END_SIZE = FRAME + 4
+_KEPT = 2**22
+"""Bytes of a mapped file, about, that stay in memory while it is gone through."""
+_FRAME = struct.Struct("<BQ")
 _LENGTH = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -41,6 +45,10 @@ class RawRecord(NamedTuple):
     def body(self, data: Any) -> bytes:
         """Return the record's body out of the file's bytes."""
         return bytes(data[self.offset + FRAME : self.end])
+
+
+MessageHead = tuple[int, int, int, int]
+"""Channel, sequence, log time and publish time of a message: the head of a ``RawMessage``."""
 
 
 class RawMessage(NamedTuple):
@@ -88,6 +96,7 @@ def records(data: Any, offset: int = len(MAGIC)) -> Iterator[RawRecord]:
     """
     while True:
         record = record_at(data, offset)
+        let_go(data, record.offset, record.end)
         yield record
         if record.opcode == Opcode.FOOTER:
             return
@@ -141,8 +150,23 @@ def summary_is_intact(data: Any, footer: Footer) -> bool:
 
 
 def _crc(data: Any, start: int, end: int) -> int:
-    with memoryview(data) as view, view[start:end] as part:
-        return zlib.crc32(part)
+    crc = 0
+    for begin in range(start, end, _KEPT):
+        stop = min(begin + _KEPT, end)
+        with memoryview(data) as view, view[begin:stop] as part:
+            crc = zlib.crc32(part, crc)
+        let_go(data, begin, stop)
+    return crc
+
+
+def let_go(data: Any, begin: int, end: int) -> None:
+    """Give back the memory of a mapped file when what is read from begin to end passes a mark.
+
+    The pages of a file that is gone through would otherwise all count as memory of the process;
+    what is read again comes from the computer's cache.
+    """
+    if begin // _KEPT != end // _KEPT and hasattr(data, "madvise"):
+        data.madvise(mmap.MADV_DONTNEED)
 
 
 def _parsed(reader: Any, body: bytes) -> Any:
@@ -238,38 +262,72 @@ def _bound(chunk: Chunk) -> None:
         raise Damaged(f"a chunk of {max(sizes)} bytes; at most {LARGEST_CHUNK} are taken in")
 
 
-def chunk_records(content: bytes) -> Iterator[tuple[int, RawMessage | bytes]]:
-    """Walk the records of a chunk: its messages, and the bodies of its schemas and channels.
-
-    Yields:
-        opcode, and the message or the body.
+def chunk_records(content: bytes) -> list[tuple[int, int, int]]:
+    """Return the records of a chunk: opcode of each, and where its body begins and ends.
 
     Raises:
         Damaged: the chunk's inner frame is broken.
     """
+    found = []
     position, size = 0, len(content)
     while position < size:
         if position + FRAME > size:
             raise Damaged("the records of a chunk do not fill it")
-        opcode = content[position]
+        opcode, length = _FRAME.unpack_from(content, position)
         start = position + FRAME
-        position = start + _LENGTH.unpack_from(content, position + 1)[0]
+        position = start + length
         if position > size:
             raise Damaged("the records of a chunk do not fit into it")
-        if opcode == Opcode.MESSAGE:
-            yield opcode, message_of(content, start, position)
-        else:
-            yield opcode, content[start:position]
+        found.append((opcode, start, position))
+    return found
 
 
-def message_of(content: bytes, start: int, end: int) -> RawMessage:
-    """Parse the message record whose body stands from start to end; raises ``Damaged``."""
+def chunk_definitions(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Go through what is no message in a chunk: opcode and body of each; raises ``Damaged``."""
+    for opcode, start, end in chunk_records(content):
+        if opcode != Opcode.MESSAGE:
+            yield opcode, content[start:end]
+
+
+def chunk_heads(content: bytes) -> list[MessageHead]:
+    """Return the heads of a chunk's messages, without their bytes; raises ``Damaged``."""
+    return [_head_of(content, start, end) for start, end in _messages(content)]
+
+
+def chunk_messages(content: bytes, wanted: Collection[int] | None = None) -> list[RawMessage]:
+    """Return the messages of a chunk.
+
+    Args:
+        content: of the chunk.
+        wanted: numbers of the channels whose messages are returned; all if None.
+
+    Raises:
+        Damaged: the chunk's inner frame is broken, or a message is too short.
+    """
+    found = []
+    for start, end in _messages(content):
+        head = _head_of(content, start, end)
+        if wanted is None or head[0] in wanted:
+            found.append(RawMessage(*head, content[start + _MESSAGE.size : end]))
+    return found
+
+
+def _messages(content: bytes) -> list[tuple[int, int]]:
+    # A local name: looking up a member of an enumeration costs as much as parsing a head.
+    message = int(Opcode.MESSAGE)
+    return [(start, end) for opcode, start, end in chunk_records(content) if opcode == message]
+
+
+def message_of(content: bytes) -> RawMessage:
+    """Parse a message record that stands outside of chunks; raises ``Damaged``."""
+    return RawMessage(*_head_of(content, 0, len(content)), content[_MESSAGE.size :])
+
+
+def _head_of(content: bytes, start: int, end: int) -> MessageHead:
     if end - start < _MESSAGE.size:
         raise Damaged("a message is too short")
-    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, start)
-    return RawMessage(
-        channel, sequence, log_time, publish_time, content[start + _MESSAGE.size : end]
-    )
+    head: MessageHead = _MESSAGE.unpack_from(content, start)
+    return head
 
 
 def next_chunk(data: Any, offset: int) -> RawRecord | None:

@@ -3,7 +3,8 @@
 import mmap
 import tempfile
 from bisect import bisect_left
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Set
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from stepdiag_ros.bags import layout
-from stepdiag_ros.bags.bag import Bag, Order, Record
+from stepdiag_ros.bags.bag import Bag, Order, Payloads, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.header import Attachment
 from stepdiag_ros.bags.tally import (
@@ -157,20 +158,32 @@ class BagReader(Bag):
         }
         low = 0 if start is None else start
         high = 2**64 if end is None else end
-        by_time = order == "time" or bool(self.tally.misplaced)
-        source = self._in_time_order(low, high) if by_time else self._in_file_order(low, high)
-        for message in self._each_once(source):
+        by_time = bool(self.tally.misplaced) or order == "time"
+        in_order = self._in_time_order if by_time else self._in_file_order
+        for message in self._each_once(in_order(wanted.keys(), low, high)):
             channel, sequence, log_time, publish_time, cdr = message
-            if channel in wanted and low <= log_time <= high:
+            if low <= log_time <= high:
                 topic, type_name = wanted[channel]
                 yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
-            elif channel not in self._channels:
-                raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
+
+    def payloads(self, topic: str) -> Iterator[Payloads]:
+        """Go through the messages of one topic, those of a chunk at a time; see ``Bag``."""
+        known = self._channels.items()
+        wanted = {number: channel for number, channel in known if channel.topic == topic}
+        types = {self._type_of(channel) for channel in wanted.values()}
+        if self.tally.doubles or self.tally.misplaced or len(types) != 1:
+            yield from super().payloads(topic)
+            return
+        (type_name,) = types
+        for chunk in self._chunks_with(wanted.keys()):
+            found = self._messages_of(chunk, wanted.keys())
+            yield Payloads(type_name, [one.log_time for one in found], [one.cdr for one in found])
 
     @cached_property
     def tally(self) -> Tally:
         """Return what was counted in the file, compared with what it promises."""
-        return tally_of(self._checked_messages, self._channels, self._promise)
+        self._held: list[frozenset[int]] = []
+        return tally_of(self._checked_heads(), self._all_messages, self._channels, self._promise)
 
     def flaws(self) -> tuple[Flaw, ...]:
         """Say what is wrong with the recording; see ``Bag``."""
@@ -198,6 +211,7 @@ class BagReader(Bag):
         self.metadata = {}
         self.attachments = []
         self._chunks: list[layout.RawRecord] = []
+        self._spans: dict[int, tuple[int, int]] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._promise = Promise()
@@ -233,7 +247,7 @@ class BagReader(Bag):
         if opcode in PROMISING:
             self._promise.take(opcode, record.body(self._data))
         if opcode == Opcode.CHUNK:
-            layout.chunk_times(self._data, record)
+            self._spans[record.offset] = layout.chunk_times(self._data, record)
             self._expansion += layout.chunk_size(self._data, record)
             if self._expansion > LARGEST_CHUNK + MOST_EXPANSION * len(self._data):
                 raise layout.Damaged(f"what is in the chunks is {MOST_EXPANSION} times the file")
@@ -241,7 +255,8 @@ class BagReader(Bag):
             if check:
                 layout.chunk_content(record.body(self._data))
         elif opcode == Opcode.MESSAGE:
-            _lone_message(record, self._data)
+            time = _lone_message(record, self._data).log_time
+            self._spans[record.offset] = time, time
             self._chunks.append(record)
         elif opcode == Opcode.METADATA:
             metadata = layout.metadata_of(record.body(self._data))
@@ -264,9 +279,9 @@ class BagReader(Bag):
         """Collect the topics of a bag without a summary."""
         for chunk in self._chunks:
             if chunk.opcode == Opcode.CHUNK:
-                for opcode, item in self._content(chunk):
-                    if isinstance(item, bytes):
-                        self._define(opcode, item)
+                with self._refusing_damage(chunk):
+                    for definition in layout.chunk_definitions(self._content(chunk)):
+                        self._define(*definition)
 
     def _type_of(self, channel: Channel) -> str:
         schema = self._schemas.get(channel.schema_id)
@@ -274,9 +289,10 @@ class BagReader(Bag):
 
     # -- going through --------------------------------------------------------
 
-    def _content(self, chunk: layout.RawRecord) -> Iterator[tuple[int, layout.RawMessage | bytes]]:
+    @contextmanager
+    def _refusing_damage(self, chunk: layout.RawRecord) -> Iterator[None]:
         try:
-            yield from layout.chunk_records(layout.chunk_content(chunk.body(self._data)))
+            yield
         except layout.Damaged as error:
             raise BagCorruptError(
                 f"{self.path}: the chunk at byte {chunk.offset} is damaged ({error}); "
@@ -284,39 +300,71 @@ class BagReader(Bag):
                 fault="damaged",
             ) from None
 
+    def _content(self, chunk: layout.RawRecord) -> bytes:
+        layout.let_go(self._data, chunk.offset, chunk.end)
+        return layout.chunk_content(chunk.body(self._data))
+
     def _times(self, chunk: layout.RawRecord) -> tuple[int, int]:
-        if chunk.opcode == Opcode.CHUNK:
-            return layout.chunk_times(self._data, chunk)
-        time = _lone_message(chunk, self._data).log_time
-        return time, time
+        return self._spans[chunk.offset]
 
-    def _messages_of(self, chunk: layout.RawRecord) -> Iterator[layout.RawMessage]:
-        if chunk.opcode == Opcode.CHUNK:
-            for _, item in self._content(chunk):
-                if isinstance(item, layout.RawMessage):
-                    yield item
-        else:
-            yield _lone_message(chunk, self._data)
+    def _chunks_with(self, wanted: Set[int]) -> list[layout.RawRecord]:
+        """Return the chunks that hold messages of the wanted channels.
 
-    def _checked_messages(self) -> Iterator[layout.RawMessage]:
-        """Go through all messages; the head of each chunk must tell their times."""
+        Raises:
+            BagCorruptError: a message belongs to no channel.
+        """
+        if not frozenset().union(*self._held) <= self._channels.keys():
+            raise BagCorruptError(f"{self.path}: a message belongs to no topic; {self._advice}")
+        chunks = zip(self._chunks, self._held, strict=True)
+        return [chunk for chunk, held in chunks if held & wanted]
+
+    def _messages_of(
+        self, chunk: layout.RawRecord, wanted: Collection[int] | None = None
+    ) -> list[layout.RawMessage]:
+        if chunk.opcode == Opcode.CHUNK:
+            with self._refusing_damage(chunk):
+                return layout.chunk_messages(self._content(chunk), wanted)
+        message = _lone_message(chunk, self._data)
+        return [message] if wanted is None or message.channel in wanted else []
+
+    def _all_messages(self) -> Iterator[layout.RawMessage]:
         for chunk in self._chunks:
-            low, high = 2**64, -1
-            for message in self._messages_of(chunk):
-                low, high = min(low, message.log_time), max(high, message.log_time)
-                yield message
-            if high >= 0 and (low, high) != self._times(chunk):
+            yield from self._messages_of(chunk)
+
+    def _checked_heads(self) -> Iterator[layout.MessageHead]:
+        """Go through the heads of all messages, and note which channels each chunk holds.
+
+        The head of each chunk must tell the times of its messages.
+        """
+        # Chunks hold few different sets of channels, so that each set is kept once.
+        known: dict[frozenset[int], frozenset[int]] = {}
+        for chunk in self._chunks:
+            heads = self._heads_of(chunk)
+            yield from heads
+            held = frozenset(channel for channel, _, _, _ in heads)
+            self._held.append(known.setdefault(held, held))
+            times = [log_time for _, _, log_time, _ in heads]
+            if times and (min(times), max(times)) != self._times(chunk):
                 raise BagCorruptError(
                     f"{self.path}: the chunk at byte {chunk.offset} tells other times than its "
                     f"messages have; {self._advice}"
                 )
 
+    def _heads_of(self, chunk: layout.RawRecord) -> list[layout.MessageHead]:
+        if chunk.opcode != Opcode.CHUNK:
+            return [_lone_message(chunk, self._data)[:4]]
+        with self._refusing_damage(chunk):
+            return layout.chunk_heads(self._content(chunk))
+
     def _each_once(self, messages: Iterator[layout.RawMessage]) -> Iterator[layout.RawMessage]:
         """Leave out the copies of messages that are in the file more than once."""
         doubles = self.tally.doubles
-        if not doubles:
-            yield from messages
-            return
+        return self._without(doubles, messages) if doubles else messages
+
+    @staticmethod
+    def _without(
+        doubles: Collection[bytes], messages: Iterator[layout.RawMessage]
+    ) -> Iterator[layout.RawMessage]:
         seen: set[bytes] = set()
         for message in messages:
             key = key_of(message)
@@ -326,14 +374,14 @@ class BagReader(Bag):
                 seen.add(key)
             yield message
 
-    def _in_file_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
-        for chunk in self._chunks:
+    def _in_file_order(self, wanted: Set[int], low: int, high: int) -> Iterator[layout.RawMessage]:
+        for chunk in self._chunks_with(wanted):
             first, last = self._times(chunk)
             if first <= high and last >= low:
-                yield from self._messages_of(chunk)
+                yield from self._messages_of(chunk, wanted)
 
-    def _in_time_order(self, low: int, high: int) -> Iterator[layout.RawMessage]:
-        spans = [(*self._times(chunk), chunk) for chunk in self._chunks]
+    def _in_time_order(self, wanted: Set[int], low: int, high: int) -> Iterator[layout.RawMessage]:
+        spans = [(*self._times(chunk), chunk) for chunk in self._chunks_with(wanted)]
         spans = sorted(span for span in spans if span[0] <= high and span[1] >= low)
         waiting: list[tuple[int, int, int, layout.RawMessage]] = []
         for first, _, chunk in spans:
@@ -344,7 +392,7 @@ class BagReader(Bag):
             del waiting[:ready]
             waiting.extend(
                 (message.log_time, chunk.offset, place, message)
-                for place, message in enumerate(self._messages_of(chunk))
+                for place, message in enumerate(self._messages_of(chunk, wanted))
             )
             waiting.sort()  # nearly sorted already, which costs next to nothing
         for entry in waiting:
@@ -353,5 +401,4 @@ class BagReader(Bag):
 
 def _lone_message(record: layout.RawRecord, data: mmap.mmap) -> layout.RawMessage:
     """Return a message that stands outside of chunks; raises ``Damaged``."""
-    body = record.body(data)
-    return layout.message_of(body, 0, len(body))
+    return layout.message_of(record.body(data))

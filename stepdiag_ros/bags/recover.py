@@ -210,12 +210,13 @@ def _take(data: Any, record: layout.RawRecord, found: _Found) -> None:
     if record.opcode in PROMISING:
         found.promise.take(record.opcode, body)
     if record.opcode == Opcode.CHUNK:
-        for opcode, item in layout.chunk_records(layout.chunk_content(body)):
-            if isinstance(item, bytes):
-                _define(opcode, item, found)
+        content = layout.chunk_content(body)
+        layout.chunk_heads(content)  # raises where a message of it is damaged
+        for opcode, definition in layout.chunk_definitions(content):
+            _define(opcode, definition, found)
         found.chunks.append(record)
     elif record.opcode == Opcode.MESSAGE:
-        layout.message_of(body, 0, len(body))
+        layout.message_of(body)
         found.chunks.append(record)
     elif record.opcode == Opcode.METADATA:
         metadata = layout.metadata_of(body)
@@ -315,8 +316,13 @@ def _copy(data: Any, found: _Found, report: RecoveryReport, file: UnbufferedFile
 
 def _tally(data: Any, found: _Found, report: RecoveryReport) -> Tally:
     """Count what is to be copied, and say what the recording promised beyond that."""
+
+    def messages() -> Iterator[layout.RawMessage]:
+        return (message for record in found.chunks for message in _messages(data, record))
+
     tally = tally_of(
-        lambda: (message for record in found.chunks for message in _messages(data, record)),
+        (message[:4] for message in messages()),
+        messages,
         found.channels,
         found.promise,
     )
@@ -328,14 +334,11 @@ def _tally(data: Any, found: _Found, report: RecoveryReport) -> Tally:
     return tally
 
 
-def _messages(data: Any, record: layout.RawRecord) -> Iterator[layout.RawMessage]:
+def _messages(data: Any, record: layout.RawRecord) -> list[layout.RawMessage]:
     body = record.body(data)
     if record.opcode == Opcode.MESSAGE:
-        yield layout.message_of(body, 0, len(body))
-        return
-    for _, item in layout.chunk_records(layout.chunk_content(body)):
-        if isinstance(item, layout.RawMessage):
-            yield item
+        return [layout.message_of(body)]
+    return layout.chunk_messages(layout.chunk_content(body))
 
 
 def _count(report: RecoveryReport, topic: str, time: int) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
+from stepdiag_ros.bags.readings import ReadingBatch, reading_batches
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
@@ -75,7 +77,7 @@ class RecordedRun:
     """What a bag says about one run. Readings are many, so they are read when asked for.
 
     Attributes:
-        path: of the bag.
+        bag: open as long as the run is in use, so that what is read later is of the same recording.
         found: what in the bag belongs to the run.
         namespace: that the run's topics were in.
         run_id: identity of the run.
@@ -104,7 +106,7 @@ class RecordedRun:
         flaws: what is wrong with the recording: missing, doubled, out of order.
     """
 
-    path: Path
+    bag: Bag
     found: FoundRun
     namespace: str
     run_id: str
@@ -128,6 +130,11 @@ class RecordedRun:
     states: tuple[StateChange, ...]
     diagnostics: tuple[Diagnostic, ...]
     flaws: tuple[Flaw, ...]
+
+    @property
+    def path(self) -> Path:
+        """Return the path of the bag."""
+        return self.bag.path
 
     @property
     def begun_late(self) -> bool:
@@ -165,28 +172,24 @@ class RecordedRun:
         return Measurement(self.volume, latest_attempts(self.lines), self.chain, plausible)
 
     def events(self) -> Iterator[Event]:
-        """Go through commands, arrivals and readings in the order in which they were recorded.
-
-        Raises:
-            BagError: the bag has changed or gone since it was loaded.
-        """
+        """Go through commands, arrivals and readings in the order in which they were recorded."""
         convert: dict[str, Callable[[Any], Event | None]] = {
             topics.absolute(topics.READING, self.namespace): conversion.to_reading,
             topics.absolute(topics.MACHINE_COMMAND, self.namespace): self._own_command,
             topics.absolute(topics.COMMAND_STATUS, self.namespace): self._own_arrival,
         }
-        with open_bag(self.path) as bag:
-            for record, message in messages_of(bag, self.found, convert.keys()):
-                event = bag.converted(record, convert[record.topic], message)
-                if event is not None:
-                    yield event
+        for record, message in messages_of(self.bag, self.found, convert.keys()):
+            event = self.bag.converted(record, convert[record.topic], message)
+            if event is not None:
+                yield event
 
     def readings(self) -> Iterator[Reading]:
         """Go through the readings in the order in which they were recorded."""
-        name = topics.absolute(topics.READING, self.namespace)
-        with open_bag(self.path) as bag:
-            for record, message in messages_of(bag, self.found, (name,)):
-                yield bag.converted(record, conversion.to_reading, message)
+        return chain.from_iterable(self.reading_batches())
+
+    def reading_batches(self) -> Iterator[ReadingBatch]:
+        """Go through the readings in the order in which they were recorded, many at a time."""
+        return reading_batches(self.bag, self.found)
 
     def weather(self) -> list[SensorValue]:
         """Return what the weather sensors told, in order of time."""
@@ -195,11 +198,10 @@ class RecordedRun:
             for name, (topic, field) in topics.WEATHER.items()
         }
         values = []
-        with open_bag(self.path) as bag:
-            for record, message in messages_of(bag, self.found, told.keys()):
-                name, field = told[record.topic]
-                time = conversion.to_nanoseconds(message.header.stamp)
-                values.append(SensorValue(time, name, float(getattr(message, field))))
+        for record, message in messages_of(self.bag, self.found, told.keys()):
+            name, field = told[record.topic]
+            time = conversion.to_nanoseconds(message.header.stamp)
+            values.append(SensorValue(time, name, float(getattr(message, field))))
         return sorted(values, key=lambda value: value.time)
 
     def _own_command(self, message: Any) -> StopCommand | None:
@@ -220,31 +222,36 @@ def load_run(path: str | Path, run_id: str | None = None) -> RecordedRun:
         BagError: the bag is cut off or damaged, or holds no run, several, or one that cannot be
             read, for example of a newer schema version.
     """
-    with open_bag(path) as bag:
-        found = choose_run(bag, run_id)
-        description = found.description
-        check_version(bag.path, description.schema_version, description.software_version)
-        source = f"{bag.path}: plan"
-        try:
-            plan = plan_from_text(description.plan, source)
-        except ValueError as error:
-            raise BagError(str(error), **fields_of(error)) from None
-        parts = _parts(bag, found, plan)
-        return RecordedRun(
-            path=bag.path,
-            found=found,
-            namespace=found.namespace,
-            run_id=description.run_id,
-            software_version=description.software_version,
-            schema_version=int(description.schema_version),
-            start_time=conversion.to_nanoseconds(description.header.stamp),
-            plan_text=description.plan,
-            machine_text=description.machine,
-            cell_text=description.simulated_cell,
-            told_by_source=_told_by_source(bag),
-            plan=plan,
-            **parts,
-        )
+    bag = open_bag(path)
+    try:
+        return _run_of(bag, choose_run(bag, run_id))
+    except BaseException:
+        bag.close()
+        raise
+
+
+def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
+    description = found.description
+    check_version(bag.path, description.schema_version, description.software_version)
+    try:
+        plan = plan_from_text(description.plan, f"{bag.path}: plan")
+    except ValueError as error:
+        raise BagError(str(error), **fields_of(error)) from None
+    return RecordedRun(
+        bag=bag,
+        found=found,
+        namespace=found.namespace,
+        run_id=description.run_id,
+        software_version=description.software_version,
+        schema_version=int(description.schema_version),
+        start_time=conversion.to_nanoseconds(description.header.stamp),
+        plan_text=description.plan,
+        machine_text=description.machine,
+        cell_text=description.simulated_cell,
+        told_by_source=_told_by_source(bag),
+        plan=plan,
+        **_parts(bag, found, plan),
+    )
 
 
 def _told_by_source(bag: Bag) -> Mapping[str, str]:

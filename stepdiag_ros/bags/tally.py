@@ -8,7 +8,7 @@ many there were; the file's statistics count them as well.
 import re
 import struct
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Literal, NamedTuple
@@ -18,7 +18,7 @@ from mcap.records import Channel
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags import layout
-from stepdiag_ros.bags.layout import RawMessage
+from stepdiag_ros.bags.layout import MessageHead, RawMessage
 
 LIBRARY = "stepdiag_ros"
 """How our writer begins to name itself in a file's header."""
@@ -168,6 +168,7 @@ def recovery_flaws(name: str, metadata: Mapping[str, Mapping[str, str]]) -> Iter
 
 
 def tally_of(
+    heads: Iterable[MessageHead],
     messages: Callable[[], Iterator[RawMessage]],
     channels: Mapping[int, Channel],
     promise: Promise,
@@ -178,12 +179,13 @@ def tally_of(
     remembered, so that a bag that nobody has changed costs no memory.
 
     Args:
-        messages: goes through all messages as they stand in the file.
+        heads: of all messages as they stand in the file.
+        messages: goes through the same messages; only called where copies may be among them.
         channels: of the bag.
         promise: what it says of itself.
     """
     tally = Tally()
-    numbers, spots = _first_pass(messages())
+    numbers, spots = _first_pass(heads)
     for number, seen in numbers.items():
         if number in channels:
             tally.messages[channels[number].topic] += seen.count
@@ -204,14 +206,14 @@ class _Numbers:
     latest: int = -1
 
 
-def _first_pass(messages: Iterator[RawMessage]) -> tuple[dict[int, _Numbers], set[int]]:
+def _first_pass(heads: Iterable[MessageHead]) -> tuple[dict[int, _Numbers], set[int]]:
     """Return what was seen of each channel, and hashes of where copies may be, or misplaced ones.
 
     A copy comes with the number and the time of a message before it.
     """
     found: defaultdict[int, _Numbers] = defaultdict(_Numbers)
     spots: set[int] = set()
-    for channel, sequence, log_time, _, _ in messages:
+    for channel, sequence, log_time, _ in heads:
         seen = found[channel]
         seen.count += 1
         if log_time > seen.latest:

@@ -7,7 +7,6 @@ from math import isnan
 import numpy as np
 
 from stepdiag_ros import conversion, topics
-from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.runs import messages_of
 from stepdiag_ros.metrology.measurement import SettledStop
@@ -74,17 +73,16 @@ def _read(run: RecordedRun) -> _Streams:
     reading, joints = (
         topics.absolute(topic, run.namespace) for topic in (topics.READING, topics.JOINT_STATES)
     )
-    with open_bag(run.path) as bag:
-        for record, message in messages_of(bag, run.found, (reading, joints)):
-            time = conversion.to_nanoseconds(message.header.stamp)
-            if record.topic == joints:
-                position = conversion.axis_positions(message)
-                if position is not None and time > (streams.position_times or [time - 1])[-1]:
-                    streams.position_times.append(time)
-                    streams.positions.extend(position)
-            elif time > (streams.reading_times or [time - 1])[-1]:
-                value = float(message.raw_displacement)
-                streams.reading_times.append(time)
-                streams.raw.append(value)
-                streams.bad.append(int(message.status) > 1 or isnan(value))
+    for record, message in messages_of(run.bag, run.found, (reading, joints)):
+        time = conversion.to_nanoseconds(message.header.stamp)
+        if record.topic == joints:
+            position = conversion.axis_positions(message)
+            if position is not None and time > (streams.position_times or [time - 1])[-1]:
+                streams.position_times.append(time)
+                streams.positions.extend(position)
+        elif time > (streams.reading_times or [time - 1])[-1]:
+            value = float(message.raw_displacement)
+            streams.reading_times.append(time)
+            streams.raw.append(value)
+            streams.bad.append(int(message.status) > 1 or isnan(value))
     return streams

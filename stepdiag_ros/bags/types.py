@@ -23,7 +23,7 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.embedded.packages import OWN, TEXTS
 from stepdiag_ros.topics import RECORDED
 
-_HEADER = 4
+CDR_HEADER = 4
 """Bytes of CDR's encapsulation."""
 _PLAIN = (b"\0\0", b"\0\1")
 """How plain CDR begins, big-endian and little-endian."""
@@ -40,7 +40,8 @@ _ADDED_LATER = frozenset({"trigger", "overrun"})
 _SEPARATOR = "=" * 80
 _DUMMY = "structure_needs_at_least_one_member"
 _WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
-_DTYPES = {"bool": "bool", "byte": "uint8", "char": "uint8", "float32": "float32"}
+DTYPES = {"bool": "bool", "byte": "uint8", "char": "uint8", "float32": "float32"}
+"""Kinds of numbers whose arrays have another name than the kind."""
 
 
 class MessageTypes:
@@ -97,10 +98,10 @@ class MessageTypes:
                 raise ValueError("no plain CDR")
             made = self._store.get_msgdef(type_name)
             read = made.deserialize_cdr_le if cdr[1] else made.deserialize_cdr_be
-            message, end = read(cdr[_HEADER:], 0, made.cls, self._store)
+            message, end = read(cdr[CDR_HEADER:], 0, made.cls, self._store)
             # What stands behind the last field is not looked at: Fast DDS leaves a tail there of
             # what rclpy has serialised.
-            if end > len(cdr) - _HEADER:
+            if end > len(cdr) - CDR_HEADER:
                 raise ValueError("the end is missing")
         except _UNDECODABLE as error:
             raise BagError(
@@ -234,7 +235,7 @@ class MessageTypes:
             return [self._value((inner_node, inner), item) for item in value]
         # rosbags writes an array's bytes as they lie in memory, whatever their type: convert here.
         given = np.asarray(value)
-        array = given.astype(_DTYPES.get(inner[0], inner[0]))
+        array = given.astype(DTYPES.get(inner[0], inner[0]))
         if inner[0] in _WHOLE and not np.array_equal(array, given):
             raise ValueError(f"values that are no {inner[0]}")
         return array
@@ -251,7 +252,7 @@ def _primitive(name: str, value: Any) -> Any:
         whole = int(value)
         if whole != value:
             raise ValueError(f"{value!r} is no whole number")
-        limits = np.iinfo(_DTYPES.get(name, name))
+        limits = np.iinfo(DTYPES.get(name, name))
         if not limits.min <= whole <= limits.max:
             raise ValueError(f"{value!r} is outside {limits.min} to {limits.max}")
         return whole

@@ -9,13 +9,13 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag
-from stepdiag_ros.bags.peek import head_of
-from stepdiag_ros.bags.runs import FoundRun, records_of
+from stepdiag_ros.bags.readings import reading_batches
+from stepdiag_ros.bags.runs import FoundRun
 from stepdiag_ros.bags.tally import Flaw, Kind
-from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -29,44 +29,74 @@ _ENDED = (4, 5, 6)
 
 
 class ReadingNumbers:
-    """Times (ns) and sequence numbers of the readings, in the order of the file."""
+    """Times (ns) and sequence numbers of the readings, in the order of the file.
+
+    Only stretches are kept in which the numbers count by one and the times do not fall: one in a
+    recording that lacks nothing, however long it is.
+    """
 
     def __init__(self) -> None:
-        self._times, self._sequences = array("q"), array("Q")
+        self._times, self._first, self._last = array("q"), array("Q"), array("Q")
+        self._latest = 0
+        self._misplaced = 0
 
-    def take(self, time: int, sequence: int) -> None:
-        """Note one reading."""
-        self._times.append(time)
-        self._sequences.append(sequence)
+    def take(self, times: npt.NDArray[np.int64], sequences: npt.NDArray[np.uint64]) -> None:
+        """Note the readings that come next.
+
+        Args:
+            times: ns, shape (n,).
+            sequences: shape (n,).
+        """
+        if self._last:
+            times = np.concatenate([[self._latest], times])
+            sequences = np.concatenate([np.array(self._last[-1:], np.uint64), sequences])
+        elif len(times):
+            self._begin(times[0], sequences[0])
+        fallen = times[1:] < times[:-1]
+        self._misplaced += int(np.count_nonzero(fallen & (sequences[1:] < sequences[:-1])))
+        # Unsigned numbers: the one after the highest is 0, which follows nothing.
+        follows = (sequences[1:] - sequences[:-1] == 1) & (sequences[1:] > 0)
+        for place in np.flatnonzero(fallen | ~follows).tolist():
+            self._last[-1] = int(sequences[place])
+            self._begin(times[place + 1], sequences[place + 1])
+        if len(times):
+            self._last[-1], self._latest = int(sequences[-1]), int(times[-1])
+
+    def _begin(self, time: np.int64, sequence: np.uint64) -> None:
+        self._times.append(int(time))
+        self._first.append(int(sequence))
+        self._last.append(int(sequence))
 
     def missing(self) -> tuple[int, int]:
         """Return how many readings are missing between others, and in how many gaps.
 
         A number that falls while time goes on is that of an instrument that was started again.
         """
-        sequences = np.asarray(self._sequences)
-        if self.misplaced():
-            sequences = sequences[np.argsort(np.asarray(self._times), kind="stable")]
-        before, after = sequences[:-1], sequences[1:]
+        first, last = np.asarray(self._first), np.asarray(self._last)
+        if self._misplaced:
+            order = np.argsort(np.asarray(self._times), kind="stable")
+            first, last = first[order], last[order]
+        before, after = last[:-1], first[1:]
         # Unsigned numbers: what falls must not be subtracted.
         gaps = (after - before - 1)[after > before]
         return sum(map(int, gaps)), int(np.count_nonzero(gaps))
 
     def misplaced(self) -> int:
         """Return how many readings have both time and number before those of the one before."""
-        times, sequences = np.asarray(self._times), np.asarray(self._sequences)
-        return int(np.count_nonzero((times[1:] < times[:-1]) & (sequences[1:] < sequences[:-1])))
+        return self._misplaced
 
     def lacking(self, stops: Sequence[SettledStop]) -> int:
         """Return how many of these stops were made of more readings than are there."""
-        ordered = np.sort(np.asarray(self._sequences))
+        first, last = np.asarray(self._first), np.asarray(self._last)
         lacking = 0
         for stop in stops:
             if stop.readings == 0 or stop.last_sequence < stop.first_sequence:
                 continue
-            first = np.searchsorted(ordered, np.uint64(stop.first_sequence), "left")
-            behind = np.searchsorted(ordered, np.uint64(stop.last_sequence), "right")
-            lacking += int(behind - first) < stop.readings
+            low = np.maximum(first, np.uint64(stop.first_sequence))
+            high = np.minimum(last, np.uint64(stop.last_sequence))
+            there = high >= low
+            found = int(np.sum((high - low)[there])) + int(np.count_nonzero(there))
+            lacking += found < stop.readings
         return lacking
 
 
@@ -77,16 +107,8 @@ def numbers_of_readings(bag: Bag, run: FoundRun) -> ReadingNumbers:
         BagError: a message is no reading; the text names topic and time.
     """
     numbers = ReadingNumbers()
-    known = bag.types is own_types()
-    for record, message in records_of(bag, run, (topics.absolute(topics.READING, run.namespace),)):
-        if message is None and known and record.type_name == topics.READING.type_name:
-            try:
-                numbers.take(*head_of(record.data))
-                continue
-            except ValueError:
-                pass  # decoding it says what is wrong
-        reading = bag.decode(record) if message is None else message
-        numbers.take(conversion.to_nanoseconds(reading.header.stamp), int(reading.sequence))
+    for batch in reading_batches(bag, run):
+        numbers.take(batch.time, batch.sequence)
     return numbers
 
 

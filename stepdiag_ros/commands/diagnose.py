@@ -3,6 +3,7 @@
 import io
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -132,13 +133,16 @@ def run(arguments: Namespace) -> int:
     print_diagnosis(report, make_console(text))
     contents = {"diagnosis.json": document + "\n", "diagnosis.txt": text.getvalue()}
     with progress_bar("writing results") as progress:
-        pictures: dict[str, Picture] = {}
+        pictures: Mapping[str, Picture | bytes] = {}
         if formats:
+            from stepdiag_ros.plots.saving import png_bytes
             from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
             from stepdiag_ros.report.diagnosis_page import diagnosis_page
 
-            pictures = draw_diagnosis(report)
-            contents["diagnosis.html"] = diagnosis_page(report, pictures)
+            figures = draw_diagnosis(report)
+            shown = {name: png_bytes(figure) for name, figure in figures.items()}
+            contents["diagnosis.html"] = diagnosis_page(report, shown)
+            pictures = shown if formats == ("png",) else figures
         files = write_results(folder, contents, lambda: pictures, formats, progress)
     if arguments.json:
         print(document)

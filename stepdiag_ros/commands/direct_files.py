@@ -28,6 +28,8 @@ def direct_measurement(arguments: Namespace) -> "DirectMeasurement | None":
     Raises:
         ValueError: a file cannot be read; one sentence.
     """
+    if not arguments.direct:
+        return None
     from stepdiag_ros.bags.direct_table import load_direct
 
     return load_direct(arguments.direct)

@@ -93,7 +93,6 @@ def rotation_size(text: str) -> float:
 def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.commands.tracker_evaluate import show_run
     from stepdiag_ros.report.publish import results_folder
     from stepdiag_ros.report.recorded_run import report_of_run
 
@@ -115,6 +114,8 @@ def run(arguments: Namespace) -> int:
                 rotation=arguments.rotations,
             )
     if recorded.plan.tracker is not None:
+        from stepdiag_ros.commands.tracker_evaluate import show_run
+
         return show_run(recorded, arguments, folder)
     return show_report(report, arguments, folder)
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.bags.errors import BagError
-from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.passes import TakenLine, completeness_of, taken
 from stepdiag_ros.bags.run import RecordedRun
@@ -133,11 +132,10 @@ class Material:
     @cached_property
     def header(self) -> RunHeader | None:
         """Return what the bag says in front of its messages; None of another recorder's bag."""
-        with open_bag(self.recorded.path) as bag:
-            try:
-                return bag.header
-            except BagError:
-                return None
+        try:
+            return self.recorded.bag.header
+        except BagError:
+            return None
 
     @cached_property
     def machine(self) -> Machine | None:

@@ -35,6 +35,8 @@ BACKLOG = 20
 so that a late subscriber is shown the present state alone."""
 TEND_PERIOD = 0.5
 """Real seconds between two looks at what is to be said again."""
+LOOKS_ALONE = 3
+"""Looks in a row that find nobody who says a run's description, and nothing taken since."""
 STEP_BACK = 1_000_000_000
 """ns of simulated time, more than two clocks that run at once are apart."""
 LOOK_PERIOD = 2.0
@@ -170,7 +172,7 @@ class LinkedNode(TimedNode):
         self._memories: defaultdict[str, list[Memory]] = defaultdict(list)
         self._newest_time = 0
         self._heard_lately: set[str] = set()
-        self._left_alone = False
+        self._looks_alone = 0
         self._link_check = LinkCheck(self)
         self.every(TEND_PERIOD, self._tend_links, real=True)
         self.every(LOOK_PERIOD, self._look_at_links, real=True)
@@ -333,16 +335,17 @@ class LinkedNode(TimedNode):
         """Take a run's description for news again once who replayed it has ended.
 
         The next replay may be of the same run, and its description may come before the time is seen
-        to go back. What was said last may still be on its way when its publisher has gone.
+        to go back. What was said last may still be on its way when its publisher has gone; and on a
+        busy computer one look may follow the other before anything is taken.
         """
         name = self.resolve_topic_name(RUN_DESCRIPTION.name)
         if name not in self._memories or not self._is_simulated():
             return
-        alone = not self.count_publishers(name)
-        if alone and self._left_alone and name not in self._heard_lately:
+        alone = not self.count_publishers(name) and name not in self._heard_lately
+        self._looks_alone = self._looks_alone + 1 if alone else 0
+        if self._looks_alone == LOOKS_ALONE:
             for memory in self._memories[name]:
                 memory.begin_anew()
-        self._left_alone = alone
         self._heard_lately.clear()
 
     def _look_at_links(self) -> None:

@@ -1,10 +1,8 @@
 """A diagnosis as one HTML page: the story in pictures, nothing loaded from elsewhere."""
 
 import base64
-import io
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import yaml
 from rich.table import Table
@@ -36,9 +34,6 @@ from stepdiag_ros.report.diagnosis import (
 from stepdiag_ros.report.diagnosis_proposal import pairs_table
 from stepdiag_ros.report.diagnosis_words import MEANING, chance, sizes_words, two_digits
 from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 _COLOURS = {
     CONSISTENT: "#00694b",
@@ -95,12 +90,12 @@ footer { margin-top: 3rem; color: #555555; font-size: 0.85rem; }
 """
 
 
-def diagnosis_page(report: DiagnosisReport, pictures: "Mapping[str, Picture]") -> str:
+def diagnosis_page(report: DiagnosisReport, pictures: Mapping[str, bytes]) -> str:
     """Return the page: what was compared, where the gap is, what closes it, what is left.
 
     Args:
         report: what it tells.
-        pictures: of ``diagnosis_figures.draw_diagnosis``, by name.
+        pictures: of ``diagnosis_figures.draw_diagnosis`` as PNG, by name.
     """
     diagnosis = report.diagnosis
     title = " ".join(part for part in ("Diagnosis", report.run_id) if part)
@@ -120,7 +115,7 @@ def diagnosis_page(report: DiagnosisReport, pictures: "Mapping[str, Picture]") -
 
 
 def _chapters(
-    report: DiagnosisReport, pictures: "Mapping[str, Picture]"
+    report: DiagnosisReport, pictures: Mapping[str, bytes]
 ) -> list[tuple[str, list[str]]]:
     """Return the chapters in the order of the story, each with its parts of HTML."""
     diagnosis = report.diagnosis
@@ -265,7 +260,7 @@ def _tiles(report: DiagnosisReport) -> list[tuple[str, str]]:
     return tiles
 
 
-def _candidates(report: DiagnosisReport, pictures: "Mapping[str, Picture]") -> list[str]:
+def _candidates(report: DiagnosisReport, pictures: Mapping[str, bytes]) -> list[str]:
     found = report.findings
     tried = f"{report.diagnosis.tested:,} candidates were tried"
     if not found:
@@ -346,12 +341,10 @@ def _list(sentences: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(one)}</li>" for one in sentences) + "</ul>"
 
 
-def _picture(pictures: "Mapping[str, Picture]", name: str, caption: str) -> str:
+def _picture(pictures: Mapping[str, bytes], name: str, caption: str) -> str:
     if name not in pictures:
         return ""
-    data = io.BytesIO()
-    pictures[name].savefig(data, format="png")
-    encoded = base64.b64encode(data.getvalue()).decode("ascii")
+    encoded = base64.b64encode(pictures[name]).decode("ascii")
     return (
         f'<figure><div class="wide"><img alt="{escape(caption)}"'
         f' src="data:image/png;base64,{encoded}"></div>'

@@ -105,7 +105,7 @@ def publish(
 def write_results(
     folder: Path,
     contents: Mapping[str, str],
-    draw: "Callable[[], dict[str, Picture]]",
+    draw: "Callable[[], Mapping[str, Picture | bytes]]",
     picture_formats: tuple[str, ...] = ("png",),
     progress: Callable[[float, str], None] | None = None,
 ) -> list[Path]:
@@ -114,8 +114,8 @@ def write_results(
     Args:
         folder: made if it is not there.
         contents: name of a file → its text; blanks at the ends of lines are left out.
-        draw: returns the pictures by the names of their files without ending; only called if
-            pictures are wanted.
+        draw: returns the pictures by the names of their files without ending, those that are
+            finished in their format as bytes; only called if pictures are wanted.
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
         progress: told before each file the part that is done (0..1), and the file's name.
 
@@ -133,7 +133,7 @@ def write_results(
                 fault="unknown",
             )
     tell = progress or _tell_nobody
-    pictures: dict[str, Picture] = {}
+    pictures: dict[str, Picture | bytes] = {}
     if picture_formats:
         from stepdiag_ros.plots.saving import save
 
@@ -148,11 +148,14 @@ def write_results(
     for name in (*contents, *pictures):
         tell(len(written) / (len(contents) + len(pictures)), name)
         with whole_file(folder / name) as partial:
-            if name in contents:
+            picture = pictures.get(name)
+            if picture is None:
                 text = without_trailing_blanks(contents[name])
                 partial.write_text(text, encoding="utf-8")
+            elif isinstance(picture, bytes):
+                partial.write_bytes(picture)
             else:
-                save(pictures[name], partial)
+                save(picture, partial)
         written.append(folder / name)
     return written
 

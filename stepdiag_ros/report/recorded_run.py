@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.passes import completeness_of
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.tally import Flaw
@@ -35,7 +34,6 @@ from stepdiag_ros.report.content import Report, Truth
 
 Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]
 """Returns a measurement corrected, and in words how."""
-_READINGS_BETWEEN_STEPS = 1000
 TARGET_CORRECTION = "target correction"
 """End of the name under which the bridge tells of target correction on /diagnostics."""
 _WARN = 1
@@ -364,11 +362,10 @@ class _Counted:
         self._progress = progress
 
     def __iter__(self) -> Iterator[Reading]:
-        with open_bag(self._recorded.path) as bag:
-            start, end = bag.start_time, bag.end_time
+        start, end = self._recorded.bag.start_time, self._recorded.bag.end_time
         length = max(end - start, 1)
-        for reading in self._recorded.readings():
-            self.count += 1
-            if self.count % _READINGS_BETWEEN_STEPS == 0:
-                self._progress((reading.time - start) / length)
-            yield reading
+        for batch in self._recorded.reading_batches():
+            self.count += len(batch.time)
+            # The bag's times are of receiving; a first reading was measured before its own.
+            self._progress(max(int(batch.time[-1]) - start, 0) / length)
+            yield from batch

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 from refused import a_fault, refused
 
 from stepdiag_ros.bags.errors import TableError
@@ -11,27 +12,12 @@ from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.table import import_table, load_table
 from stepdiag_ros.bags.table_rows import COLUMNS
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 
-CELL = SimulatedCell.from_mapping(
-    {
-        "seed": 1,
-        "chain": "XYZ",
-        "errors": {
-            "travel_low_m": [0, 0, 0],
-            "travel_high_m": [0.2, 0.2, 0.2],
-            "positioning_m": 2e-6,
-            "straightness_m": 1e-6,
-            "rotation_rad": 0.0,
-            "squareness_rad": {"C0Y": 1e-5, "B0Z": 0.0, "A0Z": 0.0},
-        },
-        "misalignment": {"beam_sigma_rad": 1e-5, "mirror_sigma_rad": 0.0},
-        "reading_noise_m": 1e-8,
-    },
-    "cell",
+CELL = make_cell(
+    1, "XYZ", high=(0.2,) * 3, noise=1e-8, tilt=1e-5, squareness=(1e-5, 0.0, 0.0), held=0.0
 )
 
 

@@ -29,6 +29,13 @@ OF_CLASS = {kind: sum(one[0] == kind for one in CASES) for kind in {one[0] for o
 NULLS = OF_CLASS["none"] + sum(OF_CLASS[kind] for kind in SCALED)
 
 
+def test_an_effect_a_null_run_and_a_gross_error_are_told_apart(tmp_path):
+    few = [CASES[place] for place in (3, 10)]
+    judged = blind_test(tmp_path, few, processes=1, largest=LARGEST, progress=lambda _: None)
+    assert len(judged) == 3
+    assert [one["name"] for one in judged if not one["outcome"].startswith("right")] == []
+
+
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory):
     root = tmp_path_factory.mktemp("blind")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
+from cells_for_tests import make_cell
 
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.by_hand import (
@@ -18,7 +19,6 @@ from stepdiag_ros.metrology.by_hand import (
     objection_to,
     plan_by_hand,
 )
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.measurement import MeasuredLine, SettledStop
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.planning.moves import dwell_of, moves_of, passes_of
@@ -114,28 +114,22 @@ def random_plan(rng):
 
 
 def random_cell(rng):
-    return SimulatedCell.from_mapping(
-        {
-            "seed": int(rng.integers(1, 10**6)),
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0, 0.0, 0.0],
-                "travel_high_m": [0.25, 0.25, 0.25],
-                "positioning_m": float(10 ** rng.uniform(-6, -4.3)),
-                "straightness_m": 5e-6,
-                "rotation_rad": 0.0,
-                "squareness_rad": {"C0Y": 1e-4, "B0Z": -5e-5, "A0Z": 2e-5},
-            },
-            "misalignment": {"beam_sigma_rad": 1e-3, "mirror_sigma_rad": 1e-4},
-            "reading_noise_m": float(10 ** rng.uniform(-8, -6)),
-            "weather": {"air_temperature_drift_K_per_h": float(rng.normal(0.0, 2.0))},
-            "drive": {
-                "lag_s": float(rng.choice([0.005, 0.02, 0.05])),
-                "settling_amplitude_m": float(rng.choice([0.0, 2e-6, 20e-6])),
-                "settling_time_s": 0.03,
-            },
+    return make_cell(
+        seed=int(rng.integers(1, 10**6)),
+        high=(0.25,) * 3,
+        positioning=float(10 ** rng.uniform(-6, -4.3)),
+        size=5e-6,
+        squareness=(1e-4, -5e-5, 2e-5),
+        tilt=1e-3,
+        mirror=1e-4,
+        noise=float(10 ** rng.uniform(-8, -6)),
+        weather={"air_temperature_drift_K_per_h": float(rng.normal(0.0, 2.0))},
+        drive={
+            "lag_s": float(rng.choice([0.005, 0.02, 0.05])),
+            "settling_amplitude_m": float(rng.choice([0.0, 2e-6, 20e-6])),
+            "settling_time_s": 0.03,
         },
-        "random cell",
+        held=0.0,
     )
 
 

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from cells_for_tests import make_cell
 
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.metrology.cell import SimulatedCell
@@ -44,23 +45,17 @@ def cell_of(noise=5e-9, lost_motion=0.0) -> SimulatedCell:
         effects = [
             {"effect": "backlash", "setting": {"axis": "X"}, "sizes": {"lost_motion": lost_motion}}
         ]
-    return SimulatedCell.from_mapping(
-        {
-            "seed": 11,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": list(ORIGIN),
-                "travel_high_m": high,
-                "positioning_m": 6e-6,
-                "straightness_m": 3e-6,
-                "rotation_rad": 0.0,
-                "squareness_rad": {"C0Y": 60e-6, "B0Z": -40e-6, "A0Z": 50e-6},
-            },
-            "misalignment": {"beam_sigma_rad": 50e-6, "mirror_sigma_rad": 5e-6},
-            "reading_noise_m": noise,
-            "effects": effects,
-        },
-        "cell of the tests of compensation",
+    return make_cell(
+        seed=11,
+        low=ORIGIN,
+        high=high,
+        size=3e-6,
+        squareness=(60e-6, -40e-6, 50e-6),
+        tilt=50e-6,
+        mirror=5e-6,
+        noise=noise,
+        effects=effects,
+        held=0.0,
     )
 
 

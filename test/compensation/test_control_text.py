@@ -115,19 +115,23 @@ def test_no_field_of_the_origin_gets_a_line_of_its_own(name, field):
         assert "MA-MAX" in files["AX_EEC.INI"] or "MA_MAX" in files["AX_EEC.INI"], "still told"
 
 
+def rewritten(origin, name):
+    identified = Identified(machine(), {}, origin)
+    path = type("Path", (), {"name": name})
+    header = compensate_nc._header(identified, path, "0" * 64)
+    written = rewrite(MILLING, "m.nc", machine(), RewriteSettings(program=SETUP), header)
+    refuse_foreign_words(MILLING, written)
+    return written.text
+
+
+harmless_program = cache(lambda: executed("x.nc", rewritten(Origin(), "m.nc")))
+
+
 @settings(max_examples=30)
 @given(origin=ORIGINS, program=NAUGHTY)
 def test_a_rewritten_program_does_the_same_whatever_its_origin_says(origin, program):
-    def made(told, name):
-        identified = Identified(machine(), {}, told)
-        path = type("Path", (), {"name": name})
-        header = compensate_nc._header(identified, path, "0" * 64)
-        written = rewrite(MILLING, "m.nc", machine(), RewriteSettings(program=SETUP), header)
-        refuse_foreign_words(MILLING, written)
-        return written.text
-
-    text = made(origin, program)
-    assert executed("x.nc", text) == executed("x.nc", made(Origin(), "m.nc"))
+    text = rewritten(origin, program)
+    assert executed("x.nc", text) == harmless_program()
     assert max(map(len, text.split("\n"))) < 255, "the longest line that LinuxCNC reads"
     assert not re.search(r"\(\s*(msg|py|log|probe|debug|abort)", text, re.IGNORECASE)
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from patience import PATIENCE
 from ros_processes import wait_until
 
 #: Function that spins nodes in the background.
@@ -36,7 +37,7 @@ class Cell:
         from rclpy.action import ActionClient
 
         client = ActionClient(self.client_node, self.action, "count", **kwargs)
-        assert client.wait_for_server(timeout_sec=5)
+        assert client.wait_for_server(timeout_sec=PATIENCE)
         return client
 
     def goal(self, order: int = 3) -> Any:
@@ -81,7 +82,7 @@ def identity(handle: Any) -> bytes:
     return bytes(handle.goal_id.uuid)
 
 
-def get(future: Any, timeout: float = 10.0) -> Any:
+def get(future: Any, timeout: float = PATIENCE) -> Any:
     """Return the result of a future that other threads bring about."""
     assert wait_until(future.done, timeout)
     return future.result()

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import domain, node, peer, ros
 
 from .action_cell import Cell
@@ -48,9 +49,9 @@ def spin(ros: Any) -> Iterator[Callable[..., None]]:
             thread.start()
 
     yield start
-    executor.shutdown(timeout_sec=5)
+    executor.shutdown(timeout_sec=PATIENCE)
     if thread.ident is not None:
-        thread.join(5)
+        thread.join(PATIENCE)
         assert not thread.is_alive()
     assert not failures, failures
 

@@ -6,6 +6,7 @@ import time
 import uuid
 from typing import Any
 
+from patience import PATIENCE
 from ros_processes import wait_until
 
 from .action_cell import (
@@ -52,7 +53,7 @@ def test_cancelling_an_unknown_goal(cell: Cell) -> None:
 
     cell.serve(cancel_callback=accept_cancel)
     service = cell.client_node.create_client(CancelGoal, "count/_action/cancel_goal")
-    assert service.wait_for_service(timeout_sec=5)
+    assert service.wait_for_service(timeout_sec=PATIENCE)
     request = CancelGoal.Request()
     request.goal_info.goal_id.uuid = list(uuid.uuid4().bytes)
     answer = get(service.call_async(request))
@@ -73,7 +74,7 @@ def test_all_goals_and_goals_until_a_time_are_cancelled(cell: Cell) -> None:
     )
     client = cell.call()
     service = cell.client_node.create_client(CancelGoal, "count/_action/cancel_goal")
-    assert service.wait_for_service(timeout_sec=5)
+    assert service.wait_for_service(timeout_sec=PATIENCE)
     first = get(client.send_goal_async(cell.goal()))
     time.sleep(0.3)
     second = get(client.send_goal_async(cell.goal()))
@@ -153,13 +154,13 @@ def test_callbacks_may_be_coroutines(ros: Any) -> None:
         handle_accepted_callback=accepted,
     )
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
 
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
     def finish(future: Any) -> Any:
-        executor.spin_until_future_complete(future, timeout_sec=10)
+        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
         assert future.done()
         return future.result()
 

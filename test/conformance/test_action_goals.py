@@ -7,6 +7,7 @@ import uuid
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import wait_until
 
 from .action_cell import (
@@ -144,7 +145,7 @@ def test_a_result_is_asked_for_late_and_by_anybody(cell: Cell) -> None:
         assert list(get(handle.get_result_async()).result.sequence) == [0, 1]
     service = cell.action.Impl.GetResultService
     stranger = cell.client_node.create_client(service, "count/_action/get_result")
-    assert stranger.wait_for_service(timeout_sec=5)
+    assert stranger.wait_for_service(timeout_sec=PATIENCE)
     answer = get(stranger.call_async(service.Request(goal_id=handle.goal_id)))
     assert answer.status == SUCCEEDED and list(answer.result.sequence) == [0, 1]
     request = service.Request()
@@ -284,13 +285,13 @@ def test_a_destroyed_server_is_gone(ros: Any, node: Any, spin: Spin) -> None:
     other = ros.create_node("other")
     server = ActionServer(other, Fibonacci, "count", execute)
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5) and client.server_is_ready()
+    assert client.wait_for_server(timeout_sec=PATIENCE) and client.server_is_ready()
     # rclpy's executors do not bear that a server goes while they wait.
     server.destroy()
     assert wait_until(lambda: not client.server_is_ready())
     assert not client.wait_for_server(timeout_sec=0.1)
     ActionServer(other, Fibonacci, "count", execute)
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     spin(node, other)
     assert client.send_goal(Fibonacci.Goal()).status == SUCCEEDED
     other.destroy_node()
@@ -309,7 +310,7 @@ def test_names_are_resolved_in_the_nodes_namespace(ros: Any, spin: Spin) -> None
     ActionServer(node, Fibonacci, "~/count", execute)
     outside = ros.create_node("outer")
     client = ActionClient(outside, Fibonacci, "/cell/inner/count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     spin(node, outside)
     assert client.send_goal(Fibonacci.Goal()).status == SUCCEEDED
     node.destroy_node()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from patience import PATIENCE
 from ros_processes import Peer, wait_until
 
 Start = Callable[..., Peer]
@@ -81,7 +82,7 @@ def test_goals_cross_processes(node: Any, peer: Start, spin: Callable[..., None]
     assert not client.server_is_ready()
     assert not client.wait_for_server(timeout_sec=0.05)
     peer(SERVER)
-    assert client.wait_for_server(timeout_sec=10)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     spin(node)
     feedback: list[int] = []
 
@@ -103,7 +104,7 @@ def test_the_client_goes_and_the_server_goes_on(
     server.wait_for_line("finished")
     client = client_of(node)
     spin(node)
-    assert client.wait_for_server(timeout_sec=10)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     assert client.send_goal(goal(2)).status == 4
     assert server.process.poll() is None
     # Before its own end it would wait for the dead client's acknowledgement.
@@ -114,19 +115,19 @@ def test_the_server_goes_and_comes_back(node: Any, peer: Start, spin: Callable[.
     server = peer(SERVER)
     client = client_of(node)
     spin(node)
-    assert client.wait_for_server(timeout_sec=10)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     sent = client.send_goal_async(goal(2000))
     assert wait_until(sent.done)
     lost = sent.result().get_result_async()
     server.wait_for_line("started")
     server.process.terminate()
     # Or it is missed when its lease is over.
-    assert wait_until(lambda: not client.server_is_ready(), 20)
+    assert wait_until(lambda: not client.server_is_ready())
     # Nobody will ever answer; whoever waits must look whether the server is still there.
     time.sleep(0.1)
     assert not lost.done()
     peer(SERVER)
-    assert client.wait_for_server(timeout_sec=10)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     assert client.send_goal(goal(2)).status == 4
     assert not lost.done()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 from ros_processes import wait_until
 
@@ -45,8 +46,8 @@ class Setter:
         self._all = node.create_client(
             SetParametersAtomically, f"/{target}/set_parameters_atomically"
         )
-        assert self._each.wait_for_service(timeout_sec=10)
-        assert self._all.wait_for_service(timeout_sec=10)
+        assert self._each.wait_for_service(timeout_sec=PATIENCE)
+        assert self._all.wait_for_service(timeout_sec=PATIENCE)
 
     def set(self, name: str, value: Any) -> str:
         """Return why a value was refused; empty if it was not."""
@@ -75,7 +76,7 @@ class Setter:
 
 def _answer(client: Any, request: Any) -> Any:
     future = client.call_async(request)
-    assert wait_until(future.done, 10)
+    assert wait_until(future.done)
     return future.result()
 
 

@@ -47,17 +47,17 @@ def test_graph_of_another_process(node: Any, peer: Start) -> None:
     run(peer).wait_for_line("/cell/original")
     assert spin_until(node, lambda: ("original", "/cell") in node.get_node_names_and_namespaces())
     wanted = {"/cell/chat", "/cell/original/own", "/absolute"}
-    assert spin_until(node, lambda: topics(node, "original", "/cell") == wanted, 3)
+    assert spin_until(node, lambda: topics(node, "original", "/cell") == wanted)
     # Endpoints become known one after another.
     services = node.get_service_names_and_types_by_node
     six = {f"/cell/original/{name}" for name in PARAMETER_SERVICES}
     offered = lambda: {service for service, _ in services("original", "/cell")}  # noqa: E731
-    assert spin_until(node, lambda: offered() >= six | {"/cell/go"}, 5)
+    assert spin_until(node, lambda: offered() >= six | {"/cell/go"})
     assert ("/cell/chat", ["std_msgs/msg/String"]) in node.get_topic_names_and_types()
     assert ("/cell/go", ["std_srvs/srv/Trigger"]) in node.get_service_names_and_types()
     assert ("/cell/go", ["std_srvs/srv/Trigger"]) in services("original", "/cell")
     assert node.count_publishers("/cell/chat") == 1 and node.count_subscribers("/cell/chat") == 0
-    assert spin_until(node, lambda: node.count_services("/cell/go") == 1, 5)
+    assert spin_until(node, lambda: node.count_services("/cell/go") == 1)
     (info,) = node.get_publishers_info_by_topic("/cell/chat")
     assert (info.node_name, info.node_namespace) == ("original", "/cell")
     assert info.topic_type == "std_msgs/msg/String"
@@ -72,8 +72,8 @@ def test_remapping(node: Any, peer: Start) -> None:
     more = ("-r", "renamed:~/own:=mine", "-r", "other:/absolute:=no", "-r", "go:=/run")
     run(peer, *arguments, *more).wait_for_line("/hall/one/renamed")
     wanted = {"/hall/one/talk", "/hall/one/mine", "/absolute"}
-    assert spin_until(node, lambda: topics(node, "renamed", "/hall/one") == wanted, 5)
-    assert spin_until(node, lambda: node.count_services("/run") == 1, 5)
+    assert spin_until(node, lambda: topics(node, "renamed", "/hall/one") == wanted)
+    assert spin_until(node, lambda: node.count_services("/run") == 1)
 
 
 def test_a_parameter_for_a_name_is_for_the_node_without_namespace(peer: Start) -> None:
@@ -99,8 +99,8 @@ def test_topic_and_service_rules(node: Any, peer: Start) -> None:
         "go:=chat",
     )
     run(peer, *arguments).wait_for_line("/cell/original")
-    assert spin_until(node, lambda: node.count_publishers("/cell/only_topic") == 1, 5)
-    assert spin_until(node, lambda: node.count_services("/cell/chat") == 1, 5)
+    assert spin_until(node, lambda: node.count_publishers("/cell/only_topic") == 1)
+    assert spin_until(node, lambda: node.count_services("/cell/chat") == 1)
 
 
 def test_resolving_names(node: Any, ros: Any) -> None:
@@ -156,7 +156,7 @@ def test_killed_process_leaves_no_ghost_after_its_lease(node: Any, peer: Start) 
     assert spin_until(node, lambda: "original" in node.get_node_names())
     other.process.terminate()
     other.finish()
-    assert wait_until(lambda: "original" not in node.get_node_names(), 2)
+    assert wait_until(lambda: "original" not in node.get_node_names())
 
 
 def test_log_reaches_console_and_rosout(node: Any, peer: Start) -> None:

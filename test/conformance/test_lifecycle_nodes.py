@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import wait_until
 
 PRIMARY = ["unknown", "unconfigured", "inactive", "active", "finalized"]
@@ -92,13 +93,13 @@ class Operator:
             for service, kind in self.kinds.items()
         }
         for client in self.clients.values():
-            assert client.wait_for_service(timeout_sec=5)
+            assert client.wait_for_service(timeout_sec=PATIENCE)
 
     def call(self, service: str, **fields: Any) -> Any:
         request = self.kinds[service].Request()
         for field, value in fields.items():
             setattr(request.transition, field, value)
-        return self.clients[service].call(request, timeout_sec=10)
+        return self.clients[service].call(request, timeout_sec=PATIENCE)
 
     @property
     def state(self) -> str:

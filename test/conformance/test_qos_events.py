@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from patience import PATIENCE
 from rclpy.qos import (
     DurabilityPolicy,
     QoSPolicyKind,
@@ -18,7 +19,7 @@ import stepdiag_ros  # noqa: F401 - makes rclpy importable
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HURRIED = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LIMIT = 10.0
+LIMIT = PATIENCE
 
 
 def _spin_until(ros: Any, node: Any, done: Any) -> bool:

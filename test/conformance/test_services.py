@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import Peer, spin_until, wait_until
 
 Start = Callable[..., Peer]
@@ -38,9 +39,9 @@ def test_service_in_one_process(ros: Any, node: Any) -> None:
 
     node.create_service(Trigger, "~/go", trigger)
     client = node.create_client(Trigger, "/tester/go")
-    assert client.wait_for_service(timeout_sec=5)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
     future = client.call_async(Trigger.Request())
-    ros.spin_until_future_complete(node, future, timeout_sec=5)
+    ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
     assert future.done() and future.result().message == "done"
 
 
@@ -51,12 +52,12 @@ def test_service_across_processes(ros: Any, node: Any, peer: Start) -> None:
     assert not client.service_is_ready()
     assert not client.wait_for_service(timeout_sec=0.05)
     peer(SERVE)
-    assert client.wait_for_service(timeout_sec=10)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
     delays = []
     for number in range(200):
         started = time.perf_counter()
         future = client.call_async(SetBool.Request(data=number % 2 == 0))
-        ros.spin_until_future_complete(node, future, timeout_sec=5)
+        ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
         delays.append(time.perf_counter() - started)
         assert future.result().message == ("on" if number % 2 == 0 else "off")
     assert sorted(delays)[20] < 0.005
@@ -68,9 +69,9 @@ def test_first_call_is_not_lost(ros: Any, node: Any, peer: Start) -> None:
     peer(SERVE).wait_for_line("ready")
     for _ in range(10):
         client = node.create_client(SetBool, "switch")
-        assert client.wait_for_service(timeout_sec=10)
+        assert client.wait_for_service(timeout_sec=PATIENCE)
         future = client.call_async(SetBool.Request(data=True))
-        ros.spin_until_future_complete(node, future, timeout_sec=3)
+        ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
         assert future.done()
         node.destroy_client(client)
 
@@ -80,7 +81,7 @@ def test_two_clients_get_their_own_answers(node: Any, peer: Start) -> None:
 
     peer(SERVE)
     clients = [node.create_client(SetBool, "switch") for _ in range(2)]
-    assert all(client.wait_for_service(timeout_sec=10) for client in clients)
+    assert all(client.wait_for_service(timeout_sec=PATIENCE) for client in clients)
     futures = [
         (number % 2 == 0, clients[number % 2].call_async(SetBool.Request(data=number % 2 == 0)))
         # No more than the services' own quality of service keeps.
@@ -95,7 +96,7 @@ def test_a_request_of_a_destroyed_client_is_never_answered(ros: Any, node: Any) 
 
     node.create_service(Trigger, "go", trigger)
     client = node.create_client(Trigger, "go")
-    assert client.wait_for_service(timeout_sec=5)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
     future = client.call_async(Trigger.Request())
     called: list[Any] = []
     future.add_done_callback(called.append)
@@ -109,14 +110,14 @@ def test_blocking_call_from_another_thread(ros: Any, node: Any) -> None:
 
     node.create_service(Trigger, "go", trigger)
     client = node.create_client(Trigger, "go")
-    assert client.wait_for_service(timeout_sec=5)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
     executor = ros.executors.SingleThreadedExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
     assert client.call(Trigger.Request()).success
     executor.shutdown()
-    thread.join(5)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
@@ -127,7 +128,7 @@ def test_call_from_a_callback_on_several_threads(ros: Any, node: Any) -> None:
     group = ReentrantCallbackGroup()
     node.create_service(Trigger, "inner", trigger, callback_group=group)
     client = node.create_client(Trigger, "inner", callback_group=group)
-    assert client.wait_for_service(timeout_sec=5)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
 
     def outer(_request: Any, response: Any) -> Any:
         response.success = client.call(Trigger.Request()).success
@@ -135,11 +136,11 @@ def test_call_from_a_callback_on_several_threads(ros: Any, node: Any) -> None:
 
     node.create_service(Trigger, "outer", outer, callback_group=group)
     outer_client = node.create_client(Trigger, "outer", callback_group=group)
-    assert outer_client.wait_for_service(timeout_sec=5)
+    assert outer_client.wait_for_service(timeout_sec=PATIENCE)
     executor = ros.executors.MultiThreadedExecutor(num_threads=3)
     executor.add_node(node)
     future = outer_client.call_async(Trigger.Request())
-    executor.spin_until_future_complete(future, timeout_sec=5)
+    executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
     assert future.done() and future.result().success
     executor.shutdown()
 
@@ -151,7 +152,7 @@ def test_coroutine_callback_awaits_another_service(ros: Any, node: Any) -> None:
     group = ReentrantCallbackGroup()
     node.create_service(Trigger, "inner", trigger, callback_group=group)
     client = node.create_client(Trigger, "inner", callback_group=group)
-    assert client.wait_for_service(timeout_sec=5)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
 
     async def outer(_request: Any, response: Any) -> Any:
         inner = await client.call_async(Trigger.Request())
@@ -160,9 +161,9 @@ def test_coroutine_callback_awaits_another_service(ros: Any, node: Any) -> None:
 
     node.create_service(Trigger, "outer", outer, callback_group=group)
     outer_client = node.create_client(Trigger, "outer", callback_group=group)
-    assert outer_client.wait_for_service(timeout_sec=5)
+    assert outer_client.wait_for_service(timeout_sec=PATIENCE)
     future = outer_client.call_async(Trigger.Request())
-    ros.spin_until_future_complete(node, future, timeout_sec=5)
+    ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
     assert future.done() and future.result().message == "done twice"
 
 
@@ -191,7 +192,7 @@ def test_service_goes_away(node: Any, peer: Start) -> None:
 
     other = peer(SERVE)
     client = node.create_client(SetBool, "switch")
-    assert client.wait_for_service(timeout_sec=10)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
     other.process.terminate()
     other.finish()
-    assert wait_until(lambda: not client.service_is_ready(), 3)
+    assert wait_until(lambda: not client.service_is_ready())

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import spin_until
 
 
@@ -39,7 +40,7 @@ def test_time_arithmetic() -> None:
 def test_clocks_tell_their_time(node: Any) -> None:
     from rclpy.clock import Clock, ClockType
 
-    assert abs(node.get_clock().now().nanoseconds - time.time_ns()) < 1e9
+    assert abs(node.get_clock().now().nanoseconds - time.time_ns()) < PATIENCE * 1e9
     assert node.get_clock().now().clock_type.name == ClockType.ROS_TIME.name
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     first = steady.now()
@@ -124,9 +125,9 @@ def test_simulated_time(ros: Any) -> None:
     # Back to the system's time.
     result = node.set_parameters([Parameter("use_sim_time", value=False)])[0]
     assert result.successful
-    assert abs(clock.now().nanoseconds - time.time_ns()) < 1e9
+    assert abs(clock.now().nanoseconds - time.time_ns()) < PATIENCE * 1e9
     count = len(calls)
-    assert spin_until(node, lambda: len(calls) > count, 3)
+    assert spin_until(node, lambda: len(calls) > count)
     source.destroy_node()
     node.destroy_node()
 
@@ -142,7 +143,7 @@ def test_sleeping(node: Any) -> None:
 
     started = time.monotonic()
     assert node.get_clock().sleep_for(Duration(seconds=0.05))
-    assert 0.045 < time.monotonic() - started < 1.0
+    assert 0.045 < time.monotonic() - started < PATIENCE
 
 
 def test_rate_in_another_thread(ros: Any, node: Any) -> None:
@@ -157,6 +158,6 @@ def test_rate_in_another_thread(ros: Any, node: Any) -> None:
     started = time.monotonic()
     for _ in range(10):
         rate.sleep()
-    assert 0.15 < time.monotonic() - started < 2.0
+    assert 0.15 < time.monotonic() - started < PATIENCE
     executor.shutdown()
-    thread.join(5)
+    thread.join(PATIENCE)

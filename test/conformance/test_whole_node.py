@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from ros_processes import spin_until
 
 CASE = Path(__file__).parents[1] / "data/cases/four_diagonals"
@@ -26,7 +27,7 @@ def command(*arguments: str) -> list[str]:
 def solver(node: Any) -> Iterator[subprocess.Popen[str]]:
     """Return a solver that is up; the end of the test is the end of it, if it has none before."""
     with subprocess.Popen(command(), stderr=subprocess.PIPE, text=True) as process:
-        assert spin_until(node, lambda: (NAME, SPACE) in node.get_node_names_and_namespaces(), 30.0)
+        assert spin_until(node, lambda: (NAME, SPACE) in node.get_node_names_and_namespaces())
         yield process
         process.kill()
 
@@ -140,21 +141,23 @@ def recorded(folder: Path) -> Path:
     table.write_text("\n".join([head, *(row for row in rows if ",0,forward," in row)]) + "\n")
     bag = folder / "run.mcap"
     made = [sys.executable, "-m", "stepdiag_ros.cli", "import", str(table), str(bag)]
-    subprocess.run(made, check=True, capture_output=True, timeout=60)
+    subprocess.run(made, check=True, capture_output=True, timeout=PATIENCE)
     return bag
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_when_told(solver: subprocess.Popen[str], end: signal.Signals) -> None:
     solver.send_signal(end)
-    _, said = solver.communicate(timeout=20)
+    _, said = solver.communicate(timeout=PATIENCE)
     assert solver.returncode == 0, said
     assert "Traceback" not in said
 
 
 def test_it_refuses_what_it_does_not_know() -> None:
     for wrong, told in (("plans:=demo", "has no parameter 'plans'"), ("use_sim_time:=2", "2")):
-        done = subprocess.run(command("-p", wrong), capture_output=True, text=True, timeout=60)
+        done = subprocess.run(
+            command("-p", wrong), capture_output=True, text=True, timeout=PATIENCE
+        )
         assert done.returncode == 1
         (line,) = [one for one in done.stderr.splitlines() if one.startswith("stepdiag: error: ")]
         assert told in line and "Traceback" not in done.stderr

@@ -6,12 +6,13 @@ from time import process_time
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 from live_cell import MS, START, LiveCell
 from refused import refused
 
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.interferometer import FollowsRun
-from stepdiag_ros.metrology.cell import DriveModel, SimulatedCell
+from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.stops import stops_of
@@ -35,30 +36,24 @@ PLAN = Plan.from_mapping(
     },
     "plan",
 )
-CELL = SimulatedCell.from_mapping(
-    {
-        "chain": "YXZ",
-        "seed": 5,
-        "errors": {
-            "travel_low_m": [0, 0, 0],
-            "travel_high_m": [0.1, 0.1, 0.1],
-            "positioning_m": 2e-6,
-            "straightness_m": 1e-6,
-            "rotation_rad": 5e-6,
-        },
-        "misalignment": {"beam_sigma_rad": 1e-4, "mirror_sigma_rad": 2e-5},
-        "mirror_offset_m": [0.02, -0.01, -0.1],
-        "reading_noise_m": 0.0,
-        "weather": {
-            "air_temperature_drift_K_per_h": 20.0,
-            "air_pressure_Pa": 99000.0,
-            "air_pressure_drift_Pa_per_h": 500.0,
-            "relative_humidity": 0.3,
-            "material_warm_up_K": 2.0,
-            "warm_up_time_s": 30.0,
-        },
+CELL = make_cell(
+    seed=5,
+    high=(0.1,) * 3,
+    rotation=5e-6,
+    squareness=(0.0,) * 3,
+    tilt=1e-4,
+    mirror=2e-5,
+    noise=0.0,
+    mirror_offset_m=[0.02, -0.01, -0.1],
+    weather={
+        "air_temperature_drift_K_per_h": 20.0,
+        "air_pressure_Pa": 99000.0,
+        "air_pressure_drift_Pa_per_h": 500.0,
+        "relative_humidity": 0.3,
+        "material_warm_up_K": 2.0,
+        "warm_up_time_s": 30.0,
     },
-    "cell",
+    held=0.0,
 )
 """It has much weather, since the run takes less than a minute."""
 BEFORE_RUN = 3.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refused import a_fault, refused
@@ -11,7 +12,7 @@ from refused import a_fault, refused
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, MoveRefused, PositionSample, StateChange
 from stepdiag_ros.devices.cnc.simulated import SimulatedCnc
-from stepdiag_ros.metrology.cell import DriveModel, SimulatedCell
+from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.drive import AxisMotion, Trajectory
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
@@ -303,9 +304,7 @@ def test_time_never_runs_backwards():
 
 
 def test_created_by_name_with_checked_settings():
-    cell = SimulatedCell.from_mapping(
-        {"chain": "YXZ", "errors": {"travel_low_m": [0, 0, 0], "travel_high_m": [1, 1, 1]}}, "cell"
-    )
+    cell = make_cell(high=(1.0,) * 3)
     around = Surroundings(MACHINE, cell)
     cnc = prepare("cnc", "simulated", {"start_position_m": [0.1, 0.2, 0.3]}, around)(START)
     assert samples(cnc.poll(START))[0].position == (0.1, 0.2, 0.3)

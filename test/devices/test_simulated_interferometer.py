@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refused import refused
 
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.metrology.air import compensated_displacement, index_of
-from stepdiag_ros.metrology.cell import SimulatedCell, WeatherModel
+from stepdiag_ros.metrology.cell import WeatherModel
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -20,23 +21,17 @@ MS = 1_000_000
 SECOND = 1_000_000_000
 STEP = (0.01, 0.01, 0.01)
 ORIGIN = (0.0, 0.0, 0.0)
-CELL = SimulatedCell.from_mapping(
-    {
-        "chain": "YXZ",
-        "seed": 5,
-        "errors": {
-            "travel_low_m": [0, 0, 0],
-            "travel_high_m": [0.2, 0.2, 0.2],
-            "positioning_m": 2e-6,
-            "straightness_m": 1e-6,
-            "rotation_rad": 5e-6,
-        },
-        "misalignment": {"beam_sigma_rad": 2e-4, "mirror_sigma_rad": 5e-5},
-        "reading_noise_m": 0.0,
-        "dead_path_m": 0.4,
-        "weather": {"air_temperature_degC": 21.0, "air_temperature_drift_K_per_h": 360.0},
-    },
-    "cell",
+CELL = make_cell(
+    seed=5,
+    high=(0.2,) * 3,
+    rotation=5e-6,
+    squareness=(0.0,) * 3,
+    tilt=2e-4,
+    mirror=5e-5,
+    noise=0.0,
+    dead_path_m=0.4,
+    weather={"air_temperature_degC": 21.0, "air_temperature_drift_K_per_h": 360.0},
+    held=0.0,
 )
 NOISY = replace(CELL, reading_noise=1e-7)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 from ros_processes import spin_until, wait_until
 
@@ -164,7 +165,7 @@ def test_feedback_is_never_overtaken_by_the_result(ros: Any, node: Any) -> None:
     asked, ended = threading.Event(), threading.Event()
 
     def execute(handle: Any) -> Any:
-        asked.wait(5)
+        asked.wait(PATIENCE)
         for number in range(10):
             handle.publish_feedback(Fibonacci.Feedback(sequence=[number]))
         handle.succeed()
@@ -178,22 +179,22 @@ def test_feedback_is_never_overtaken_by_the_result(ros: Any, node: Any) -> None:
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     heard: list[int] = []
     sent = client.send_goal_async(
         Fibonacci.Goal(), lambda message: heard.extend(message.feedback.sequence)
     )
-    ros.spin_until_future_complete(node, sent, timeout_sec=5)
+    ros.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
     result = sent.result().get_result_async()
     # The client looks only when all feedback and the result have come.
     asked.set()
-    assert ended.wait(5)
+    assert ended.wait(PATIENCE)
     time.sleep(0.2)
-    ros.spin_until_future_complete(node, result, timeout_sec=5)
+    ros.spin_until_future_complete(node, result, timeout_sec=PATIENCE)
     assert result.result().status == 4
     assert heard == list(range(10))
     executor.shutdown()
-    thread.join(5)
+    thread.join(PATIENCE)
     server.destroy_node()
 
 
@@ -209,13 +210,13 @@ def test_a_goal_executed_while_nobody_spins_is_executed_later(ros: Any, node: An
 
     ActionServer(node, Fibonacci, "count", execute, handle_accepted_callback=handles.append)
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     sent = client.send_goal_async(Fibonacci.Goal())
-    ros.spin_until_future_complete(node, sent, timeout_sec=5)
+    ros.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
     assert node.executor is None
     handles[0].execute()
     result = sent.result().get_result_async()
-    ros.spin_until_future_complete(node, result, timeout_sec=5)
+    ros.spin_until_future_complete(node, result, timeout_sec=PATIENCE)
     assert list(result.result().result.sequence) == [1]
 
 
@@ -231,13 +232,13 @@ def test_a_long_goals_result_is_kept_from_its_end_on(ros: Any, node: Any) -> Non
 
     ActionServer(node, Fibonacci, "count", execute, result_timeout=0.3)
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     sent = client.send_goal_async(Fibonacci.Goal())
-    ros.spin_until_future_complete(node, sent, timeout_sec=5)
+    ros.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
     handle = sent.result()
     assert spin_until(node, lambda: handle.status == 4)
     result = handle.get_result_async()
-    ros.spin_until_future_complete(node, result, timeout_sec=5)
+    ros.spin_until_future_complete(node, result, timeout_sec=PATIENCE)
     assert result.result().status == 4 and list(result.result().result.sequence) == [1]
 
 
@@ -251,7 +252,7 @@ def test_rubbish_on_the_wire_harms_nobody(ros: Any, node: Any, domain: int) -> N
 
     ActionServer(node, Fibonacci, "count", execute)
     client = ActionClient(node, Fibonacci, "count")
-    assert client.wait_for_server(timeout_sec=5)
+    assert client.wait_for_server(timeout_sec=PATIENCE)
     stranger = dds.Participant(domain)
     kinds = "example_interfaces::action::dds_::Fibonacci_"
     writers = [
@@ -270,9 +271,9 @@ def test_rubbish_on_the_wire_harms_nobody(ros: Any, node: Any, domain: int) -> N
         for content in (b"\1", b"\2" * 24, b"\3" * 100):
             writer.write(b"\0\1\0\0" + content)
     sent = client.send_goal_async(Fibonacci.Goal())
-    ros.spin_until_future_complete(node, sent, timeout_sec=5)
+    ros.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
     result = sent.result().get_result_async()
-    ros.spin_until_future_complete(node, result, timeout_sec=5)
+    ros.spin_until_future_complete(node, result, timeout_sec=PATIENCE)
     assert result.result().status == 4
     stranger.close()
 
@@ -287,12 +288,12 @@ def test_an_impossible_transition_asked_for_by_number_is_refused(ros: Any, node:
         executor.add_node(managed)
         executor.add_node(node)
         client = node.create_client(ChangeState, "/managed/change_state")
-        assert client.wait_for_service(timeout_sec=5)
+        assert client.wait_for_service(timeout_sec=PATIENCE)
         for number in (3, 10, 97, 255):
             request = ChangeState.Request()
             request.transition.id = number
             future = client.call_async(request)
-            executor.spin_until_future_complete(future, timeout_sec=5)
+            executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
             assert future.result().success is False
         assert managed._state_machine.current_state == (1, "unconfigured")
         executor.shutdown()

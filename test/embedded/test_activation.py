@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 from stepdiag_ros.embedded import dds, ddslib
@@ -22,7 +23,7 @@ def run(code: str, *path: Path, **env: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=PATIENCE,
         env={**os.environ, "PYTHONPATH": where, **env},
         check=False,
     )

@@ -131,7 +131,7 @@ def test_nodes_find_those_that_they_shall(monkeypatch: pytest.MonkeyPatch, own: 
             heard.add(message.data)
 
         node.create_subscription(String, "chat", listen, 10)
-        assert spin_until(node, lambda: heard >= {"here", "network"}, 15.0)
+        assert spin_until(node, lambda: heard >= {"here", "network"})
         end = time.monotonic() + 0.5
         spin_until(node, lambda: time.monotonic() > end)
         rclpy.try_shutdown()

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 
 from .conftest import Peer, spin_until
 
@@ -30,7 +31,7 @@ def test_incompatible_qos_is_told_on_both_sides(node: Any, peer: Start, capfd: A
     )
     qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = node.create_publisher(String, "chat", qos)
-    spin_until(node, lambda: other.process.poll() is not None, 15)
+    spin_until(node, lambda: other.process.poll() is not None)
     code, out, err = other.finish()
     assert code == 0 and out == ""
     assert "New publisher discovered on topic '/chat', offering incompatible QoS" in err
@@ -67,7 +68,7 @@ def test_throughput_is_at_least_15000_a_second(ros: Any, node: Any, peer: Start)
     )
     executor = ros.executors.SingleThreadedExecutor()
     executor.add_node(node)
-    end = time.monotonic() + 20
+    end = time.monotonic() + PATIENCE
     while len(times) < 30000 and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.5)
     executor.shutdown()

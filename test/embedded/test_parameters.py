@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 from .conftest import Peer, spin_until
@@ -182,9 +183,9 @@ def test_services_and_events(ros: Any, node: Any, peer: Start) -> None:
 
     def call(kind: Any, name: str, **request: Any) -> Any:
         client = node.create_client(kind, f"/owner/{name}")
-        assert client.wait_for_service(timeout_sec=10)
+        assert client.wait_for_service(timeout_sec=PATIENCE)
         future = client.call_async(kind.Request(**request))
-        ros.spin_until_future_complete(node, future, timeout_sec=5)
+        ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
         assert future.done()
         node.destroy_client(client)
         return future.result()
@@ -212,7 +213,7 @@ def test_services_and_events(ros: Any, node: Any, peer: Start) -> None:
     def changed() -> list[Any]:
         return [e for e in events if e.node == "/owner" and e.changed_parameters]
 
-    assert spin_until(node, lambda: bool(changed()), 5)
+    assert spin_until(node, lambda: bool(changed()))
     assert changed()[0].changed_parameters[0].value.double_value == 2.0
 
 

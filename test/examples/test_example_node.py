@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 from ros_processes import domain, node, ros, spin_until
 
 from stepdiag_ros.bags.run import load_run
@@ -26,7 +27,7 @@ EXAMPLE = ROOT / "docs/examples/watch_results.py"
 
 def stepdiag(*arguments: object) -> None:
     command = [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
 
 
@@ -38,7 +39,7 @@ def background() -> Iterator[list[subprocess.Popen[str]]]:
     for process in started:
         process.terminate()
     for process in started:
-        process.communicate(timeout=10)
+        process.communicate(timeout=PATIENCE)
 
 
 def one_pass(folder: Path) -> Path:
@@ -77,7 +78,7 @@ def test_the_example_tells_the_worst_errors(
             subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True)
         )
     heard = ("/measurement/line", "/result/volumetric_errors")
-    assert spin_until(node, lambda: all(node.count_subscribers(name) for name in heard), 30.0)
+    assert spin_until(node, lambda: all(node.count_subscribers(name) for name in heard))
     stepdiag("replay", bag, "--rate", "2000")
     solved, _ = solve_reproducibly(load_run(bag).measurement)
     told: dict[str, str] = {}

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from patience import PATIENCE
 
 try:
     import tomllib
@@ -28,7 +29,7 @@ LABEL = "cooler cycle of Z, period 300 s"
 
 SIMULATE = """
 import sys, yaml
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {tests!r}
 from test_outside_effect import write_run
 write_run({folder!r}, yaml.safe_load(open({cell!r})))
 """
@@ -70,7 +71,7 @@ def _python(*arguments, site=None):
         capture_output=True,
         text=True,
         env=environment,
-        timeout=120,
+        timeout=PATIENCE,
     )
 
 
@@ -150,7 +151,9 @@ def hidden(installed, tmp_path_factory):
     }
     (folder / "cell.yaml").write_text(yaml.safe_dump(cell))
     script = SIMULATE.format(
-        tests=str(Path(__file__).parent), folder=str(folder), cell=str(folder / "cell.yaml")
+        tests=[str(one) for one in Path(__file__).parents[:2]],
+        folder=str(folder),
+        cell=str(folder / "cell.yaml"),
     )
     done = _python("-c", script, site=installed)
     assert done.returncode == 0, done.stderr

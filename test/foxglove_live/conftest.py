@@ -1,9 +1,6 @@
 """A simulated cell with the scene and the server for Foxglove, and an operator who leads it."""
 
-import re
-
-import pytest
-from shown_cell import ShownCell
+from shown_cell import ShownCell, fixture_of
 
 from stepdiag_ros import topics
 
@@ -15,16 +12,10 @@ class ServedCell(ShownCell):
         shown = [("scene", {}), ("foxglove_server", {"port": 0})]
         super().__init__(folder, [topics.RUN_STATE], shown)
 
-    def last_words(self):
-        return self.log("foxglove_server")[-3000:]
-
     @property
     def port(self):
-        log = self.log("foxglove_server")
-        return int(re.search(r"viewers connect to ws://127\.0\.0\.1:(\d+)", log).group(1))
+        told = r"viewers connect to ws://127\.0\.0\.1:(\d+)"
+        return int(self.logged_once("foxglove_server", told))
 
 
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with ServedCell(tmp_path_factory.mktemp("cell")) as made:
-        yield made
+cell = fixture_of(ServedCell)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from foxglove_viewer import Viewer
+from patience import PATIENCE
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.folder import open_bag
@@ -175,7 +176,7 @@ def test_a_measurement_may_be_started_beside_it():
 
 def test_a_second_server_on_the_port_says_so_and_ends(cell):
     command = NodeProcess("foxglove_server", {"port": cell.port}).command()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 1
     assert "stepdiag: error: viewers cannot be served on 127.0.0.1 port" in done.stderr
     assert "Traceback" not in done.stderr
@@ -185,5 +186,5 @@ def test_a_second_server_on_the_port_says_so_and_ends(cell):
 def test_it_ends_in_order(cell):
     process = cell.processes.running["foxglove_server"]
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE) == 0
     assert "Traceback" not in cell.log("foxglove_server")

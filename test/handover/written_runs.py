@@ -3,31 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from standard_runs import RUN_ID, START
-
-from stepdiag_ros import __version__, conversion, topics
-from stepdiag_ros.bags.header import RunHeader
-from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.bags.writer import BagWriter
+from standard_runs import message_of, write_messages
 
 
 def write_lines(path, plan_text, lines, machine_text=""):
     """Write a bag of some lines of a plan."""
-    types = own_types()
-    description = types.new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(description, START)
-    description.schema_version = types.constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
-    description.run_id, description.software_version = RUN_ID, __version__
-    description.plan, description.machine = plan_text, machine_text
-    messages = [(START, topics.RUN_DESCRIPTION, description)]
-    for line in lines:
-        message = conversion.from_measured_line(line, RUN_ID, new=types.new)
-        messages.append((START + line.end_time, topics.LINE, message))
-    header = RunHeader(RUN_ID, "run", __version__, 1, "none", START, plan_text, machine_text, "")
-    with BagWriter(path, header) as bag:
-        for stamp, topic, message in messages:
-            data = types.encode(topic.type_name, message)
-            bag.write(topics.absolute(topic), topic.type_name, data, stamp)
+    write_messages(path, map(message_of, lines), plan_text, machine_text)
 
 
 def with_backlash_of_x(measurement, lost_motion):

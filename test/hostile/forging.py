@@ -187,13 +187,10 @@ def metadata_frame(name: str, told: dict[str, str]) -> Frame:
 
 
 def _messages(content: bytes) -> list[Message]:
-    found = []
-    for _, item in layout.chunk_records(content):
-        if isinstance(item, layout.RawMessage):
-            found.append(
-                Message(item.channel, item.log_time, item.cdr, item.publish_time, item.sequence)
-            )
-    return found
+    return [
+        Message(one.channel, one.log_time, one.cdr, one.publish_time, one.sequence)
+        for one in layout.chunk_messages(content)
+    ]
 
 
 def _record(record) -> bytes:

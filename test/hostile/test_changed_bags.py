@@ -166,10 +166,11 @@ def test_a_recording_that_was_cut_off_stays_usable_after_recovery(whole, tmp_pat
     assert report.measurement.lines
 
 
-def test_no_case_of_the_quick_attack_fails(tmp_path):
+@pytest.mark.parametrize("cases", [10, 50], ids=["few", "many"])
+def test_no_case_of_the_quick_attack_fails(tmp_path, cases):
     (tmp_path / "whole").mkdir()
     begun, tally = attack.Attack(tmp_path), attack.Tally()
-    for number in range(50):
+    for number in range(cases):
         begun.run(20, number, tally)
     assert tally.faults == []
-    assert tally.cases >= 45
+    assert tally.cases >= 0.9 * cases

@@ -46,7 +46,7 @@ LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         "laughs",
         "itself",
         "table",
-        "many",
+        "very many",
         "long",
         "int",
         "date",

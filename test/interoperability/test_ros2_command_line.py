@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import pytest
 import two_clients
 from echo_server import ACTION, LATCHED_SENT, MANAGED, SERVER, SPACE, topic
+from patience import PATIENCE
 
 from stepdiag_ros.embedded import registry
 
@@ -39,7 +40,7 @@ def ros2(*arguments: str) -> str:
         env=two_clients.environment("real"),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

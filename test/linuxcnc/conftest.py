@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from linuxcnc_watched import Watched
+from patience import PATIENCE
 
 from stepdiag_ros.devices.cnc import CncState
 from stepdiag_ros.devices.cnc.linuxcnc_instance import LinuxCncInstance, missing
@@ -49,7 +50,7 @@ def watched(machine_tool, request) -> Iterator[Watched]:
 
     Its dead-man is slow by default, so that a busy computer does not act as one.
     """
-    made = Watched(machine_tool.socket, getattr(request, "param", 2.0), patience=10.0)
+    made = Watched(machine_tool.socket, getattr(request, "param", 2.0), patience=PATIENCE)
     made.reset()
     for number, axis in enumerate("XYZ"):
         there = [1e3 * value for value in made.position()]

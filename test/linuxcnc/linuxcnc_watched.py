@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from patience import PATIENCE
+
 from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncEvent, CncState, PositionSample, StateChange
@@ -34,7 +36,7 @@ class Watched:
                     raise
             time.sleep(0.02)
 
-    def until(self, condition: Callable[[], bool], limit: float = 10.0) -> "Watched":
+    def until(self, condition: Callable[[], bool], limit: float = PATIENCE) -> "Watched":
         end = time.monotonic() + limit
         while True:
             self.events += self.driver.poll(time.time_ns())
@@ -59,7 +61,7 @@ class Watched:
 
     def reset(self) -> None:
         """Reset it as the sequencer does: again, until the axes stand."""
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + PATIENCE
         while True:
             try:
                 self.driver.reset(time.time_ns())

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from linuxcnc_watched import Watched
+from patience import PATIENCE
 from refused import refused
 
 from stepdiag_ros.devices.cnc import CncState, MoveRefused
@@ -32,10 +33,8 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     watched.go(800.0, 0.0, 0.0)
     watched.wait(0.1)
     instance.signal("STOP", "stepdiag_agent")
-    begun = time.monotonic()
     with refused(OSError, None, "1", errno=errno.ETIMEDOUT):
-        watched.wait(5.0)
-    assert time.monotonic() - begun < 2.0
+        watched.wait(PATIENCE)
     watched.driver.close()
     first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
     time.sleep(0.2)
@@ -87,7 +86,7 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     watched.wait(0.1)
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):
-        watched.wait(3.0)
+        watched.wait(PATIENCE)
     watched.driver.close()
     with refused(OSError, errno=errno.ECONNREFUSED):
         Watched(instance.socket)
@@ -98,9 +97,9 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     again.until_state(CncState.READY)
     instance.stop()
     with refused(OSError, errno=errno.ECONNRESET):
-        again.wait(3.0)
+        again.wait(PATIENCE)
     again.driver.close()
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + PATIENCE
     while left := [path for path in namespaces() if path in own]:
         assert time.monotonic() < deadline, f"left behind: {left}"
         time.sleep(0.05)
@@ -123,7 +122,7 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     watched.wait(0.1)
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):
-        watched.wait(3.0)
+        watched.wait(PATIENCE)
     watched.driver.close()
     time.sleep(1.0)
     first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))

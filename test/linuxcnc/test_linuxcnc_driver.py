@@ -1,5 +1,6 @@
 """The driver and the agent on a real LinuxCNC: moves, limits, and everything that goes wrong."""
 
+import contextlib
 import errno
 import json
 import math
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from cnc_conformance import CHECKS, Rig
 from linuxcnc_watched import Watched
+from patience import PATIENCE
 from refused import a_fault, refused
 
 from stepdiag_ros.configuration import load_machine
@@ -55,7 +57,7 @@ class RawClient:
 
     def start(self):
         """Say start as an operator does: again, until the axes stand."""
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + PATIENCE
         while not (told := self.ask("start"))["ok"]:
             assert time.monotonic() < end, told
             time.sleep(0.02)
@@ -121,12 +123,15 @@ def stiff(make_instance):
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__[6:])
 def test_the_driver_keeps_to(check, stiff):
-    def opened():
-        made = Watched(stiff.socket)
-        made.reset()
-        return made.driver
+    with contextlib.ExitStack() as drivers:
 
-    check(Rig(load_machine("demo")[0], opened, time.time_ns, time.sleep, feed=0.1))
+        def opened():
+            made = Watched(stiff.socket, patience=PATIENCE)
+            drivers.callback(made.driver.close)
+            made.reset()
+            return made.driver
+
+        check(Rig(load_machine("demo")[0], opened, time.time_ns, time.sleep))
 
 
 def test_machine_coordinates_whatever_offsets_are_active(watched, machine_tool):

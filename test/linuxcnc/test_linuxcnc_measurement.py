@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
@@ -26,7 +27,7 @@ def stepdiag(*arguments):
         [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr + done.stdout
     return done.stdout

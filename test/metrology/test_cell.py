@@ -92,18 +92,7 @@ def test_wrong_machines_are_refused(changed, words):
 
 
 def test_truth_starts_at_zero_in_the_frame_and_has_the_given_squareness():
-    given = (30e-6, -20e-6, 25e-6)
-    flat = SimulatedCell.from_mapping(
-        {
-            "chain": "XYZ",
-            "errors": {
-                "travel_low_m": [0, 0, 0],
-                "travel_high_m": [0.06] * 3,
-                "squareness_rad": dict(zip(("C0Y", "B0Z", "A0Z"), given, strict=True)),
-            },
-        },
-        "flat",
-    )
+    flat = make_cell(chain="XYZ", size=0.0, squareness=(30e-6, -20e-6, 25e-6), held=0.0)
     truth = flat.truth(VOLUME)
     slope = {name: curve[-1] / 0.06 for name, curve in truth.items()}
     # right-handed rotation of Y about Z: x falls; of Z about Y: x rises; of Z about X: y falls,
@@ -136,7 +125,7 @@ def test_misalignment_depends_on_seed_and_setup_alone_in_every_process():
         "from cells_for_tests import make_cell\n"
         "print(make_cell(seed=9).misalignment.angles('ppp XYZ', 'ppp', 9))"
     )
-    here = str(Path(__file__).parent)
+    here = str(Path(__file__).parents[1])
     printed = {
         subprocess.run(
             [sys.executable, "-c", code, here],

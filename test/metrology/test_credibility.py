@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
@@ -34,22 +34,16 @@ def run_of(seed, size=2e-6, rotation=0.0, repeats=2, stated=1.0):
 
     The machine is said not to turn, so that rotations are what the result lacks.
     """
-    cell = SimulatedCell.from_mapping(
-        {
-            "seed": seed,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": [0.0, 0.0, 0.0],
-                "travel_high_m": [0.08, 0.12, 0.04],
-                "positioning_m": size,
-                "straightness_m": size,
-                "rotation_rad": rotation,
-                "squareness_rad": dict.fromkeys(("C0Y", "B0Z", "A0Z"), 10.0 * size),
-            },
-            "misalignment": {"beam_sigma_rad": 1e-4, "mirror_sigma_rad": 0.0, "lines": {}},
-            "reading_noise_m": NOISE,
-        },
-        "test cell",
+    cell = make_cell(
+        seed,
+        high=(0.08, 0.12, 0.04),
+        positioning=size,
+        size=size,
+        rotation=rotation,
+        squareness=(10.0 * size,) * 3,
+        tilt=1e-4,
+        noise=NOISE,
+        held=0.0,
     )
     plan = plan_from_text(PLAN.format(repeats=repeats), "test plan")
     measurement = simulate(plan, cell, seed=seed)

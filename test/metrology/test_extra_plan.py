@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import standard_runs
 import yaml
 from cells_for_tests import make_cell, make_plan
 from refused import refused
@@ -31,6 +32,7 @@ from stepdiag_ros.metrology.effects.drift import EFFECT as DRIFT
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.sag import EFFECT as SAG
 from stepdiag_ros.metrology.effects.servo_lag import EFFECT as LAG
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as TURNING
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as DELAY
 from stepdiag_ros.metrology.machine import Machine
@@ -281,3 +283,13 @@ def test_feed_and_dwell_of_a_table_are_those_of_its_times():
         lines=tuple(replace(line, time=np.full_like(line.time, np.nan)) for line in untold.lines),
     )
     assert conditions_of(untold).feed > 0.0
+
+
+def test_axes_that_turn_are_no_rival_that_lines_are_sought_for_but_are_said_to_be_left_open():
+    _, run = standard_runs.measured(rotation=20e-6, seed=5)
+    diagnosis = diagnose(run)
+    assert any(TURNING.name in finding.ambiguous for finding in diagnosis.findings)
+    proposal = propose_extra(run, diagnosis)
+    assert proposal.plan is not None
+    assert all(TURNING.name not in labels for labels in proposal.rivals)
+    assert any(TURNING.name in left.labels for left in proposal.left_open)

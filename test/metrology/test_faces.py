@@ -24,7 +24,9 @@ from stepdiag_ros.metrology.visibility import DETERMINED, INVISIBLE, visibility
 
 FACES = {"xy": ("pp0", "np0"), "xz": ("p0p", "n0p"), "yz": ("0pp", "0np")}
 SQUARE_OF = {"xy": "C0Y", "xz": "B0Z", "yz": "A0Z"}
-RUNS = 200
+SHARES = {10: (0.91, 1.0), 200: (0.93, 0.97)}
+"""Number of machines → the least and largest share of curve values inside their 95 %."""
+COUNTS = pytest.mark.parametrize("machines", SHARES, ids=["few", "many"])
 
 
 def face_plan(plane="xy", blocks=6, step=(0.02, 0.02, 0.02), repeats=2, groups=None, **options):
@@ -82,10 +84,10 @@ def test_of_the_third_axis_nothing_is_known_and_nothing_is_zero(plane):
     assert np.isfinite(results["setup_robust"].figure(SQUARE_OF[plane]).value)
 
 
-def coverage(plane, method, rotation, angles, wander=0.0):
+def coverage(machines, method, rotation, angles, wander=0.0):
     """Return the shares of curve values and of squareness inside their 95 %."""
-    plan, inside, square = face_plan(plane), [], []
-    for run in range(RUNS):
+    plan, inside, square = face_plan(), [], []
+    for run in range(machines):
         cell = machine(seed=run, rotation=rotation)
         lines = simulate(plan, cell, seed=1000 + run)
         rng = np.random.default_rng(run)
@@ -97,35 +99,40 @@ def coverage(plane, method, rotation, angles, wander=0.0):
             lines = replace(lines, direct=measured_directly(cell, angles, run))
         result = solve(lines, method)
         truth = cell.truth(plan.volume)
-        for name in in_plane(plane):
+        for name in in_plane("xy"):
             u = result.standard_uncertainty[name]
             free = u > 1e-15
             inside.append(np.abs(result.curves[name] - truth[name])[free] <= 1.96 * u[free])
-        figure = result.figure(SQUARE_OF[plane])
+        figure = result.figure("C0Y")
         error = abs(figure.value - true_squareness(truth)[figure.name])
         square.append(error <= 1.96 * figure.standard_uncertainty)
     return np.mean(np.concatenate(inside)), np.mean(square)
 
 
 @pytest.mark.parametrize("method", ["setup_robust", "least_squares"])
-def test_bands_hold_where_no_axis_turns(method):
-    inside, square = coverage("xy", method, 0.0, ())
-    assert 0.93 <= inside <= 0.97
-    assert 0.91 <= square <= 0.99
+@COUNTS
+def test_bands_hold_where_no_axis_turns(method, machines):
+    least, most = SHARES[machines]
+    inside, square = coverage(machines, method, 0.0, ())
+    assert least <= inside <= most
+    assert least - 0.02 <= square <= most + 0.02
 
 
 @pytest.mark.parametrize("method", ["setup_robust", "least_squares"])
-def test_bands_hold_or_widen_on_machines_that_turn_and_whose_zero_wanders(method):
-    inside, square = coverage("xy", method, 10e-6, (), wander=0.2e-6)
-    assert inside >= 0.93
-    assert square >= 0.91
+@COUNTS
+def test_bands_hold_or_widen_on_machines_that_turn_and_whose_zero_wanders(method, machines):
+    inside, square = coverage(machines, method, 10e-6, (), wander=0.2e-6)
+    assert inside >= SHARES[machines][0]
+    assert square >= SHARES[machines][0] - 0.02
 
 
-def test_bands_hold_on_machines_that_turn_where_the_angles_in_the_plane_were_measured():
+@COUNTS
+def test_bands_hold_on_machines_that_turn_where_the_angles_in_the_plane_were_measured(machines):
     """All nine angles of 3 µrad act; a face shows those about its normal alone."""
-    inside, square = coverage("xy", "least_squares", 3e-6, ("E_CX", "E_CY"))
-    assert 0.93 <= inside <= 0.97
-    assert 0.91 <= square <= 0.99
+    least, most = SHARES[machines]
+    inside, square = coverage(machines, "least_squares", 3e-6, ("E_CX", "E_CY"))
+    assert least <= inside <= most
+    assert least - 0.02 <= square <= most + 0.02
 
 
 def test_six_faces_and_three_lines_tell_all_nine_curves():

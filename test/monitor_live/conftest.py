@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from shown_cell import ShownCell
+from shown_cell import ShownCell, fixture_of
 
 from stepdiag_ros import topics
 
@@ -69,13 +69,10 @@ class CellOnAPage(ShownCell):
     def __init__(self, folder):
         super().__init__(folder, KEPT, [("monitor", {"port": 0})])
 
-    def last_words(self):
-        return self.log("monitor")[-3000:]
-
     @property
     def url(self):
         """The address with the token, as it was printed."""
-        return re.search(r"open (http://127\.0\.0\.1:\d+/#token=\w+)", self.log("monitor")).group(1)
+        return self.logged_once("monitor", r"open (http://127\.0\.0\.1:\d+/#token=\w+)")
 
     def last(self, topic, **fields):
         found = [
@@ -84,10 +81,7 @@ class CellOnAPage(ShownCell):
         return found[-1]
 
 
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with CellOnAPage(tmp_path_factory.mktemp("cell")) as made:
-        yield made
+cell = fixture_of(CellOnAPage)
 
 
 @pytest.fixture(scope="module")
@@ -104,9 +98,7 @@ def replay(cell):
             ],
             stderr=out,
         )
-    cell.wait(
-        lambda: "all of the recording is shown" in path.read_text(), "the bag is played", 180.0
-    )
+    cell.wait(lambda: "all of the recording is shown" in path.read_text(), "the bag is played")
     yield re.search(r"http://\S+/", path.read_text()).group(0), process
     if process.poll() is None:
         process.kill()

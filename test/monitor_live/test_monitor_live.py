@@ -8,6 +8,7 @@ import signal
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import to_volumetric_errors
@@ -67,10 +68,10 @@ def test_a_run_is_led_from_the_page(cell, page):
         ):
             page.click("[data-action=resume]")
             confirm(page)
-            cell.operator.spin_until(lambda: cell.state() is State.RUNNING, 10.0)
+            cell.operator.spin_until(lambda: cell.state() is State.RUNNING, PATIENCE)
         return state is State.FINISHED
 
-    cell.wait(go_on, "the run is finished", 240.0)
+    cell.wait(go_on, "the run is finished")
     assert paused and State.PAUSED in [State(one.state) for one in cell.said[topics.RUN_STATE]]
     log = cell.log("monitor")
     assert "127.0.0.1 asks to start the run" in log and "127.0.0.1 asks to pause the run" in log
@@ -97,7 +98,6 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
         cell.wait(
             lambda: text(page, selector) == wanted if exactly else wanted in text(page, selector),
             f"{selector} shows {wanted}",
-            30.0,
         )
 
     state = cell.last(topics.RUN_STATE)
@@ -181,15 +181,14 @@ def test_a_bag_is_played_as_the_run_was_seen(cell, page, pages, replay):
         cell.wait(
             lambda: text(played, f"#{one}") == text(page, f"#{one}"),  # noqa: B023 - waited for here
             f"{one} of the bag is what was seen",
-            30.0,
         )
     # The recorded end of the run is the last that is shown.
-    cell.wait(lambda: text(played, "#run-state") == "finished", "the end of the run", 30.0)
+    cell.wait(lambda: text(played, "#run-state") == "finished", "the end of the run")
     assert played.is_visible("#replay") and played.is_hidden("#controls")
     assert played.is_hidden("#no-controls")
     played.context.close()
     process.send_signal(signal.SIGINT)
-    assert process.wait(30.0) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 def test_abort_asks_nothing_and_is_shown(cell, page):
@@ -230,6 +229,6 @@ def test_a_lost_node_and_a_lost_server_are_said(cell, page, pages):
     assert pages.errors == []
     monitor = cell.processes.running["monitor"]
     monitor.terminate()
-    assert monitor.wait(30.0) == 0
+    assert monitor.wait(PATIENCE) == 0
     page.wait_for_selector("#contact[data-contact=lost]")
     assert text(page, "#contact").startswith("no contact since ")

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 from ros_processes import ros  # noqa: F401
 
 from stepdiag_ros import cli, topics
@@ -20,7 +21,7 @@ from stepdiag_ros.planning.program_run import Instrument, run_program
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
-LIMIT = 60.0
+LIMIT = PATIENCE
 
 
 @pytest.fixture

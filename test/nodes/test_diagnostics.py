@@ -8,6 +8,7 @@ import pytest
 import rclpy
 import yaml
 from meddled_devices import meddling
+from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from refused import refused
@@ -95,7 +96,7 @@ class Cell:
             self.said[status.name.removeprefix("cell/")] = status
             self.times.setdefault(status.name, []).append(time.monotonic())
 
-    def until(self, condition, what, limit=20.0):
+    def until(self, condition, what, limit=PATIENCE):
         deadline = time.monotonic() + limit
         while not condition():
             if time.monotonic() > deadline:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import rclpy
+from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import conversion, topics
@@ -58,7 +59,7 @@ def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
             assert not heard
             for line in measurement.lines[3:]:
                 tell.publish(conversion.from_measured_line(line, RUN_ID))
-            assert operator.spin_until(lambda: len(heard) == 2, 30.0)
+            assert operator.spin_until(lambda: len(heard) == 2, PATIENCE)
     finally:
         operator.destroy_node()
         rclpy.try_shutdown()

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+from patience import PATIENCE
 from rclpy.qos import QoSProfile
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
@@ -90,7 +91,7 @@ def test_a_late_recorder_and_a_volatile_monitor_get_everything(make_cell, tmp_pa
             "every line is said again",
         )
         process.terminate()
-        assert process.wait(20.0) == 0
+        assert process.wait(PATIENCE) == 0
 
     (late,) = late_folder.glob("*.mcap")
     with BagReader(whole) as first, BagReader(late) as second:

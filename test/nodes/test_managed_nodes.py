@@ -8,6 +8,7 @@ import rclpy
 from fake_devices import FakeCnc, asked, broken
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from refused import refused
 from std_srvs.srv import Trigger
@@ -72,7 +73,7 @@ class Bench:
     def speaker(self, topic):
         return self.manager.create_publisher(message_class(topic), topic.name, quality(topic))
 
-    def until(self, condition, limit=30.0):
+    def until(self, condition, limit=PATIENCE):
         deadline = time.monotonic() + limit
         while not condition():
             assert time.monotonic() < deadline, (self.said(), asked)

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
@@ -52,7 +53,7 @@ class Bench:
         self.feedback = []
         self.spin(self.client.server_is_ready)
 
-    def spin(self, done, limit=30.0):
+    def spin(self, done, limit=PATIENCE):
         end = time.monotonic() + limit
         while not done():
             assert time.monotonic() < end, "it does not happen"
@@ -247,10 +248,10 @@ def parameter_is_refused(cell, value):
 
     operator = cell.operator
     client = operator.create_client(SetParameters, "sequencer/set_parameters")
-    assert operator.spin_until(client.service_is_ready, 30.0)
+    assert operator.spin_until(client.service_is_ready, PATIENCE)
     request = SetParameters.Request(parameters=[Parameter("plan", value=value).to_parameter_msg()])
     future = client.call_async(request)
-    assert operator.spin_until(future.done, 30.0)
+    assert operator.spin_until(future.done, PATIENCE)
     (result,) = future.result().results
     assert result.successful is not bool(result.reason)
     return result.reason
@@ -335,8 +336,8 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         wait_for_stops_of(cell, client, stops + 2)
         assert {message.line_count for message in states[-1:]} == {lines}
         client.send_signal(signal.SIGINT)
-        operator.spin_until(lambda: client.poll() is not None, 30.0)
-        out, err = client.communicate(timeout=30)
+        operator.spin_until(lambda: client.poll() is not None, PATIENCE)
+        out, err = client.communicate(timeout=PATIENCE)
         assert client.returncode == 130, err
         assert "cancelled by whoever asked for the run" in out and "(closed, " in out
         assert stands_still(cell)
@@ -362,7 +363,7 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
             return client.poll() is not None
 
         cell.wait(ended, "the client has ended")
-        out, err = client.communicate(timeout=30)
+        out, err = client.communicate(timeout=PATIENCE)
         assert client.returncode == 0, err
 
         # A client that vanishes changes nothing.
@@ -370,7 +371,7 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
         vanishing = start_client("--plan", "quick")
         wait_for_stops_of(cell, vanishing, stops + 2)
         vanishing.kill()
-        vanishing.communicate(timeout=30)
+        vanishing.communicate(timeout=PATIENCE)
         cell.wait(lambda: len(cell.stops) > stops + 5, "the run goes on")
         cell.operator.call("sequencer/abort")
     assert "align laser and mirror" in err and "sequencer/resume goes on" in err
@@ -392,7 +393,7 @@ def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
     with make_cell(plan=str(plan), factor=20.0) as cell:
         client = start_client("--json")
         cell.wait(lambda: client.poll() is not None, "the client has ended")
-        out, err = client.communicate(timeout=30)
+        out, err = client.communicate(timeout=PATIENCE)
     assert client.returncode == 0, err
     assert "warning" in err and all(name in err for name in ("E_XX", "E_YY", "E_ZZ"))
     first = json.loads(out)["lead"]

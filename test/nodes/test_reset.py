@@ -4,6 +4,7 @@ import time
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
@@ -33,7 +34,7 @@ def ask(monkeypatch):
         bridge.create_service(Trigger, "cnc_bridge/reset", answer)
         assert node._reset_client.wait_for_service(5.0)
         node._reset_machine(lambda: done.append(True))
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + PATIENCE
         while node._after_reset is not None and time.monotonic() < deadline:
             executor.spin_once(0.02)
             node._insist_on_reset()

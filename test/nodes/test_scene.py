@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import rclpy
+from patience import PATIENCE
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
 from refused import refused
@@ -84,7 +85,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
     def say(topic, **fields):
         outlets[topic].publish(filled(topic, **fields))
 
-    def seen(condition, limit=20.0):
+    def seen(condition, limit=PATIENCE):
         assert operator.spin_until(condition, limit)
 
     def setup(index, state=State.RUNNING):

@@ -13,6 +13,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.commands.node import NODES
@@ -116,7 +117,7 @@ def endpoints_of(node, role: str) -> set[Rule]:
     import rclpy
 
     try:
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + PATIENCE
         while getattr(node, "active", True) is False and time.monotonic() < end:
             rclpy.spin_once(node, timeout_sec=0.05)
         assert getattr(node, "active", True), f"{role} did not open its device"

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import PATIENCE
 
 
 def start(name, *arguments):
@@ -11,7 +12,7 @@ def start(name, *arguments):
         [sys.executable, "-m", f"stepdiag_ros.nodes.{name}", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=90,
+        timeout=PATIENCE,
     )
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from refused import refused
 from std_srvs.srv import Trigger
 
@@ -120,7 +121,7 @@ def test_an_abort_ends_the_wait_too(sequencer):
         executor.add_node(node)
 
     def get(future):
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + PATIENCE
         while not future.done():
             assert time.monotonic() < end, "it does not happen"
             executor.spin_once(timeout_sec=0.02)
@@ -128,7 +129,7 @@ def test_an_abort_ends_the_wait_too(sequencer):
 
     client = ActionClient(asker, measure_type(), "sequencer/measure")
     abort = asker.create_client(Trigger, "sequencer/abort")
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + PATIENCE
     while not (client.server_is_ready() and abort.service_is_ready()):
         assert time.monotonic() < end, "no sequencer"
         executor.spin_once(timeout_sec=0.02)

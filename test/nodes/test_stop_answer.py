@@ -4,6 +4,7 @@ import time
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
@@ -43,7 +44,7 @@ class Rig:
         self.bridge.create_service(Trigger, "cnc_bridge/stop", answer)
         self.spin(self.node._stop_client.service_is_ready)
 
-    def spin(self, done, limit=30.0):
+    def spin(self, done, limit=PATIENCE):
         end = time.monotonic() + limit
         while not done():
             assert time.monotonic() < end, "it does not happen"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from patience import PATIENCE
 from refused import refused
 
 from stepdiag_ros import topics
@@ -26,7 +27,7 @@ from stepdiag_ros.scene.frames import LASER, MACHINE
 from stepdiag_ros.session.cell import simulated_cell
 
 
-def stepdiag(*arguments, timeout=120):
+def stepdiag(*arguments, timeout=PATIENCE):
     return subprocess.run(
         [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)],
         capture_output=True,
@@ -189,7 +190,7 @@ def test_a_full_disk_is_said_and_what_was_recorded_can_be_saved(tmp_path):
         [sys.executable, "-m", "stepdiag_ros.cli", *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000)),
     )
     (bag,) = tmp_path.glob("*.mcap")
@@ -217,7 +218,7 @@ def test_pause_resume_and_abort(make_cell):
         with refused(Refusal, "rejected", "resume", "aborted"):
             cell.operator.call("sequencer/resume")
         positions = len(cell.positions)
-        cell.operator.spin_until(lambda: len(cell.positions) > positions + 20, 20.0)
+        cell.operator.spin_until(lambda: len(cell.positions) > positions + 20, PATIENCE)
         last = [tuple(message.position) for message in cell.positions[-10:]]
         assert len(set(last)) == 1, "the machine moves after an abort"
         # And a new run can be started at once.

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cells_for_tests import make_cell
 from refused import a_fault, refused
 
 from stepdiag_ros.configuration import available, load_machine, load_plan, plan_from_text
-from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.plausible import NOTHING
@@ -45,26 +45,21 @@ def proposed(purpose, **wishes):
     return propose(Request(purpose, MACHINE, **wishes))
 
 
-def cell_over(volume, **settings):
+def cell_over(volume, rotation=0.0):
     low = np.asarray(volume.origin)
     high = low + volume.blocks * np.asarray(volume.step)
-    return SimulatedCell.from_mapping(
-        {
-            "seed": 5,
-            "chain": "YXZ",
-            "errors": {
-                "travel_low_m": low.tolist(),
-                "travel_high_m": high.tolist(),
-                "positioning_m": 1e-6,
-                "straightness_m": 0.7e-6,
-                "rotation_rad": settings.pop("rotation_rad", 0.0),
-                "squareness_rad": {"C0Y": 12e-6, "B0Z": -8e-6, "A0Z": 15e-6},
-            },
-            "misalignment": {"beam_sigma_rad": 50e-6, "mirror_sigma_rad": 5e-6},
-            "reading_noise_m": NOISE,
-            **settings,
-        },
-        "test cell",
+    return make_cell(
+        seed=5,
+        low=low,
+        high=high,
+        positioning=1e-6,
+        size=0.7e-6,
+        rotation=rotation,
+        squareness=(12e-6, -8e-6, 15e-6),
+        tilt=50e-6,
+        mirror=5e-6,
+        noise=NOISE,
+        held=0.0,
     )
 
 
@@ -139,7 +134,7 @@ def test_the_volumetric_promise_is_that_of_the_solvers_covariance():
 def test_the_angular_promise_is_that_of_the_rigid_body_solver():
     candidate = proposed("angular").chosen
     assert set(candidate.determined) == set(ROTATIONS) - {"E_BY"}
-    cell = cell_over(candidate.plan.volume, rotation_rad=5e-6)
+    cell = cell_over(candidate.plan.volume, rotation=5e-6)
     result = solve(of_noise(simulate(candidate.plan, cell, seed=1)), "rigid_body")
     for name in ROTATIONS:
         promised = candidate.expectation.angular[name]

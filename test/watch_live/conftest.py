@@ -4,8 +4,7 @@ import os
 import subprocess
 import sys
 
-import pytest
-from shown_cell import ShownCell
+from shown_cell import ShownCell, fixture_of
 
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
@@ -16,8 +15,6 @@ WATCH = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
 
 class WatchedCell(ShownCell):
     """The cell; what was said, and what a watch has written of it."""
-
-    patience = 60.0
 
     def __init__(self, folder):
         super().__init__(folder, KEPT)
@@ -54,7 +51,7 @@ class WatchedCell(ShownCell):
                 self.operator.call("sequencer/resume")
             return self.state() is State.FINISHED
 
-        self.wait(go_on, "the run is finished", 180.0)
+        self.wait(go_on, "the run is finished")
         last = self.said[topics.RUN_STATE][-1]
         self.wait(
             lambda: (
@@ -86,7 +83,4 @@ class WatchedCell(ShownCell):
         return done.returncode, *done.communicate()
 
 
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with WatchedCell(tmp_path_factory.mktemp("cell")) as made:
-        yield made
+cell = fixture_of(WatchedCell)

@@ -5,6 +5,8 @@ The tests follow each other in the order in which they stand here.
 
 import signal
 
+from patience import PATIENCE
+
 from stepdiag_ros import topics
 from stepdiag_ros.conversion import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
@@ -97,4 +99,4 @@ def test_a_lost_node_is_said_and_ctrl_c_ends(cell):
     )
     assert f"{cell.count} of {cell.count + 1} nodes heard" in cell.logged()
     cell.watch.send_signal(signal.SIGINT)
-    assert cell.watch.wait(30.0) == 0
+    assert cell.watch.wait(PATIENCE) == 0

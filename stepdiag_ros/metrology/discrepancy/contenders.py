@@ -57,9 +57,15 @@ class Contenders:
         self._ranker = Ranker(self._found, problem.gap, luck)
 
     def rivals(self, finding: Finding) -> list[Rival]:
-        """Return a finding and what else may be the cause, one of each name, the finding first."""
+        """Return a finding and what else may be the cause, one of each name, the finding first.
+
+        Rotations of all axes at once are no candidate and take no part: they are free in the model.
+        """
+        if finding.label not in self._place:
+            return []
         own = self._place[finding.label]
-        beside = [self._place[one.label] for one in self._findings if one is not finding]
+        others = (one.label for one in self._findings if one is not finding)
+        beside = [self._place[label] for label in others if label in self._place]
         evidence = self._ranker.ranking(beside).evidence
         chances = {one.label: one.probability for one in finding.runners_up}
         best: dict[str, int] = {}
@@ -68,6 +74,8 @@ class Contenders:
                 best.setdefault(self._found.names[place], int(place))
         made = {self._found.names[own]: Rival(finding.candidate, finding.probability)}
         for label in dict.fromkeys((*finding.ambiguous, *chances)):
+            if label not in self._place:
+                continue
             place = self._place[label]
             rival = Rival(self._found.candidates[place], max(chances.get(label, 0.0), _UNLIKELY))
             made.setdefault(self._found.names[place], rival)

@@ -21,7 +21,7 @@ import numpy as np
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline
 from stepdiag_ros.metrology.discrepancy.contenders import Contenders
 from stepdiag_ros.metrology.discrepancy.extra_lines import Option, alignments, parts
-from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
+from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.judging import (
     AS_BEFORE,
     SLOWER,
@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.discrepancy.judging import (
 )
 from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival, is_bound
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan, axes_at_hand
@@ -170,7 +171,13 @@ def propose(
 
         catalogue = installed().values()
     everyone = Contenders(measurement, diagnosis, known, catalogue, fitted, curves or {})
-    groups = [everyone.rivals(finding) for finding in unclear]
+    turning = _or_axes_that_turn(unclear)
+    found = [(finding, everyone.rivals(finding)) for finding in unclear]
+    unclear = [finding for finding, rivals in found if len(rivals) > 1]
+    groups = [rivals for _, rivals in found if len(rivals) > 1]
+    if not unclear:
+        labels = tuple(one.labels for one in turning)
+        return Proposal(labels, None, float("nan"), float("nan"), (), turning)
 
     def contests(some: Sequence[Sequence[Rival]]) -> list[Contest]:
         return [
@@ -197,7 +204,19 @@ def propose(
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
     search = _Search(judge, judge.among(few, contests(some)), everything, seconds)
-    return search.proposal(lost)
+    proposal = search.proposal(lost)
+    return replace(proposal, left_open=(*proposal.left_open, *turning))
+
+
+def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
+    """Return which findings rotations of all axes rival, which no lines proposed here tell."""
+    turning = SEVERAL_ANGULAR_ERRORS.name
+    advice = "measure the angular errors, or step diagonals in several orders of the axes"
+    found = [labels for one in unclear if turning in (labels := (one.label, *one.ambiguous))]
+    return tuple(
+        LeftOpen(labels, f"{', '.join(sorted({*labels} - {turning}))} or axes that turn: {advice}.")
+        for labels in found
+    )
 
 
 def _least_lost(

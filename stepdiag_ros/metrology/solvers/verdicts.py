@@ -7,8 +7,10 @@ none of them is determined. Where it is in one, whoever else is in it can do the
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lapack, solve_triangular
 
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector, curve_unit, moving_axis
@@ -82,10 +84,6 @@ class Verdicts:
         design: of a measurement.
         effects: names and units of its further columns.
         sizes: by which these columns were divided.
-
-    Attributes:
-        condition_number: of the determined part of the problem, ratio of the singular values;
-            infinite where rounding leaves nothing of the smallest.
     """
 
     def __init__(
@@ -107,23 +105,26 @@ class Verdicts:
         self._setup = np.concatenate([design.tilt_column.reshape(-1), design.zero_column])
         self._normal: Vector = design.normal / np.max(design.weight)
         self._information = np.diag(self._normal) * np.max(design.weight)
-        values = np.linalg.eigvalsh(self._normal)
-        rank = design.count - design.unseen.shape[1]
-        # Rounding may leave nothing of the smallest: worse than numbers can tell.
-        smallest = float(values[-rank])
-        self.condition_number = (
-            float(np.sqrt(values[-1] / smallest)) if smallest > 0.0 else float("inf")
-        )
         self._largest = float(np.max(np.diag(self._normal)))
+        self._moves = np.concatenate([self._groups[name] for name in TRANSLATIONS])
+        self._spaces: dict[frozenset[str], Vector | None] = {}
         if design.unseen.shape[1]:
             self._grams = {
                 name: design.unseen[columns].T @ design.unseen[columns]
                 for name, columns in self._groups.items()
             }
             self._setup_gram = design.unseen[self._setup].T @ design.unseen[self._setup]
-            self._without_setups = self._eliminated(self._setup)
-            moves = np.concatenate([self._groups[name] for name in TRANSLATIONS])
-            self._without_base = self._eliminated(np.concatenate([moves, self._setup]))
+            self._almost_whole = (1.0 - _NOTHING) * np.eye(design.unseen.shape[1])
+
+    @cached_property
+    def condition_number(self) -> float:
+        """Return the ratio of the singular values of the determined part of the problem.
+
+        Infinite where rounding leaves nothing of the smallest.
+        """
+        values = np.linalg.eigvalsh(self._normal)
+        smallest = float(values[self._design.unseen.shape[1]])
+        return float(np.sqrt(values[-1] / smallest)) if smallest > 0.0 else float("inf")
 
     def rows(self) -> tuple[Row, ...]:
         """Return the verdict on each curve, each squareness error and each effect."""
@@ -133,19 +134,35 @@ class Verdicts:
             rows.append(self._effect(name, unit, size))
         return tuple(rows)
 
-    def _eliminated(self, base: Integers) -> Vector:
-        """Return the normal matrix of all unknowns with some of them left free (Schur)."""
-        values, vectors = np.linalg.eigh(self._normal[np.ix_(base, base)])
-        good = values > _RANK_LIMIT * values[-1]
-        turned = vectors[:, good].T @ self._normal[base]
-        left: Vector = self._normal - turned.T @ (turned / values[good, None])
+    @cached_property
+    def _beside_setups(self) -> Vector:
+        return self._beside(self._setup)
+
+    @cached_property
+    def _beside_base(self) -> Vector:
+        return self._beside(np.concatenate([self._moves, self._setup]))
+
+    def _beside(self, base: Integers) -> Vector:
+        """Return what readings tell of each unknown with some left free beside it, shape (p,).
+
+        The diagonal of the normal matrix with these eliminated (Schur).
+        """
+        block, across = self._normal[np.ix_(base, base)], self._normal[base]
+        lower, failed = lapack.dpotrf(block, lower=1)
+        pivots = np.diag(lower) ** 2
+        if failed or np.min(pivots) <= _RANK_LIMIT * np.max(pivots):
+            values, vectors = np.linalg.eigh(block)
+            good = values > _RANK_LIMIT * values[-1]
+            taken = (vectors[:, good].T @ across) / np.sqrt(values[good, None])
+        else:
+            taken = solve_triangular(lower, across, lower=True, check_finite=False)
+        left: Vector = np.diag(self._normal) - np.sum(taken**2, axis=0)
         return left
 
     def _shows(self, name: str) -> bool:
         """Say whether an error shows where only setups (and translations) are free beside it."""
-        columns = self._groups[name]
-        left = self._without_setups if name in TRANSLATIONS else self._without_base
-        own = np.max(np.diag(left)[columns], initial=0.0)
+        left = self._beside_setups if name in TRANSLATIONS else self._beside_base
+        own = np.max(left[self._groups[name]], initial=0.0)
         return bool(own > _RANK_LIMIT * self._largest)
 
     def _partners(self, own: Sequence[str], part: Vector) -> tuple[str, ...]:
@@ -189,13 +206,25 @@ class Verdicts:
 
     def _can(self, own: Sequence[str], others: Sequence[str], part: Vector) -> bool:
         """Say whether some null direction holds the error, these others and setups only."""
-        inside = self._setup_gram + sum(self._grams[name] for name in (*own, *others))
+        names = frozenset((*own, *others))
+        if names not in self._spaces:
+            self._spaces[names] = self._space((*own, *others))
+        space = self._spaces[names]
+        return space is not None and bool(np.max(np.abs(part @ space), initial=0.0) > _SHARE)
+
+    def _space(self, names: Sequence[str]) -> Vector | None:
+        """Return the null directions that hold these errors and setups only; None: there is none.
+
+        Returns:
+            as combinations of the null directions of the design, shape (r, k).
+        """
+        inside = self._setup_gram + sum(self._grams[name] for name in names)
         # Cholesky is much faster than eigenvectors, and mostly there is no such direction.
-        if is_positive((1.0 - _NOTHING) * np.eye(len(inside)) - inside):
-            return False
+        if is_positive(self._almost_whole - inside):
+            return None
         values, vectors = np.linalg.eigh(inside)
-        found = part @ vectors[:, values > 1.0 - _NOTHING]
-        return bool(np.max(np.abs(found), initial=0.0) > _SHARE)
+        space: Vector = vectors[:, values > 1.0 - _NOTHING]
+        return space
 
     def _curve(self, name: str) -> Row:
         design = self._design

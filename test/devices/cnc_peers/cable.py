@@ -7,6 +7,8 @@ import asyncio
 import threading
 from contextlib import suppress
 
+from patience import PATIENCE
+
 LOOK_AGAIN = 0.005
 """s between two looks whether something may pass again."""
 
@@ -29,13 +31,13 @@ class Cable:
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         laid = asyncio.start_server(self._connect, "127.0.0.1", 0)
-        self._server = asyncio.run_coroutine_threadsafe(laid, self._loop).result(10.0)
+        self._server = asyncio.run_coroutine_threadsafe(laid, self._loop).result(PATIENCE)
         self.port = self._server.sockets[0].getsockname()[1]
 
     def close(self):
         self._loop.call_soon_threadsafe(self._server.close)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(5.0)
+        self._thread.join(PATIENCE)
 
     async def _connect(self, reader, writer):
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._leads_to)

@@ -12,6 +12,8 @@ import threading
 import time
 from math import copysign, sqrt
 
+from patience import PATIENCE
+
 SETTINGS = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.01, 12: 0.002, 13: 0,
     20: 0, 21: 0, 22: 0, 23: 0, 24: 25.0, 25: 500.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0,
@@ -79,13 +81,13 @@ class GrblPeer(threading.Thread):
 
     def close(self):
         self._ending = True
-        self.join(5.0)
+        self.join(PATIENCE)
 
     def do(self, what, *arguments):
         """Let the controller's own thread do something: restart, alarm, press, send, hang_up."""
         done = threading.Event()
         self._mail.append((what, arguments, done))
-        assert done.wait(5.0)
+        assert done.wait(PATIENCE)
 
     def power_cycle(self):
         self.position = [0.0, 0.0, 0.0]

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from math import sqrt
 
 from asyncua import Server, ua
+from patience import PATIENCE
 
 URI = "http://example.org/machine"
 KINDS = {
@@ -61,11 +62,11 @@ class OpcUaPeer:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        assert self._started.wait(240.0)
+        assert self._started.wait(PATIENCE)
 
     def close(self):
-        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(30.0)
-        self._thread.join(5.0)
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(PATIENCE)
+        self._thread.join(PATIENCE)
 
     def _run(self):
         asyncio.set_event_loop(self._loop)

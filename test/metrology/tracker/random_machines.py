@@ -7,6 +7,7 @@ on top of the lengths what differs between passes.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cells_for_tests import make_cell
 
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.forward import ErrorCurves
@@ -63,21 +64,18 @@ def any_machine(rng: np.random.Generator, box: Box) -> SimulatedCell:
     """Return a machine whose travel is the box or up to a third more, of any chain."""
     room = (box.high - box.low) * rng.uniform(0.0, 0.15, (2, 3))
     low, high = box.low - room[0], box.high + room[1]
-    squareness = {name: 15e-6 * float(rng.standard_normal()) for name in SQUARENESS}
-    cell = SimulatedCell.from_mapping(
-        {
-            "chain": str(rng.choice(CHAINS)),
-            "seed": int(rng.integers(2**31)),
-            "errors": {
-                "travel_low_m": [float(value) for value in low],
-                "travel_high_m": [float(value) for value in high],
-                "positioning_m": any_size(rng, 0.3e-6, 3e-6),
-                "straightness_m": any_size(rng, 0.2e-6, 1.5e-6),
-                "rotation_rad": any_size(rng, 1e-6, 10e-6),
-                "squareness_rad": squareness,
-            },
-        },
-        "random machine",
+    squareness = [15e-6 * float(rng.standard_normal()) for _ in SQUARENESS]
+    cell = make_cell(
+        chain=str(rng.choice(CHAINS)),
+        seed=int(rng.integers(2**31)),
+        low=low,
+        high=high,
+        positioning=any_size(rng, 0.3e-6, 3e-6),
+        size=any_size(rng, 0.2e-6, 1.5e-6),
+        rotation=any_size(rng, 1e-6, 10e-6),
+        squareness=squareness,
+        tilt=0.0,
+        held=0.0,
     )
     return cell if rng.random() < 0.5 else replace(cell, errors=bowed(rng, cell.errors))
 

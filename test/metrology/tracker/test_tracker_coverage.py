@@ -1,5 +1,7 @@
 """Every ± of a seven-line test holds on machines with every kind of error at once."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from random_machines import PLACES, any_measurement
@@ -8,15 +10,14 @@ from true_figures import figures
 from stepdiag_ros.metrology.tracker.evaluation import evaluate_test
 from stepdiag_ros.metrology.tracker.location import LEAST_POINTS
 
-MACHINES = 60
 FEW = {"runs": 2, "targets": 7}
 
 
-@pytest.fixture(scope="module")
-def standardised():
+@cache
+def standardised(machines):
     """Kind of figure → (value - truth)/u and u of all machines."""
     found = {}
-    for seed in range(MACHINES):
+    for seed in range(machines):
         one = any_measurement(seed, list(PLACES)[seed % len(PLACES)], **FEW)
         result = evaluate_test(one.readings, chain=one.cell.chain)
         for kind, value, spread, truth in figures(result, one):
@@ -24,21 +25,26 @@ def standardised():
     return {kind: np.array(values) for kind, values in found.items()}
 
 
-def test_no_band_is_false(standardised):
+@pytest.mark.parametrize(
+    ("machines", "least", "most"), [(6, 0.83, 1.5), (60, 0.90, 1.25)], ids=["few", "many"]
+)
+def test_no_band_is_false(machines, least, most):
     """Without curves in the model a fifth of the values was inside, with an rms of 5."""
-    assert len(standardised) == 10
-    for kind, values in standardised.items():
+    found = standardised(machines)
+    assert len(found) == 10
+    for kind, values in found.items():
         away = values[:, 0]
         assert np.all(np.isfinite(away)), kind
-        assert np.mean(np.abs(away) < 1.96) > 0.90, kind
-        assert np.sqrt(np.mean(away**2)) < 1.25, kind
+        assert np.mean(np.abs(away) < 1.96) > least, kind
+        assert np.sqrt(np.mean(away**2)) < most, kind
 
 
-def test_bands_are_not_so_wide_that_they_say_nothing(standardised):
+def test_bands_are_not_so_wide_that_they_say_nothing():
     """Against 15 µrad of squareness and 2 µm of positioning over half a metre, or 0.1 m."""
-    assert np.sqrt(np.mean(standardised["joint squareness"][:, 0] ** 2)) > 0.5
-    assert np.median(standardised["joint squareness"][:, 1]) < 12e-6
-    assert np.median(standardised["joint scale"][:, 1]) < 10e-6
+    found = standardised(60)
+    assert np.sqrt(np.mean(found["joint squareness"][:, 0] ** 2)) > 0.5
+    assert np.median(found["joint squareness"][:, 1]) < 12e-6
+    assert np.median(found["joint scale"][:, 1]) < 10e-6
 
 
 def test_more_passes_over_the_same_places_do_not_make_curves_smaller():

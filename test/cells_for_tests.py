@@ -1,4 +1,4 @@
-"""Plans and simulated cells for the tests of the solvers."""
+"""Plans and simulated cells for tests: the one maker of each."""
 
 from dataclasses import replace
 
@@ -59,8 +59,14 @@ def make_cell(
     squareness=(30e-6, -20e-6, 25e-6),
     lines=None,
     held=0.1,
+    positioning=None,
+    **more,
 ):
-    """Return a cell; beyond its travel the curves are held as at its ends, over ``held`` metres."""
+    """Return a cell; beyond its travel the curves are held as at its ends, over ``held`` metres.
+
+    Straightness errors are as large as ``size``, positioning errors twice as large if nothing else
+    is said. All else that a cell file has is given by its key (``weather``, ``effects``).
+    """
     made = SimulatedCell.from_mapping(
         {
             "seed": seed,
@@ -68,7 +74,7 @@ def make_cell(
             "errors": {
                 "travel_low_m": list(low),
                 "travel_high_m": list(high),
-                "positioning_m": 2 * size,
+                "positioning_m": 2 * size if positioning is None else positioning,
                 "straightness_m": size,
                 "rotation_rad": rotation,
                 "squareness_rad": dict(zip(("C0Y", "B0Z", "A0Z"), squareness, strict=True)),
@@ -79,6 +85,7 @@ def make_cell(
                 "lines": lines or {},
             },
             "reading_noise_m": noise,
+            **more,
         },
         "test cell",
     )

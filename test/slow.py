@@ -1,0 +1,131 @@
+"""Which tests are slow, and which of them a change concerns.
+
+The quick command leaves them out; most have a small brother there, which takes fewer machines, runs
+or moments. ``-m slow`` runs all of them, ``-m slow --changed-since COMMIT`` those that judge what
+differs from that commit.
+"""
+
+import subprocess
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+FIGURES = ("benchmarks", "docs", "metrology", "report")
+"""What figures in documents are computed by, and where they stand."""
+EVERY = ("",)
+"""For a test that judges every folder."""
+CELL = ("bags", "devices", "embedded", "nodes", "run", "session")
+"""What a whole run on nodes goes through."""
+
+SLOW: dict[str, tuple[str, ...]] = {
+    "*::many": (),  # machines, runs or moments; "few" of them are quick
+    "*::many-*": (),
+    "bands/test_bands.py::test_no_band_is_too_narrow*": ("metrology",),
+    "blind/test_blind.py::test_every_case*": ("metrology",),
+    "blind/test_blind.py::test_no_*": ("metrology",),
+    "blind/test_blind.py::test_few_passes*::[15]*": ("metrology",),
+    "blind/test_blind.py::test_a_run_that_cannot_tell*": ("metrology",),
+    "blind/test_blind.py::test_sizes_are_told*": ("metrology",),
+    "by_hand/test_by_hand.py::test_no_stop_is_ever_taken_for_another::*-2": (),
+    "campaign/test_fault_campaign.py*": (*CELL, "benchmarks"),
+    "commands/test_first_said.py::test_the_cases_that_are_known::effect_*": ("metrology",),
+    "documents/test_document_figures.py::*::named effects": FIGURES,
+    "documents/test_document_figures.py::*::seen patterns": FIGURES,
+    "documents/test_example_notebook.py*": ("docs", "metrology", "plots", "report"),
+    "handover/test_report_command.py::test_one_format_alone::pdf": ("plots", "report"),
+    "hostile/test_any_message.py::test_no_exception_leaves_a_node_that_hears_more*": ("nodes",),
+    "hostile/test_any_plan.py::test_more_runs_with_odd_plans*": ("nodes",),
+    "hostile/test_changed_bags.py::*::many": ("bags", "commands", "metrology", "report"),
+    "house/test_benchmarks.py::test_every_benchmark*": EVERY,
+    "house/test_house.py::*::mypy": EVERY,
+    "linuxcnc/test_closed_loop.py*": (*CELL, "compensation", "metrology"),
+    "metrology/test_agreement.py::test_rotations_that_stay_the_same*::setup_robust": (),
+    "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::[XZ]*": (),
+    "metrology/test_discrepancy.py::test_the_hidden_effect_of_each_case*::effect_[bcdf]": (),
+    "metrology/test_large_runs.py::test_memory_of_five_thousand_stops*": (),
+    "metrology/test_locate.py::test_the_words_tell_the_place_of_the_gap::whole passes*": (),
+    "metrology/test_loose.py::test_a_zero_that_scatters*::[123]": (),
+    "metrology/test_loose.py::test_few_passes_that_scatter*::*-[12]": (),
+    "metrology/test_loose.py::test_one_angular_error_stays_one::XZY": (),
+    "metrology/test_loose.py::test_several_angular_errors*": (),
+    "metrology/test_solvers.py::test_covariance_is_that_of_the_readings*::[!l]*": (),
+    "metrology/tracker/test_pass_agreement.py::test_machines_with_every_kind*": (),
+    "metrology/tracker/test_tracker_coverage.py::test_bands_are_not_so_wide*": (),
+    "nodes/test_fast_stream.py*": CELL,
+    "nodes/test_target_correction_live.py*": (*CELL, "compensation", "metrology"),
+    "nodes/test_tracker_run.py*": (*CELL, "metrology"),
+    "nodes/test_faults.py::test_a_killed_node_stops*": CELL,
+    "nodes/test_measure_action.py::test_a_whole_run*": CELL,
+    "nodes/test_faults.py::test_a_recorder_killed_at_20_random_moments*": CELL,
+    "planning/test_proposal.py::test_the_scatter_of_simulated_results*": ("metrology",),
+    "site/test_site.py*": EVERY,
+    "site/test_tutorial.py*": EVERY,
+}
+"""Patterns of names of slow tests → folders that each judges, besides its own.
+
+A name is ``folder/module.py::test``, with ``::parameters`` where a test has any. A folder is one in
+``stepdiag_ros/`` or ``test/``, or else one in the root, and holds for all that is in it:
+``metrology`` for ``stepdiag_ros/metrology/solvers/linear.py`` as well.
+"""
+SHARED = ("action", "config", "msg")
+"""Folders that concern all tests, as do files that are in none."""
+
+
+def folders_judged(name: str) -> set[str] | None:
+    """Return the folders that a slow test judges, by its name as in ``SLOW``; None if quick."""
+    found = [folders for pattern, folders in SLOW.items() if fnmatchcase(name, pattern)]
+    return {name.partition("/")[0]}.union(*found) if found else None
+
+
+def folder_of(path: str) -> str:
+    """Return in which folder a file of the repository is, as ``SLOW`` calls it."""
+    if path.endswith(".md"):
+        return "docs"  # the site takes pages of the root as well
+    parts = PurePosixPath(path).parts[:-1]
+    return "/".join(parts[1:] if parts[:1] in (("stepdiag_ros",), ("test",)) else parts)
+
+
+def is_concerned(judged: Iterable[str], changed: Iterable[str]) -> bool:
+    """Return whether one of the changed files is in a folder that a test judges, or shared."""
+    folders = {folder_of(path) for path in changed}
+    if "" in folders:
+        return True
+    within = (*SHARED, *judged)
+    return any(
+        not one or f"{folder}/".startswith(f"{one}/") for folder in folders for one in within
+    )
+
+
+def changed_since(commit: str, root: Path) -> list[str] | None:
+    """Return which files differ from a commit, from the root; None where git cannot tell."""
+    try:
+        done = subprocess.run(
+            ["git", "diff", "--name-only", commit, "--"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.splitlines()
+
+
+def select(config: pytest.Config, items: list[pytest.Item], root: Path) -> None:
+    """Mark slow tests; with ``--changed-since`` leave out those that it does not concern."""
+    commit = config.getoption("--changed-since")
+    changed = changed_since(commit, root) if commit else None
+    left_out = []
+    for item in items:
+        path = item.path.relative_to(root / "test").as_posix()
+        test, _, parameters = item.name.removesuffix("]").partition("[")
+        judged = folders_judged("::".join([path, test, *([parameters] if parameters else [])]))
+        if judged is None:
+            continue
+        item.add_marker("slow")
+        if changed is not None and not is_concerned(judged, changed):
+            left_out.append(item)
+    items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=left_out)
