@@ -11,7 +11,7 @@ from patience import PATIENCE
 
 from stepdiag_ros.devices.cnc import CncState, MoveRefused
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 def namespaces(folder=""):

@@ -13,7 +13,7 @@ from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, MoveRefused, PositionSample, StateChange
 
 MACHINE = load_machine("demo")[0]
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 @pytest.fixture(scope="module")
