@@ -65,6 +65,8 @@ def measured(row: Row, checkout: Path, bag: Path) -> float:
     """Return the figure of a row, measured once in a fresh process."""
     paths = os.pathsep.join([str(checkout), str(Path(__file__).parent)])
     environment = {**os.environ, "PYTHONPATH": paths}
+    # An installed package is compiled once, not by each command.
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     if row.unit == "ms":
         command = [sys.executable, __file__, "--solver", *row.arguments]
         done = subprocess.run(

@@ -82,12 +82,6 @@ def pytest_configure(config):
         os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers():
-    """Run one process more than there are processors: live tests wait for half of their time."""
-    return len(os.sched_getaffinity(0)) + 1
-
-
 @cache
 def is_in(path, places):
     """Return whether a file is one of these places in this folder, or in one of them."""

@@ -1,6 +1,7 @@
 """A small run as those hear of it who show it: what the nodes would publish, without nodes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,38 @@ lines:
 """
 
 
+def settled_stops(line, index, zero=0.0):
+    """Return the stops of a measured line as messages tell them: without places of a tracker.
+
+    Args:
+        line: as it was measured.
+        index: of the line in its plan.
+        zero: of the instrument, m.
+    """
+    return [
+        SettledStop(
+            command=StopCommand(100 * index + k, index, 1, line.setup, k, "X", tuple(target), 0),
+            line=replace(line.line, tracked=None),
+            position=tuple(target),
+            settled=True,
+            reason="",
+            time=k,
+            displacement=float(line.displacement[k]) + zero,
+            raw_displacement=float(line.displacement[k]) + zero,
+            standard_uncertainty=5e-9,
+            standard_deviation=2e-8,
+            readings=20,
+            first_sequence=0,
+            last_sequence=19,
+            in_position_time=0,
+            window_start=0,
+            window_end=0,
+            environment=AIR,
+        )
+        for k, target in enumerate(line.target)
+    ]
+
+
 class SmallRun:
     """A simulated measurement, and the items that tell of it."""
 
@@ -51,31 +84,7 @@ class SmallRun:
 
     def stops(self, index):
         """Return the settled stops of a line; the zero of the instrument is anywhere."""
-        line = self.measurement.lines[index]
-        return [
-            SettledStop(
-                command=StopCommand(
-                    100 * index + k, index, 1, line.setup, k, "X", tuple(target), 0
-                ),
-                line=line.line,
-                position=tuple(target),
-                settled=True,
-                reason="",
-                time=k,
-                displacement=float(line.displacement[k]) + 0.123,
-                raw_displacement=float(line.displacement[k]) + 0.123,
-                standard_uncertainty=5e-9,
-                standard_deviation=2e-8,
-                readings=20,
-                first_sequence=0,
-                last_sequence=19,
-                in_position_time=0,
-                window_start=0,
-                window_end=0,
-                environment=AIR,
-            )
-            for k, target in enumerate(line.target)
-        ]
+        return settled_stops(self.measurement.lines[index], index, zero=0.123)
 
     def blocks(self, index):
         line = self.measurement.lines[index]

@@ -19,11 +19,10 @@ import stepdiag_ros  # noqa: F401 - makes rclpy importable
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HURRIED = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LIMIT = PATIENCE
 
 
 def _spin_until(ros: Any, node: Any, done: Any) -> bool:
-    deadline = time.monotonic() + LIMIT
+    deadline = time.monotonic() + PATIENCE
     while not done() and time.monotonic() < deadline:
         ros.spin_once(node, timeout_sec=0.05)
     return bool(done())

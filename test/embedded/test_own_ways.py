@@ -156,3 +156,16 @@ def test_ctrl_c_waits_until_a_pool_has_taken_up_its_work(peer: Start) -> None:
     code, out, err = other.finish()
     assert code == 0, err
     assert out.split("\n") == ["taken up", "interrupted False", ""]
+
+
+def test_levels_of_the_log_hold_until_the_last_context_ends() -> None:
+    import rclpy
+    from rclpy.logging import LoggingSeverity, get_logger_effective_level
+
+    first, second = rclpy.Context(), rclpy.Context()
+    first.init(["x", "--ros-args", "--log-level", "fatal"])
+    second.init(["x"])
+    first.shutdown()
+    assert get_logger_effective_level("") is LoggingSeverity.FATAL
+    second.shutdown()
+    assert get_logger_effective_level("") is LoggingSeverity.INFO

@@ -13,7 +13,7 @@ from refused import refused
 
 from stepdiag_ros.devices.cnc import CncState, MoveRefused
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 def namespaces(folder=""):

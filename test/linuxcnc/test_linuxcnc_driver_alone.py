@@ -29,7 +29,7 @@ FACTS = {
     "velocity": [0.5, None, 0.5],
     "acceleration": [2.0, 2.0, None],
 }
-pytestmark = pytest.mark.timeout(30)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 def line(**content) -> bytes:

@@ -19,7 +19,7 @@ from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import Processes
 
 PLAN = Path(__file__).parent / "measured_on_linuxcnc.yaml"
-pytestmark = pytest.mark.timeout(200)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 def stepdiag(*arguments):

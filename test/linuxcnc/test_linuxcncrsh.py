@@ -16,7 +16,7 @@ from stepdiag_ros.devices.cnc import CncState, MoveRefused, PositionSample, Stat
 from stepdiag_ros.metrology.refusal import Refusal
 
 MACHINE = load_machine("demo")[0]
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 
 @pytest.fixture(scope="module")

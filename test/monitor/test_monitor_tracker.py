@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shown_run import settled_stops
 from tracker_runs import BESIDE, STATIONS, tracker_run
 
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Environment,
-    SettledStop,
-    StopCommand,
 )
 from stepdiag_ros.metrology.tracker.run_result import solve_station
 from stepdiag_ros.monitor.items import RunBegin, RunStatus
@@ -26,30 +25,6 @@ AIR = Environment(20.0, 101_325.0, 0.5, 20.0)
 def bare(line):
     """Return a line as messages tell it: without its places."""
     return replace(line, tracked=None)
-
-
-def stops_of(lines, index):
-    line = lines[index]
-    for k, target in enumerate(line.target):
-        yield SettledStop(
-            command=StopCommand(100 * index + k, index, 1, line.setup, k, "X", tuple(target), 0),
-            line=bare(line.line),
-            position=tuple(target),
-            settled=True,
-            reason="",
-            time=k,
-            displacement=float(line.displacement[k]),
-            raw_displacement=float(line.displacement[k]),
-            standard_uncertainty=5e-9,
-            standard_deviation=2e-8,
-            readings=20,
-            first_sequence=0,
-            last_sequence=19,
-            in_position_time=0,
-            window_start=0,
-            window_end=0,
-            environment=AIR,
-        )
 
 
 def blocks_of(lines, index):
@@ -121,7 +96,7 @@ def test_where_the_run_is_has_stops_and_no_block_of_a_box(state):
 def test_a_stop_tells_the_length_change_and_not_how_far_it_is_off(state):
     plan, lines = tracker_run()
     for index in (0, 1):
-        for stop in stops_of(lines, index):
+        for stop in settled_stops(lines[index], index):
             state.take(stop, RUN_ID)
     last = state.document("stop")["last"]
     assert last["line"] == str(plan.lines[1])

@@ -13,7 +13,6 @@ from refused import refused
 
 from stepdiag_ros.nodes.background import YIELDING, BackgroundProcess, WorkFailed
 
-LIMIT = PATIENCE
 ENDLESS = 600.0
 
 
@@ -31,49 +30,49 @@ def alive(process_id):
 
 def test_results_come_back_one_after_another_from_one_process(background):
     answers = [background.submit(pow, number, 2) for number in range(5)]
-    assert [answer.result(LIMIT) for answer in answers] == [0, 1, 4, 9, 16]
+    assert [answer.result(PATIENCE) for answer in answers] == [0, 1, 4, 9, 16]
     # Large enough that replies would mix if they were asked for at the same time.
     sizes = [3_000_000 + number for number in range(8)]
     answers = [background.submit(bytes, size) for size in sizes]
-    assert [len(answer.result(LIMIT)) for answer in answers] == sizes
-    process_id = background.submit(os.getpid).result(LIMIT)
+    assert [len(answer.result(PATIENCE)) for answer in answers] == sizes
+    process_id = background.submit(os.getpid).result(PATIENCE)
     assert process_id not in (os.getpid(), None)
-    assert background.submit(os.getpid).result(LIMIT) == process_id
+    assert background.submit(os.getpid).result(PATIENCE) == process_id
 
 
 def test_the_process_is_of_low_priority(background):
-    niceness = background.submit(os.getpriority, os.PRIO_PROCESS, 0).result(LIMIT)
+    niceness = background.submit(os.getpriority, os.PRIO_PROCESS, 0).result(PATIENCE)
     assert niceness == min(19, os.getpriority(os.PRIO_PROCESS, 0) + YIELDING)
 
 
 def test_what_is_printed_while_working_does_not_get_between_the_replies(background):
-    background.submit(print, "pickle?").result(LIMIT)
-    background.submit(os.write, 1, b"bytes").result(LIMIT)
-    assert background.submit(abs, -1).result(LIMIT) == 1
+    background.submit(print, "pickle?").result(PATIENCE)
+    background.submit(os.write, 1, b"bytes").result(PATIENCE)
+    assert background.submit(abs, -1).result(PATIENCE) == 1
 
 
 def test_a_refusal_stays_one_and_another_error_tells_where(background):
     with refused(ValueError, None, "'x'"):
-        background.submit(int, "x").result(LIMIT)
+        background.submit(int, "x").result(PATIENCE)
     with refused(WorkFailed, None, "Traceback", "ZeroDivisionError"):
-        background.submit(divmod, 1, 0).result(LIMIT)
+        background.submit(divmod, 1, 0).result(PATIENCE)
     with refused(WorkFailed, None, "pickle"):
-        background.submit(lambda: 1).result(LIMIT)
-    assert background.submit(abs, -1).result(LIMIT) == 1
+        background.submit(lambda: 1).result(PATIENCE)
+    assert background.submit(abs, -1).result(PATIENCE) == 1
 
 
 def test_a_killed_process_is_said_and_replaced(background):
-    process_id = background.submit(os.getpid).result(LIMIT)
+    process_id = background.submit(os.getpid).result(PATIENCE)
     work = background.submit(time.sleep, 60.0)
     time.sleep(0.2)
     os.kill(process_id, signal.SIGKILL)
     with refused(WorkFailed, None, "-9"):
-        work.result(LIMIT)
-    assert background.submit(os.getpid).result(LIMIT) != process_id
+        work.result(PATIENCE)
+    assert background.submit(os.getpid).result(PATIENCE) != process_id
 
 
 def test_ending_does_not_wait_for_the_work(background):
-    process_id = background.submit(os.getpid).result(LIMIT)
+    process_id = background.submit(os.getpid).result(PATIENCE)
     background.submit(time.sleep, ENDLESS)
     time.sleep(0.2)
     began = time.monotonic()

@@ -21,8 +21,6 @@ from stepdiag_ros.planning.program_run import Instrument, run_program
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
-LIMIT = PATIENCE
-
 
 @pytest.fixture
 def laser(ros):  # noqa: F811
@@ -41,7 +39,7 @@ def laser(ros):  # noqa: F811
             self.listen(topics.RUN_STATE, lambda message: setattr(self, "state", message))
 
         def until(self, true):
-            end = time.monotonic() + LIMIT
+            end = time.monotonic() + PATIENCE
             while not true():
                 assert time.monotonic() < end, self.state
                 ros.spin_once(self, timeout_sec=0.02)
@@ -81,7 +79,7 @@ def test_a_run_is_followed_recorded_and_assembled_the_same_again(laser, tmp_path
         assert not processes.ended()
         refused = laser.ask("resume")
         assert not refused.success and refused.message == "no run was started"
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + PATIENCE
         while not (answer := laser.ask("start")).success:
             assert time.monotonic() < end, answer.message
         laser.until(lambda: laser.state.state == State.WAITING_FOR_SETUP)
@@ -139,7 +137,7 @@ def test_a_replay_of_a_run_found_in_a_file_gives_the_same_bytes(tmp_path, capsys
 def test_nothing_is_measured_by_hand_where_a_bridge_is(laser, tmp_path):
     nodes = [NodeProcess("by_hand"), NodeProcess("bridge")]
     with Processes(nodes, tmp_path):
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + PATIENCE
         while "a cnc_bridge node is there" not in (answer := laser.ask("start")).message:
             assert not answer.success
             assert time.monotonic() < end, answer.message

@@ -21,7 +21,6 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes import links
 from stepdiag_ros.nodes.links import LOOKS_ALONE, LinkedNode, Outlet, message_class, quality
 
-LIMIT = PATIENCE
 VOLATILE = QoSProfile(depth=100)
 
 
@@ -39,7 +38,7 @@ def pair(monkeypatch: pytest.MonkeyPatch) -> Any:
     for node in (speaker, hearer):
         executor.add_node(node)
 
-    def until(done: Any, limit: float = LIMIT) -> bool:
+    def until(done: Any, limit: float = PATIENCE) -> bool:
         deadline = time.monotonic() + limit
         while not done() and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.02)
@@ -154,7 +153,7 @@ def test_what_was_on_its_way_when_its_publisher_went_is_no_news(
     for _ in range(3):
         outlet._send(serialize_message(description))
     speaker.destroy_node()
-    deadline = time.monotonic() + LIMIT
+    deadline = time.monotonic() + PATIENCE
     while hearer.count_publishers(topics.RUN_DESCRIPTION.name) and time.monotonic() < deadline:
         time.sleep(0.01)
     hearer._tend_links()
@@ -215,7 +214,7 @@ class FullPublisher:
 def test_an_outlet_that_keeps_all_waits_for_a_slow_subscriber(pair: Any) -> None:
     speaker, _, _ = pair
     full = FullPublisher(refusals=3)
-    Outlet(topics.READING, full, speaker, patience=LIMIT).publish(b"a")  # type: ignore[arg-type]
+    Outlet(topics.READING, full, speaker, patience=PATIENCE).publish(b"a")  # type: ignore[arg-type]
     assert full.sent == [b"a"]
 
 
@@ -254,7 +253,7 @@ def test_every_node_says_so_on_diagnostics() -> None:
             rclpy.spin_once(other, timeout_sec=0.05)
             return links_said is not None and links_said.level == level
 
-        return operator.spin_until(found, LIMIT)
+        return operator.spin_until(found, PATIENCE)
 
     try:
         assert until(DiagnosticStatus.WARN)

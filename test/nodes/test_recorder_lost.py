@@ -5,6 +5,7 @@ How soon it is said, and how long a run waits, is tested in ``run/test_taking_up
 
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,71 +14,58 @@ from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.following import RunFailed
 from stepdiag_ros.session.measure import Session
-from stepdiag_ros.session.processes import Processes
+from stepdiag_ros.session.processes import NodeProcess, Processes
 
 
-class Onlooker:
-    """Hears what a session tells, and finds the process of its recorder."""
+@pytest.fixture
+def meddle(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
+    """Return a function that sends a signal to the recorder's process as soon as there is one."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.process = 0
-        self.said: list[str] = []
-        self._started: list[Processes] = []
-        begin = Processes.__init__
+    def meddle(number: int) -> list[int]:
+        process: list[int] = []
+        start = Processes.start
 
-        def noted(processes: Processes, *arguments: object) -> None:
-            begin(processes, *arguments)
-            self._started.append(processes)
+        def started(processes: Processes, node: NodeProcess) -> None:
+            start(processes, node)
+            if node.name == "recorder":
+                process.append(processes.running["recorder"].pid)
+                os.kill(process[0], number)
 
-        monkeypatch.setattr(Processes, "__init__", noted)
+        monkeypatch.setattr(Processes, "start", started)
+        return process
 
-    def __call__(self, told) -> bool:
-        """Take note of what is told; return True once, when the recorder is there."""
-        self.said.append(told.text)
-        found = [one.running["recorder"].pid for one in self._started if "recorder" in one.running]
-        new = bool(found) and not self.process
-        if new:
-            self.process = found[0]
-        return new
+    return meddle
 
 
 def nodes(folder: Path, factor: float = 20.0):
     return simulated_cell("quick", "demo", "demo", folder, factor, 0.0, 1)
 
 
-def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(
-    tmp_path, monkeypatch
-):
-    looking = Onlooker(monkeypatch)
-
-    def tell(told) -> None:
-        if looking(told):
-            os.kill(looking.process, signal.SIGKILL)
-
+def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(tmp_path, meddle):
+    meddle(signal.SIGKILL)
+    said: list[str] = []
     with pytest.raises(RunFailed) as failed:
-        Session(nodes(tmp_path), tmp_path, tell).measure()
-    said = str(failed.value)
-    assert "recorder" in said and "SIGKILL" in said and "no bag" in said
-    assert "it said nothing" not in said
+        Session(nodes(tmp_path), tmp_path, lambda told: said.append(told.text)).measure()
+    told = str(failed.value)
+    assert "recorder" in told and "SIGKILL" in told and "no bag" in told
+    assert "it said nothing" not in told
     # No run was begun that would have to be stopped.
-    assert "the run is stopped; waiting for its bag" not in looking.said
+    assert "the run is stopped; waiting for its bag" not in said
     assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on(
-    tmp_path, monkeypatch
-):
-    looking = Onlooker(monkeypatch)
+def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on(tmp_path, meddle):
+    process = meddle(signal.SIGSTOP)
+    said: list[str] = []
 
     def tell(told) -> None:
-        if looking(told):
-            os.kill(looking.process, signal.SIGSTOP)
-        if f"kill -CONT {looking.process}" in told.text:
-            os.kill(looking.process, signal.SIGCONT)
+        said.append(told.text)
+        if process and f"kill -CONT {process[0]}" in told.text:
+            os.kill(process[0], signal.SIGCONT)
 
     # It is named, or this would never end well.
     assert Session(nodes(tmp_path), tmp_path, tell).measure().is_file()
-    assert any("the recorder node is stopped" in text for text in looking.said)
+    assert any("the recorder node is stopped" in text for text in said)
 
 
 def start_with_stopped(cell, process: int) -> None:

@@ -120,6 +120,9 @@ class Context:
         for callback in callbacks:
             callback()
         self._leave_if_unused()
+        if not any(context.ok() for context in list(_contexts)):
+            # As rcl does: levels that were asked for hold until the last context has ended.
+            logging.clear_config()
         return True
 
     def on_shutdown(self, callback: Callable[[], None]) -> None:
