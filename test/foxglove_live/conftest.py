@@ -1,11 +1,11 @@
 """A simulated cell with the scene and the server for Foxglove, and an operator who leads it."""
 
-from shown_cell import ShownCell, fixture_of
+from running_cell import RunningCell, fixture_of
 
 from stepdiag_ros import topics
 
 
-class ServedCell(ShownCell):
+class ServedCell(RunningCell):
     """The cell, what shows it, and the state of its run."""
 
     def __init__(self, folder):

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from shown_cell import ShownCell, fixture_of
+from running_cell import RunningCell, fixture_of
 
 from stepdiag_ros import topics
 
@@ -63,7 +63,7 @@ def pages(browser):
     return Pages(browser)
 
 
-class CellOnAPage(ShownCell):
+class CellOnAPage(RunningCell):
     """The cell with the monitor; what was said and what is on the page."""
 
     def __init__(self, folder):

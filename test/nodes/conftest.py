@@ -4,10 +4,12 @@ import time
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from domains import own_domain
 from patience import PATIENCE
+from running_cell import RunningCell
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.sequence import State
@@ -37,67 +39,28 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
             node.destroy_node()
 
 
-class CellUnderTest:
-    """All nodes of the simulated cell, and what they said."""
+class CellUnderTest(RunningCell):
+    """The cell; stops, lines, positions and answers that were heard, and what its nodes said."""
 
-    def __init__(
-        self, folder: Path, plan: str, factor: float, rate: float = 0.0, cell: str = "demo"
-    ) -> None:
-        import rclpy
-
+    def __init__(self, folder: Path, **options: Any) -> None:
         from stepdiag_ros import topics
-        from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.cell import simulated_cell
-        from stepdiag_ros.session.processes import Processes
 
-        self.folder = folder
-        self.nodes = {
-            node.name: node for node in simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
-        }
-        self.processes = Processes(list(self.nodes.values()), folder / "logs")
-        self.stops, self.lines, self.positions, self.statuses = [], [], [], []
+        kept = (topics.STOP, topics.LINE, topics.JOINT_STATES, topics.COMMAND_STATUS)
+        super().__init__(folder, kept, **options)
+        self.stops, self.lines, self.positions, self.statuses = (self.said[one] for one in kept)
         self.machine = None
-        self.said: dict[str, list[tuple[float, str]]] = {}
-        rclpy.init(args=[])
-        self.operator = OperatorNode()
-        self.operator.listen(topics.STOP, self.stops.append)
-        self.operator.listen(topics.LINE, self.lines.append)
-        self.operator.listen(topics.JOINT_STATES, self.positions.append)
-        self.operator.listen(topics.COMMAND_STATUS, self.statuses.append)
+        self.told: dict[str, list[tuple[float, str]]] = {}
         self.operator.listen(
             topics.MACHINE_STATE, lambda message: setattr(self, "machine", message)
         )
         self.operator.listen(topics.DIAGNOSTICS, self._hear)
 
-    def __enter__(self) -> "CellUnderTest":
-        self.processes.__enter__()
-        peers = self.operator.watch.peers
-        self.wait(
-            lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
-            "all nodes are up",
-        )
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        import rclpy
-
-        self.processes.end()
-        rclpy.try_shutdown()
-
-    def _hear(self, array) -> None:
+    def _hear(self, array: Any) -> None:
         for status in array.status:
             values = {entry.key: entry.value for entry in status.values}
             if "role" in values:
-                said = self.said.setdefault(values["role"], [])
-                said.append((time.monotonic(), status.message))
-
-    def wait(self, condition: Callable[[], bool], what: str) -> None:
-        if not self.operator.spin_until(condition, PATIENCE):
-            logs = "\n".join(
-                f"== {log.name}\n{log.read_text()[-1500:]}"
-                for log in sorted((self.folder / "logs").glob("*.log"))
-            )
-            raise AssertionError(f"not in {PATIENCE} s: {what}\n{logs}")
+                told = self.told.setdefault(values["role"], [])
+                told.append((time.monotonic(), status.message))
 
     def start(self, plan: str = "") -> str:
         return self._insist(lambda: self.operator.start(plan))
@@ -117,8 +80,9 @@ class CellUnderTest:
                     raise
                 self.operator.spin_until(lambda: False, 0.2)
 
-    def state(self) -> int:
-        return -1 if self.operator.state is None else self.operator.state.state
+    def state(self) -> State | None:
+        """Return the state of the run that this operator has started."""
+        return None if self.operator.state is None else State(self.operator.state.state)
 
     def wait_for_state(self, state: int) -> None:
         """Wait for a state of the run; a run that is to finish must not be stopped on the way."""
@@ -139,14 +103,12 @@ class CellUnderTest:
         self.processes.start(self.nodes[name])
 
     def said_since(self, role: str, since: float) -> list[str]:
-        return [text for when, text in self.said.get(role, []) if when >= since]
+        return [text for when, text in self.told.get(role, []) if when >= since]
 
 
 @pytest.fixture
 def make_cell(tmp_path: Path) -> Iterator[Callable[..., CellUnderTest]]:
-    def make(
-        plan: str = "quick", factor: float = 10.0, rate: float = 0.0, cell: str = "demo"
-    ) -> CellUnderTest:
-        return CellUnderTest(tmp_path, plan, factor, rate, cell)
+    def make(**options: Any) -> CellUnderTest:
+        return CellUnderTest(tmp_path, **options)
 
     return make

@@ -192,7 +192,7 @@ def test_while_a_run_goes_on_the_node_rests_between_two_diagnoses(tmp_path):
 
 
 def test_a_run_goes_on_without_the_node_which_catches_up_when_it_is_back(make_cell):
-    with make_cell(factor=10.0) as cell:
+    with make_cell() as cell:
         heard = []
         cell.operator.listen(topics.DIAGNOSIS, heard.append)
         cell.start()

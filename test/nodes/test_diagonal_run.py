@@ -64,7 +64,7 @@ def plan_file(tmp_path_factory):
 
 
 def test_diagonals_on_the_node_graph(make_cell, plan_file):
-    with make_cell(plan=str(plan_file), factor=10.0) as cell:
+    with make_cell(plan=str(plan_file), tick=0.004) as cell:
         cell.start()
         cell.wait(lambda: len(cell.stops) >= 1, "a stop")
         cell.operator.call("sequencer/pause")

@@ -32,7 +32,7 @@ def plan_file(tmp_path_factory):
 
 
 def test_a_face_on_the_node_graph(make_cell, plan_file):
-    with make_cell(plan=str(plan_file), factor=10.0) as cell:
+    with make_cell(plan=str(plan_file), factor=20.0) as cell:
         cell.start()
         cell.wait_for_state(State.FINISHED)
         cell.wait(cell.bag_is_closed, "the bag is closed")

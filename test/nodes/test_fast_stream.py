@@ -26,7 +26,7 @@ def told_live(path):
 
 
 def test_a_fast_instrument_with_a_late_clock(make_cell):
-    made = make_cell(factor=10.0, rate=5000.0)
+    made = make_cell(rate=5000.0, tick=0.004)
     made.nodes["interferometer"].parameters["device_file"] = "late_clock"
     with made as cell:
         cell.start()

@@ -5,6 +5,8 @@ import random
 import re
 import time
 
+from running_cell import TWO_LINES
+
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
@@ -110,7 +112,7 @@ def _healthy_roles(cell) -> set[str]:
 
 
 def test_a_killed_clock_stops_the_run(make_cell):
-    with make_cell(factor=5.0) as cell:
+    with make_cell(plan="demo") as cell:
         cell.start()
         cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         cell.kill("clock")
@@ -124,7 +126,7 @@ def test_a_killed_clock_stops_the_run(make_cell):
 
 
 def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_cell):
-    with make_cell(factor=5.0) as cell:
+    with make_cell(plan="demo") as cell:
         cell.start()
         cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         cell.kill("sequencer")
@@ -139,7 +141,7 @@ def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_
         cell.restart("sequencer")
         cell.wait(lambda: "sequencer" in _healthy_roles(cell), "the sequencer is back")
         cell.operator.state = None
-        run_id = cell.start()
+        run_id = cell.start(TWO_LINES)
         cell.wait_for_state(State.FINISHED)
         cell.wait(cell.bag_is_closed, "the bag is closed")
     assert len(bags(cell)) == 2
@@ -153,7 +155,7 @@ def test_a_recorder_killed_at_20_random_moments_loses_the_block_in_progress_at_m
     make_cell, tmp_path
 ):
     chance = random.Random(20261121)
-    with make_cell(plan="demo", factor=10.0) as cell:
+    with make_cell(plan="demo") as cell:
         cell.start()
         known: list[int] = []
         for number in range(20):

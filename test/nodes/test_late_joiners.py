@@ -44,7 +44,7 @@ def test_a_late_recorder_and_a_volatile_monitor_get_everything(make_cell, tmp_pa
     late_recorder = [sys.executable, "-m", "stepdiag_ros.nodes.recorder", "--ros-args"]
     late_recorder += ["-r", "__node:=late_recorder", "-p", "use_sim_time:=true"]
     late_recorder += ["-p", f"folder:='{late_folder}'"]
-    with make_cell(factor=10.0) as cell:
+    with make_cell() as cell:
         run_id = cell.start()
         cell.wait(lambda: len(cell.lines) >= 2, "two lines")
         cell._insist(lambda: cell.operator.call("sequencer/pause"))

@@ -382,7 +382,7 @@ def test_a_device_that_is_deactivated_holds_the_run_until_it_is_active_again(mak
         cell.operator.call("sequencer/abort")
         return False
 
-    with make_cell(factor=10.0) as cell:
+    with make_cell() as cell:
         change("interferometer", "deactivate")
         cell.wait(refused_as_inactive, "no run starts without the interferometer")
         change("interferometer", "activate")

@@ -288,8 +288,8 @@ def wait_for_stops_of(cell, client, count):
 
 
 def test_runs_by_action_in_a_cell(make_cell, tmp_path):
-    text = load_plan("quick")[1]
-    with make_cell(plan="demo", factor=10.0) as cell:
+    text = load_plan("demo")[1]
+    with make_cell() as cell:
         operator, states = cell.operator, followed(cell)
         for plan, names in (
             ("nonsense", ["nonsense"]),
@@ -303,11 +303,11 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         run_id = cell.start(text)
         cell.wait(lambda: len(cell.stops) >= 5, "five stops")
         # Not the plan of the parameter, but the one of the goal.
-        lines = len(load_plan("quick")[0].lines)
+        lines = len(load_plan("demo")[0].lines)
         assert operator.state.line_count == lines
         with refused(Refusal, "rejected"):
             operator.start()
-        assert "between runs only" in parameter_is_refused(cell, "quick")
+        assert "between runs only" in parameter_is_refused(cell, "demo")
         operator.call("sequencer/pause")
         cell.wait_for_state(State.PAUSED)
         operator.call("sequencer/resume")
@@ -328,7 +328,7 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         far = tmp_path / "far.yaml"
         far.write_text(text.replace("step_m: [0", "step_m: [1"))
         assert "outside the soft limits" in parameter_is_refused(cell, str(far))
-        assert parameter_is_refused(cell, "quick") == ""
+        assert parameter_is_refused(cell, "demo") == ""
 
         # A client of its own, as people use it; the run takes the plan that was set just now.
         stops = len(cell.stops)
@@ -386,7 +386,7 @@ def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
 def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
     plan = tmp_path / "four.yaml"
     plan.write_text(
-        "name: four\nstep_m: [0.03, 0.03, 0.03]\nblocks: 3\nfeed_m_per_s: 0.05\n"
+        "name: four\nstep_m: [0.03, 0.03, 0.03]\nblocks: 2\nfeed_m_per_s: 0.05\n"
         "pause_for_setup: false\n"
         "lines:\n  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn]}\n"
     )

@@ -6,12 +6,11 @@ How soon it is said, and how long a run waits, is tested in ``run/test_taking_up
 import os
 import signal
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
+from running_cell import TWO_LINES, nodes_of
 
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.following import RunFailed
 from stepdiag_ros.session.measure import Session
 from stepdiag_ros.session.processes import NodeProcess, Processes
@@ -37,15 +36,20 @@ def meddle(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
     return meddle
 
 
-def nodes(folder: Path, factor: float = 20.0):
-    return simulated_cell("quick", "demo", "demo", folder, factor, 0.0, 1)
+@pytest.fixture
+def nodes(tmp_path):
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(TWO_LINES)
+    return nodes_of(tmp_path, plan=str(plan))
 
 
-def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(tmp_path, meddle):
+def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(
+    tmp_path, meddle, nodes
+):
     meddle(signal.SIGKILL)
     said: list[str] = []
     with pytest.raises(RunFailed) as failed:
-        Session(nodes(tmp_path), tmp_path, lambda told: said.append(told.text)).measure()
+        Session(nodes, tmp_path, lambda told: said.append(told.text)).measure()
     told = str(failed.value)
     assert "recorder" in told and "SIGKILL" in told and "no bag" in told
     assert "it said nothing" not in told
@@ -54,7 +58,9 @@ def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(tm
     assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on(tmp_path, meddle):
+def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on(
+    tmp_path, meddle, nodes
+):
     process = meddle(signal.SIGSTOP)
     said: list[str] = []
 
@@ -64,7 +70,7 @@ def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on
             os.kill(process[0], signal.SIGCONT)
 
     # It is named, or this would never end well.
-    assert Session(nodes(tmp_path), tmp_path, tell).measure().is_file()
+    assert Session(nodes, tmp_path, tell).measure().is_file()
     assert any("the recorder node is stopped" in text for text in said)
 
 
@@ -87,8 +93,10 @@ def start_with_stopped(cell, process: int) -> None:
     raise AssertionError("the recorder is never ready")
 
 
-def test_a_recorder_that_is_stopped_as_a_run_begins_holds_it_until_it_wakes(make_cell):
-    with make_cell(factor=20.0) as cell:
+def test_a_recorder_that_is_stopped_as_a_run_begins_holds_it_until_it_wakes(make_cell, tmp_path):
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(TWO_LINES)
+    with make_cell(plan=str(plan)) as cell:
         recorder = cell.processes.running["recorder"]
         start_with_stopped(cell, recorder.pid)
         try:

@@ -11,12 +11,12 @@ import pytest
 import yaml
 from patience import PATIENCE
 from refused import refused
+from running_cell import TWO_LINES
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.declaration import USE_SIM_TIME
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.refusal import Refusal
@@ -41,7 +41,7 @@ def finished(tmp_path_factory):
     """One run of the quick plan, made by the command line, with its JSON result."""
     folder = tmp_path_factory.mktemp("run")
     done = stepdiag(
-        "run", "--plan", "quick", "--factor", "10", "--output", folder, "--json",
+        "run", "--plan", "quick", "--factor", "20", "--output", folder, "--json",
         "--pictures", "none",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -172,10 +172,9 @@ def test_the_bag_says_all_that_made_the_run(finished):
 
 def test_the_command_line_passes_the_pauses_for_a_setup(tmp_path):
     plan = tmp_path / "plan.yaml"
-    text = load_plan("quick")[1]
-    plan.write_text(text.replace("pause_for_setup: false", "pause_for_setup: true"))
+    plan.write_text(TWO_LINES.replace("pause_for_setup: false", "pause_for_setup: true"))
     done = stepdiag(
-        "run", "--plan", plan, "--factor", "30", "--output", tmp_path / "out", "--pictures", "none"
+        "run", "--plan", plan, "--factor", "20", "--output", tmp_path / "out", "--pictures", "none"
     )
     assert done.returncode == 0, done.stderr
     (bag,) = (tmp_path / "out").glob("*.mcap")
@@ -201,9 +200,14 @@ def test_a_full_disk_is_said_and_what_was_recorded_can_be_saved(tmp_path):
     assert recover(bag, tmp_path / "saved.mcap").messages > 100
 
 
-def test_pause_resume_and_abort(make_cell):
-    with make_cell(factor=5.0) as cell:
+def test_a_run_refuses_another_one_and_can_be_paused_resumed_and_aborted(make_cell, tmp_path):
+    with make_cell(plan="demo") as cell:
         cell.start()
+        with refused(Refusal, "rejected"):
+            cell.operator.start()
+        done = stepdiag("run", "--plan", "quick", "--output", tmp_path / "second")
+        assert done.returncode == 1
+        assert "another measurement is on ROS domain" in done.stderr
         cell.wait(lambda: len(cell.stops) >= 2, "two stops")
         cell.operator.call("sequencer/pause")
         cell.wait_for_state(State.PAUSED)
@@ -224,17 +228,3 @@ def test_pause_resume_and_abort(make_cell):
         # And a new run can be started at once.
         cell.start()
         cell.wait(lambda: cell.state() == State.RUNNING, "another run")
-
-
-def test_an_operator_cannot_start_twice(make_cell):
-    with make_cell(factor=5.0) as cell:
-        cell.start()
-        with refused(Refusal, "rejected"):
-            cell.operator.start()
-
-
-def test_a_second_measurement_in_the_same_domain_is_refused(make_cell, tmp_path):
-    with make_cell():
-        done = stepdiag("run", "--plan", "quick", "--output", tmp_path / "second")
-    assert done.returncode == 1
-    assert "another measurement is on ROS domain" in done.stderr

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from shown_cell import ShownCell, fixture_of
+from running_cell import RunningCell, fixture_of
 
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
@@ -13,7 +13,7 @@ KEPT = (topics.STOP, topics.LINE, topics.VOLUMETRIC_ERRORS, topics.DIAGNOSIS, to
 WATCH = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
 
 
-class WatchedCell(ShownCell):
+class WatchedCell(RunningCell):
     """The cell; what was said, and what a watch has written of it."""
 
     def __init__(self, folder):

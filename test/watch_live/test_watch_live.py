@@ -25,7 +25,7 @@ def test_where_no_run_was_started_there_is_none_to_be_shown(cell):
     code, out, err = cell.once()
     assert code == 1 and out == ""
     assert err.startswith("stepdiag: error: no run has begun: nothing is measured (")
-    assert f"{cell.count + 1} nodes" in err and err.count("\n") == 1
+    assert f"{len(cell.nodes) + 1} nodes" in err and err.count("\n") == 1
 
 
 def test_the_log_tells_what_was_published(cell):
@@ -59,7 +59,7 @@ def test_who_comes_late_sees_the_state(cell):
     assert code == 0 and err == ""
     text = " ".join(out.split())
     state, diagnosis = cell.said[topics.RUN_STATE][-1], cell.said[topics.DIAGNOSIS][-1]
-    assert out.startswith(state.run_id) and f"{cell.count + 1} nodes" in out.splitlines()[0]
+    assert out.startswith(state.run_id) and f"{len(cell.nodes) + 1} nodes" in out.splitlines()[0]
     assert f"finished: {state.text}" in text
     assert f"{state.stops_done} of {state.stops_total} stops" in text
     assert "Beam: good" in text
@@ -75,7 +75,7 @@ def test_who_comes_late_sees_the_state(cell):
 def test_who_looks_on_is_missed_by_nobody(cell):
     """Two viewers have come and gone by now, and the nodes know of none."""
     known = {one.role for one in cell.operator.watch.peers.values()}
-    assert "viewer" not in known and len(cell.operator.watch.peers) == cell.count
+    assert "viewer" not in known and len(cell.operator.watch.peers) == len(cell.nodes)
     assert not any("viewer" in line for line in cell.logged())
     nodes = [name for name, _ in cell.operator.get_node_names_and_namespaces()]
     (viewer,) = (name for name in nodes if name.startswith("viewer_"))
@@ -97,6 +97,6 @@ def test_a_lost_node_is_said_and_ctrl_c_ends(cell):
         ),
         "the log says that the node is silent",
     )
-    assert f"{cell.count} of {cell.count + 1} nodes heard" in cell.logged()
+    assert f"{len(cell.nodes)} of {len(cell.nodes) + 1} nodes heard" in cell.logged()
     cell.watch.send_signal(signal.SIGINT)
     assert cell.watch.wait(PATIENCE) == 0

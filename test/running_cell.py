@@ -1,4 +1,4 @@
-"""A simulated cell, what shows it, and an operator who hears it: for tests of all that shows."""
+"""A simulated cell of real node processes, and an operator who hears it."""
 
 import re
 
@@ -9,26 +9,61 @@ import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
 
+TICK = 0.01
+"""Seconds between two ticks of simulated time.
 
-class ShownCell:
-    """All nodes of a simulated cell and those that show it; what was said on some topics."""
+Every tick wakes ten nodes: at the default of 4 ms that is a third of what a run costs.
+"""
 
-    def __init__(self, folder, kept, shown=()):
+
+def nodes_of(folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK):
+    """Return the nodes of a simulated cell, for a run that takes little of the processor."""
+    from stepdiag_ros.session.cell import simulated_cell
+
+    nodes = simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
+    (clock,) = (node for node in nodes if node.name == "clock")
+    clock.parameters["period"] = tick
+    return nodes
+
+
+TWO_LINES = """
+name: two lines
+step_m: [0.02, 0.02, 0.02]
+blocks: 2
+feed_m_per_s: 0.1
+pause_for_setup: false
+lines:
+  - {kind: linear, names: [x]}
+  - {kind: step_diagonal, names: [ppp]}
+sampling: {dwell_s: 0.1, settle_s: 0.1, window_s: 0.1}
+"""
+"""A plan for what only has to begin and to end."""
+
+
+class RunningCell:
+    """All nodes of a simulated cell and those that show it; what was said on some topics.
+
+    Args:
+        folder: for bags and logs.
+        kept: topics of which every message is kept in ``said``, beside the state of the run.
+        shown: name and parameters of each node that shows the cell.
+        options: of ``nodes_of``.
+    """
+
+    def __init__(self, folder, kept, shown=(), **options):
         import rclpy
 
         from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.cell import simulated_cell
         from stepdiag_ros.session.processes import NodeProcess, Processes
 
         self.folder = folder
-        cell = simulated_cell("quick", "demo", "demo", folder, 10.0, 0.0, 1)
         more = [NodeProcess(name, {"use_sim_time": True, **given}) for name, given in shown]
         self._shown = [name for name, _ in shown]
-        self.count = len(cell) + len(more)
-        self.processes = Processes([*cell, *more], folder / "logs")
+        self.nodes = {node.name: node for node in (*nodes_of(folder, **options), *more)}
+        self.processes = Processes(list(self.nodes.values()), folder / "logs")
         rclpy.init(args=[])
         self.operator = OperatorNode()
-        self.said = {topic: [] for topic in kept}
+        self.said = {topic: [] for topic in {topics.RUN_STATE, *kept}}
         for topic, heard in self.said.items():
             self.operator.listen(topic, heard.append)
 
@@ -36,7 +71,7 @@ class ShownCell:
         self.processes.__enter__()
         peers = self.operator.watch.peers
         self.wait(
-            lambda: len(peers) == self.count and not any(one.faulty for one in peers.values()),
+            lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
             "all nodes are up",
         )
         return self
@@ -53,7 +88,8 @@ class ShownCell:
 
     def last_words(self):
         """Return what is to be read where something does not come."""
-        return "\n".join(self.log(name)[-3000:] for name in self._shown)
+        names = self._shown or self.nodes
+        return "\n".join(f"== {name}\n{self.log(name)[-1500:]}" for name in names)
 
     def log(self, name):
         return (self.folder / "logs" / f"{name}.log").read_text(errors="replace")
@@ -63,6 +99,7 @@ class ShownCell:
         return re.search(pattern, self.log(name)).group(1)
 
     def state(self):
+        """Return the state that was heard last; None before."""
         states = self.said[topics.RUN_STATE]
         return State(states[-1].state) if states else None
 
