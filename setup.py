@@ -54,7 +54,7 @@ setup(
             "*.hal",
         ],
         "stepdiag_ros.handover": ["templates/*", "templates/*/*"],
-        "stepdiag_ros.monitor": ["page/*"],
+        "stepdiag_ros.viewers.page": ["static/*"],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [
             "interfaces/*/*/*.msg",

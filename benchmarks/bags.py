@@ -24,11 +24,12 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Environment, Reading
 
 TYPE = topics.READING.type_name

@@ -23,8 +23,8 @@ from shared import gaps, processor_seconds
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
-from stepdiag_ros.conversion import from_reading, new_message, set_stamp, to_reading
 from stepdiag_ros.embedded import client
+from stepdiag_ros.messages.conversion import from_reading, new_message, set_stamp, to_reading
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.nodes.links import message_class, quality
 

@@ -31,17 +31,18 @@ import aiohttp
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.run import RecordedRun, load_run
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Environment, Reading, SettledStop
-from stepdiag_ros.monitor.access import make_access
-from stepdiag_ros.monitor.items import Place, RunBegin
-from stepdiag_ros.monitor.server import MonitorServer, Offer
-from stepdiag_ros.monitor.state import State
 from stepdiag_ros.nodes.operator import OperatorNode
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
+from stepdiag_ros.viewers.page.access import make_access
+from stepdiag_ros.viewers.page.items import Place, RunBegin
+from stepdiag_ros.viewers.page.server import MonitorServer, Offer
+from stepdiag_ros.viewers.page.state import State
 
 RATE = 20.0
 VIEWERS = 5

@@ -29,7 +29,7 @@ from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.embedded import client
-from stepdiag_ros.samples_conversion import to_sample_block
+from stepdiag_ros.messages.samples import to_sample_block
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.measure import Session
 from stepdiag_ros.session.processes import NodeProcess

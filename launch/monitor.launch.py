@@ -9,7 +9,7 @@ from launch import LaunchDescription
 from launch_ros.actions import Node
 
 from stepdiag_ros import resources, topics
-from stepdiag_ros.scene.frames import MACHINE
+from stepdiag_ros.metrology.frames import MACHINE
 from stepdiag_ros.session.launching import (
     NAMESPACE,
     TRUTHS,

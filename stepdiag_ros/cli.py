@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 
 from stepdiag_ros.commands.arguments import CommandParser
-from stepdiag_ros.refusals import PREFIX, sentence
+from stepdiag_ros.text.sentence import PREFIX, sentence
 
 COMMANDS = (
     "demo",

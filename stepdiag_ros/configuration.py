@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import yaml
 
 from stepdiag_ros import resources
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.intake import parse_yaml
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell

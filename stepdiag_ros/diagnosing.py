@@ -9,7 +9,9 @@ from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
-from stepdiag_ros.diagnosis_summary import (
+from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.summary import (
     DiagnosisSummary,
     FoundEffect,
     FoundSize,
@@ -18,8 +20,6 @@ from stepdiag_ros.diagnosis_summary import (
     ModelSource,
     Verdict,
 )
-from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.geometry import Vector

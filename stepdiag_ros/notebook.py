@@ -37,7 +37,7 @@ def open_run(path: str | Path, run_id: str | None = None) -> "RecordedRun":
         ValueError: it cannot be read, or holds no run or several.
     """
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.refusals import sentence
+    from stepdiag_ros.text.sentence import sentence
 
     try:
         return load_run(path, run_id)

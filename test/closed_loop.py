@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.runs import messages_of
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import cell_from_text
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.forward import tool_point
 from stepdiag_ros.metrology.plan import LINEAR
 

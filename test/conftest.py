@@ -32,12 +32,12 @@ LIVE = (
     "devices/cnc_peers",
     "embedded",
     "examples",
-    "foxglove_live",
     "interoperability",
     "linuxcnc",
-    "monitor_live",
     "nodes",
-    "watch_live",
+    "viewers/foxglove_live",
+    "viewers/page_live",
+    "viewers/terminal_live",
 )
 """Where tests run nodes, controllers or peers in real time.
 
@@ -49,8 +49,8 @@ FIRST = (
     "nodes/test_whole_run.py",
     "nodes/test_faults.py",
     "nodes",
-    "monitor_live",
-    "foxglove_live",
+    "viewers/page_live",
+    "viewers/foxglove_live",
     "site",
     "blind",
     "house",

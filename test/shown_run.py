@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from standard_runs import RUN_ID, START, write_messages
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
-from stepdiag_ros.conversion import new_message
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.conversion import new_message
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -21,8 +22,8 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
-from stepdiag_ros.monitor.items import RunBegin, RunStatus
 from stepdiag_ros.run.sequence import State as RunState
+from stepdiag_ros.viewers.page.items import RunBegin, RunStatus
 
 SECOND = 1_000_000_000
 MACHINE = load_machine("demo")[1]

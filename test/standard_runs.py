@@ -2,15 +2,16 @@
 
 from cells_for_tests import make_cell
 
-from stepdiag_ros import __version__, conversion, topics
+from stepdiag_ros import __version__, topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import completed_by
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.positioning_conversion import from_positioning_test
 
 RUN_ID = "20260102T030405-abcd"
 START = 1_000_000_000

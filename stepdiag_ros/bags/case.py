@@ -9,13 +9,13 @@ from typing import Any
 import yaml
 
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
 from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
+from stepdiag_ros.text.intake import parse_yaml
 
 FILE_NAME = "case.yaml"
 UNITS = "SI"

@@ -18,7 +18,7 @@ from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_of
 from stepdiag_ros.bags.tracker_table import table_text
-from stepdiag_ros.diagnosis_summary import DiagnosisSummary
+from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
 from stepdiag_ros.metrology.measurement import latest_attempts
 from stepdiag_ros.metrology.plan import Line

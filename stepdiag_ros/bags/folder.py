@@ -12,8 +12,8 @@ from stepdiag_ros.bags.bag import Bag, Order, Payloads, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.tally import Flaw
-from stepdiag_ros.intake import parse_yaml
-from stepdiag_ros.refusals import sentence
+from stepdiag_ros.text.intake import parse_yaml
+from stepdiag_ros.text.sentence import sentence
 
 METADATA_FILE = "metadata.yaml"
 SUFFIXES = (".mcap", ".mcap.zstd")

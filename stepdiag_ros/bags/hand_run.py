@@ -13,13 +13,14 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import Attachment
 from stepdiag_ros.bags.imports.source import PREFIX
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.recording import Recording
 from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.assembly import Event, assemble
 from stepdiag_ros.metrology.by_hand import (
     Found,

@@ -6,7 +6,7 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag, Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
@@ -19,7 +19,8 @@ from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.diagnosis_conversion import to_diagnosis
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.metrology.time_alignment import RunTiming
 
 

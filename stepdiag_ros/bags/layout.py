@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
-from stepdiag_ros.intake import LARGEST_CHUNK
+from stepdiag_ros.text.intake import LARGEST_CHUNK
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = 9

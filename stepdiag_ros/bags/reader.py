@@ -25,7 +25,7 @@ from stepdiag_ros.bags.tally import (
     recovery_flaws,
     tally_of,
 )
-from stepdiag_ros.intake import LARGEST_CHUNK, MOST_EXPANSION
+from stepdiag_ros.text.intake import LARGEST_CHUNK, MOST_EXPANSION
 
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""

@@ -7,10 +7,11 @@ from itertools import chain, islice, repeat, starmap
 import numpy as np
 import numpy.typing as npt
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag, Payloads, Record
 from stepdiag_ros.bags.columns import columns_of
 from stepdiag_ros.bags.runs import FoundRun, records_of
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Environment, Reading
 
 _AT_ONCE = 4096

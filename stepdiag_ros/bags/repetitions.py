@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Iterator
 
 from stepdiag_ros.bags.bag import Record
-from stepdiag_ros.repetition import Memory
+from stepdiag_ros.messages.repetition import Memory
 from stepdiag_ros.topics import topic_of
 
 
 class Repetitions:
-    """Knows what has come before in one bag; see ``stepdiag_ros.repetition``."""
+    """Knows what has come before in one bag; see ``stepdiag_ros.messages.repetition``."""
 
     def __init__(self) -> None:
         self._heard: dict[str, Memory | None] = {}

@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
@@ -18,11 +18,12 @@ from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.wholeness import Recorded, numbers_of_readings
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
-from stepdiag_ros.diagnosis_conversion import to_diagnosis
-from stepdiag_ros.diagnosis_summary import DiagnosisSummary
-from stepdiag_ros.intake import parse_yaml
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.messages.positioning import to_positioning_test
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.checking import UNKNOWN
+from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -37,7 +38,7 @@ from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
-from stepdiag_ros.positioning_conversion import to_positioning_test
+from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.topics import Topic
 
 Event = StopCommand | Arrival | Reading

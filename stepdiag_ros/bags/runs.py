@@ -8,10 +8,11 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag, Record
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.repetitions import without_repetitions
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.topics import Topic
 
 _ALWAYS = 2**63

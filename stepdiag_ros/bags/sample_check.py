@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from math import isnan
 from typing import Any
 
-from stepdiag_ros import conversion
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.samples import to_sample_block
 from stepdiag_ros.metrology.decimation import Decimator
 from stepdiag_ros.metrology.measurement import Reading
-from stepdiag_ros.samples_conversion import to_sample_block
 
 
 @dataclass

@@ -20,8 +20,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.digest import sha256_of
-from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.intake import parse_json
 
 SUFFIX = ".sig"
 PUBLIC_SUFFIX = ".pub"

@@ -17,10 +17,10 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import COLUMNS, OPTIONAL_COLUMNS, SETTLED, Pass, Row, Told
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, latest_attempts
 from stepdiag_ros.metrology.plan import COURSE_KEYS, Line
+from stepdiag_ros.text.intake import parse_yaml
 
 TABLE_NAME = "run"
 _FARTHEST = 1000.0

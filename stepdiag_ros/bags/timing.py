@@ -6,9 +6,10 @@ from math import isnan
 
 import numpy as np
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.runs import messages_of
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.time_alignment import (
     SEARCH_LIMIT,

@@ -231,8 +231,8 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         ValueError: the result, a setting or a limit of the control forbids it; one sentence.
     """
     from stepdiag_ros.compensation.control import Layout, checked_settings
-    from stepdiag_ros.intake import refusals_of
     from stepdiag_ros.report.compensation_build import compensation_of
+    from stepdiag_ros.text.intake import refusals_of
 
     settings = checked_settings(chosen, _given(arguments.settings))
     if arguments.spacing < 0.0:

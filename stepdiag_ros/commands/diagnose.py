@@ -198,10 +198,10 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
     Raises:
         ValueError: run or model cannot be read, or they contradict each other; one sentence.
     """
-    from stepdiag_ros.intake import refusals_of
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis
+    from stepdiag_ros.text.intake import refusals_of
 
     model, source = MachineModel(), ""
     if arguments.model is not None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
-from stepdiag_ros.intake import refusals_of
+from stepdiag_ros.text.intake import refusals_of
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:

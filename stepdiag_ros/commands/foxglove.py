@@ -65,7 +65,7 @@ def run(arguments: Namespace) -> int:
         if arguments.use_sim_time:
             raise ValueError("--use-sim-time is for live nodes; a bag has its own time")
         return _replay(arguments)
-    from stepdiag_ros.declaration import written
+    from stepdiag_ros.parameters.declaration import written
 
     sys.argv = ros_arguments("foxglove", "foxglove_server", arguments.namespace)
     for name in ("use_sim_time", "address", "port", "open_to_network"):
@@ -76,8 +76,8 @@ def run(arguments: Namespace) -> int:
 
 
 def _replay(arguments: Namespace) -> int:
-    from stepdiag_ros.foxglove_live.replay import FoxgloveReplay
-    from stepdiag_ros.foxglove_live.server import Place
+    from stepdiag_ros.viewers.foxglove.replay import FoxgloveReplay
+    from stepdiag_ros.viewers.foxglove.server import Place
 
     place = Place(arguments.address, arguments.port, arguments.open_to_network)
     rate = 1.0 if arguments.rate is None else arguments.rate

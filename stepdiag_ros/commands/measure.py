@@ -131,7 +131,7 @@ def _enter_was_pressed() -> bool:
 def _lead(measured: "Measured") -> "RunLead":
     """Return what is said first of the run, before anything is solved."""
     from stepdiag_ros.bags.passes import Completeness
-    from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
+    from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
     from stepdiag_ros.report.lead import RunLead
     from stepdiag_ros.run.conclusion import UNKNOWN
 

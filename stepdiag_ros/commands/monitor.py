@@ -50,7 +50,7 @@ def run(arguments: Namespace) -> int:
     refuse_what_does_not_fit(arguments)
     if arguments.bag is not None:
         return _replay(arguments)
-    from stepdiag_ros.declaration import written
+    from stepdiag_ros.parameters.declaration import written
 
     given = {
         "address": arguments.address,
@@ -66,10 +66,10 @@ def run(arguments: Namespace) -> int:
 
 
 def _replay(arguments: Namespace) -> int:
-    from stepdiag_ros.monitor.access import make_access
-    from stepdiag_ros.monitor.replay import Replay
-    from stepdiag_ros.monitor.server import MonitorServer, Offer
-    from stepdiag_ros.monitor.state import State
+    from stepdiag_ros.viewers.page.access import make_access
+    from stepdiag_ros.viewers.page.replay import Replay
+    from stepdiag_ros.viewers.page.server import MonitorServer, Offer
+    from stepdiag_ros.viewers.page.state import State
 
     state = State()
     access = make_access(arguments.address, arguments.token_file)

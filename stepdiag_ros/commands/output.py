@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from stepdiag_ros.control_text import printable
+from stepdiag_ros.text.controls import printable
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun

@@ -4,8 +4,8 @@ import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 
 from stepdiag_ros.commands.output import HelpFormatter
-from stepdiag_ros.declaration import DeclaredNode
-from stepdiag_ros.parameters import NODES
+from stepdiag_ros.parameters.declaration import DeclaredNode
+from stepdiag_ros.parameters.nodes import NODES
 
 _EXAMPLES = """\
 examples:
@@ -43,7 +43,7 @@ def run(arguments: Namespace) -> int:
     Raises:
         ValueError: there is no such node.
     """
-    from stepdiag_ros.parameter_documents import markdown, parameter_file
+    from stepdiag_ros.parameters.documents import markdown, parameter_file
 
     nodes = [_node(name) for name in arguments.nodes] or list(NODES)
     if arguments.yaml:
@@ -67,7 +67,7 @@ def _print(nodes: list[DeclaredNode]) -> None:
     from rich import box
     from rich.table import Table
 
-    from stepdiag_ros.parameter_documents import COLUMNS, row
+    from stepdiag_ros.parameters.documents import COLUMNS, row
     from stepdiag_ros.report.tables import make_console
 
     console = make_console(sys.stdout)

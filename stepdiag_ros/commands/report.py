@@ -17,8 +17,8 @@ from stepdiag_ros.commands.output import (
     say,
     warn,
 )
-from stepdiag_ros.intake import refusals_of
-from stepdiag_ros.refusals import sentence
+from stepdiag_ros.text.intake import refusals_of
+from stepdiag_ros.text.sentence import sentence
 
 if TYPE_CHECKING:
     from collections.abc import Callable

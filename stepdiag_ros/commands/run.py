@@ -14,7 +14,7 @@ from stepdiag_ros.commands.output import (
     say,
     warn_of_undetermined,
 )
-from stepdiag_ros.device_parameters import HIGHEST_SAMPLE_RATE
+from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
     from stepdiag_ros.session.following import Told

@@ -21,10 +21,10 @@ from stepdiag_ros.commands.onlooking import (
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option
 
 if TYPE_CHECKING:
-    from stepdiag_ros.monitor.state import State
     from stepdiag_ros.nodes.onlooker import ViewerNode
-    from stepdiag_ros.watch.journal import Journal
-    from stepdiag_ros.watch.screen import Screen
+    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.terminal.journal import Journal
+    from stepdiag_ros.viewers.terminal.screen import Screen
 
 _ONCE_LIMIT = 10.0
 """Real seconds that --once waits for a run to be heard of."""
@@ -73,16 +73,16 @@ def _make_screen(
     state: "State", source: Callable[[], str], clock: Callable[[], datetime]
 ) -> "Screen":
     from stepdiag_ros.report.tables import PlainConsole
-    from stepdiag_ros.watch.page import Heading
-    from stepdiag_ros.watch.screen import Screen
+    from stepdiag_ros.viewers.terminal.page import Heading
+    from stepdiag_ros.viewers.terminal.screen import Screen
 
     console = PlainConsole(file=sys.stdout, markup=False, highlight=False, emoji=False)
     return Screen(state, console, lambda: Heading(source(), f"{clock():%H:%M:%S} UTC"))
 
 
 def _make_journal(state: "State", clock: Callable[[], datetime]) -> "Journal":
-    from stepdiag_ros.watch.glyphs import glyphs_for
-    from stepdiag_ros.watch.journal import Journal
+    from stepdiag_ros.viewers.terminal.glyphs import glyphs_for
+    from stepdiag_ros.viewers.terminal.journal import Journal
 
     journal = Journal(
         state,
@@ -95,8 +95,8 @@ def _make_journal(state: "State", clock: Callable[[], datetime]) -> "Journal":
 
 
 def _replay(arguments: Namespace) -> int:
-    from stepdiag_ros.monitor.replay import Replay
-    from stepdiag_ros.monitor.state import State
+    from stepdiag_ros.viewers.page.replay import Replay
+    from stepdiag_ros.viewers.page.state import State
 
     state = State()
     replay = Replay(arguments.bag, state, arguments.run_id)
@@ -129,10 +129,10 @@ def _replay(arguments: Namespace) -> int:
 
 
 def _live(arguments: Namespace) -> int:
-    from stepdiag_ros.monitor.state import State
     from stepdiag_ros.nodes.base import spin
     from stepdiag_ros.nodes.onlooker import ViewerNode
-    from stepdiag_ros.watch.screen import RATE
+    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.terminal.screen import RATE
 
     sys.argv = ros_arguments("watch", "viewer", arguments.namespace)
     state = State()

@@ -19,10 +19,10 @@ import numpy as np
 
 from stepdiag_ros.compensation.applied import Applied, TableSet
 from stepdiag_ros.compensation.identified import Identified, curve_at
-from stepdiag_ros.control_text import FARTHEST, Comment, refuse_foreign
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, Vector, translation
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import FARTHEST, Comment, refuse_foreign
 
 MILLI = 1e3
 """Metres to mm."""

@@ -37,9 +37,9 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import NUMBER, Comment
 
 PITCH = "PITCH.TXT"
 PARAMETERS = "parameters_3620.txt"

@@ -19,13 +19,13 @@ import numpy as np
 from stepdiag_ros import schemas
 from stepdiag_ros.compensation.control import Files, Layout, Setting
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
-from stepdiag_ros.control_text import Comment
-from stepdiag_ros.diagnosis_summary import Verdict
-from stepdiag_ros.intake import parse_json
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+from stepdiag_ros.text.controls import Comment
+from stepdiag_ros.text.intake import parse_json
 
 if TYPE_CHECKING:
     from stepdiag_ros.run.target_correction import TargetCorrection

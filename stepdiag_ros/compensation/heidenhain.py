@@ -34,9 +34,9 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.control_text import NUMBER
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import NUMBER
 
 MOST_ENTRIES = 256
 STEEPEST = 1.0 / 64.0

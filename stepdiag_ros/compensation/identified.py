@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
-from stepdiag_ros.control_text import one_line
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
-from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import LINEAR
@@ -22,6 +20,8 @@ from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns, all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+from stepdiag_ros.text.controls import one_line
+from stepdiag_ros.text.intake import parse_json
 
 NO_REVERSAL = (
     "the reversal errors are not known: no linear line was measured both ways, or the source does"

@@ -27,9 +27,9 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import NUMBER, Comment
 
 MOST_LINES = 256
 LARGEST = 1e-3

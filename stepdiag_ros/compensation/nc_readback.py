@@ -11,8 +11,8 @@ from collections import Counter
 from stepdiag_ros.compensation.nc_program import MOTIONS
 from stepdiag_ros.compensation.nc_rewrite import COMMENT, Rewritten
 from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusal
-from stepdiag_ros.control_text import FARTHEST
 from stepdiag_ros.metrology.refusal import Fault
+from stepdiag_ros.text.controls import FARTHEST
 
 SOURCE = "the rewritten program"
 

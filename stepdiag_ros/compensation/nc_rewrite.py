@@ -22,11 +22,11 @@ from stepdiag_ros.compensation.nc_division import Division, Pieces
 from stepdiag_ros.compensation.nc_motion import ARC, RAPID, Motion
 from stepdiag_ros.compensation.nc_program import MOTIONS, NcSettings, Step, steps_of
 from stepdiag_ros.compensation.nc_words import Block, NcError, Word, refusal
-from stepdiag_ros.control_text import Comment
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Fault, Refusal
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+from stepdiag_ros.text.controls import Comment
 
 COMMENT = Comment("(", ")")
 REFUSE, HOLD = "refuse", "hold"

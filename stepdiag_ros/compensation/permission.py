@@ -14,8 +14,8 @@ import numpy as np
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.compensation.control import Control
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE, UNEXPLAINED
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.effects.axis_scale import EFFECT as SCALE
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
 from stepdiag_ros.metrology.effects.squareness import EFFECT as SQUARENESS_ERROR

@@ -34,9 +34,9 @@ from stepdiag_ros.compensation.control import (
     wanted,
 )
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.control_text import NUMBER, Comment
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import NUMBER, Comment
 
 ENC_FILE = "AX_EEC.INI"
 CEC_FILE = "NC_CEC.INI"

@@ -20,10 +20,10 @@ from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
-from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.handover.given import Given
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement

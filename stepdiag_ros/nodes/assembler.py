@@ -9,7 +9,7 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.conversion import (
+from stepdiag_ros.messages.conversion import (
     axis_positions,
     from_block,
     from_measured_line,

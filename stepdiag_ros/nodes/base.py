@@ -13,11 +13,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
-from stepdiag_ros.conversion import to_nanoseconds
+from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
-from stepdiag_ros.refusals import PREFIX, sentence
 from stepdiag_ros.run.health import Clockwork, Finding, Level
 from stepdiag_ros.run.supervision import (
     HEARTBEAT_PERIOD,
@@ -26,6 +25,7 @@ from stepdiag_ros.run.supervision import (
     Peer,
     Watch,
 )
+from stepdiag_ros.text.sentence import PREFIX, sentence
 from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE
 
 HOLDS = 2.0

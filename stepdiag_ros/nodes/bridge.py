@@ -11,12 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
-from stepdiag_ros.conversion import (
-    MOTORS,
-    from_command_status,
-    set_header,
-    to_nanoseconds,
-)
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import (
     CncDevice,
@@ -28,12 +22,17 @@ from stepdiag_ros.devices.cnc import (
     Traits,
     traits_of,
 )
-from stepdiag_ros.message_types import new_message
+from stepdiag_ros.messages.conversion import (
+    MOTORS,
+    from_command_status,
+    set_header,
+    to_nanoseconds,
+)
+from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
-from stepdiag_ros.refusals import sentence
 from stepdiag_ros.run.device_health import Axes
 from stepdiag_ros.run.entitlement import Entitlement
 from stepdiag_ros.run.health import Finding, Level
@@ -42,6 +41,7 @@ from stepdiag_ros.run.permission import Move, Permission, shortcomings, too_bris
 from stepdiag_ros.run.sequence import ANSWER_LIMIT, Answer, Purpose
 from stepdiag_ros.run.sole_sender import SoleSender
 from stepdiag_ros.run.work_health import Commands
+from stepdiag_ros.text.sentence import sentence
 
 if TYPE_CHECKING:
     from stepdiag_ros.run.target_correction import TargetCorrection

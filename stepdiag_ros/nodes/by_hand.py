@@ -8,14 +8,14 @@ from typing import Any
 import stepdiag_ros
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_machine, plan_given
-from stepdiag_ros.conversion import (
+from stepdiag_ros.messages.conversion import (
     STATUS_IN_POSITION,
     from_command_status,
     from_stop_command,
     set_header,
     to_reading,
 )
-from stepdiag_ros.message_types import new_message
+from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
 from stepdiag_ros.metrology.measurement import Arrival, StopCommand
 from stepdiag_ros.metrology.plan import Plan

@@ -1,4 +1,4 @@
-"""A node whose parameters are those of ``stepdiag_ros/parameters.py``, no more and no fewer.
+"""A node whose parameters are those of ``stepdiag_ros/parameters/nodes.py``, no more and no fewer.
 
 Wrong values are refused with the reason, in the same words at start, by ``ros2 param set`` and by
 any other client. rclpy looks at read-only, type and range in words of its own before it asks a
@@ -17,10 +17,10 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from stepdiag_ros.declaration import USE_SIM_TIME, Change, Declaration
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters import declared_node
-from stepdiag_ros.refusals import sentence
+from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Change, Declaration
+from stepdiag_ros.parameters.nodes import declared_node
+from stepdiag_ros.text.sentence import sentence
 
 CLIENT_PARAMETERS = ("start_type_description_service",)
 """Parameters of some ROS clients, which mean nothing to our nodes; they may be given to any."""

@@ -6,13 +6,13 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.standards.axis_test import completed_by
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
-from stepdiag_ros.positioning_conversion import from_positioning_test
 
 
 class EvaluatorNode(LineNode):

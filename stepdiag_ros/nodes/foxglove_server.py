@@ -9,10 +9,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.foxglove_live.server import FoxgloveServer, Place
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.topics import Qos, Topic
+from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, Place
 
 SHOWN = tuple(one for one in topics.TOPICS if one not in (topics.CLOCK, topics.MOTION_PERMIT))
 """What viewers are offered. The time is told them in another way, and a permit to move is for the

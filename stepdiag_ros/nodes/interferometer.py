@@ -12,7 +12,9 @@ import numpy as np
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, plan_from_text
-from stepdiag_ros.conversion import (
+from stepdiag_ros.devices import Surroundings, prepare
+from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
+from stepdiag_ros.messages.conversion import (
     PURPOSE_STOP,
     axis_positions,
     from_reading,
@@ -20,11 +22,11 @@ from stepdiag_ros.conversion import (
     to_command,
     to_nanoseconds,
 )
-from stepdiag_ros.devices import Surroundings, prepare
-from stepdiag_ros.devices.interferometer import STATUS_OK, FollowsRun, InterferometerDevice
-from stepdiag_ros.message_types import new_message
+from stepdiag_ros.messages.samples import from_sample_block
+from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.air.compensator import Compensator
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
+from stepdiag_ros.metrology.frames import LASER
 from stepdiag_ros.metrology.fringe_count import CountCheck
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
@@ -35,8 +37,6 @@ from stepdiag_ros.run.health import Finding, Gaps, Rate
 from stepdiag_ros.run.reading_source import ReadingSource
 from stepdiag_ros.run.sequence import Answer, State
 from stepdiag_ros.run.supervision import fact_of_run
-from stepdiag_ros.samples_conversion import from_sample_block
-from stepdiag_ros.scene.frames import LASER
 
 SETTINGS = {
     "rate": "rate_hz",

@@ -4,7 +4,7 @@ from collections import deque
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.conversion import to_measured_line
+from stepdiag_ros.messages.conversion import to_measured_line
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import MOST_STOPS
 from stepdiag_ros.nodes.base import StepdiagNode

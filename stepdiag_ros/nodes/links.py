@@ -16,13 +16,13 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
-from stepdiag_ros.control_text import one_line
-from stepdiag_ros.message_types import message_type
+from stepdiag_ros.messages.repetition import REPEAT_PERIOD, Memory, Repeater
+from stepdiag_ros.messages.types import message_type
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.link_check import LinkCheck
 from stepdiag_ros.nodes.timing import TimedNode
-from stepdiag_ros.repetition import REPEAT_PERIOD, Memory, Repeater
 from stepdiag_ros.run.sole_sender import Sender
+from stepdiag_ros.text.controls import one_line
 from stepdiag_ros.topics import RUN_DESCRIPTION, Qos, Topic
 
 try:

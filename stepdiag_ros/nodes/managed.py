@@ -28,13 +28,13 @@ from rclpy.lifecycle import (
 )
 
 from stepdiag_ros.configuration import load_device
-from stepdiag_ros.declaration import Change
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
-from stepdiag_ros.parameters import declared_node
-from stepdiag_ros.refusals import sentence
+from stepdiag_ros.parameters.declaration import Change
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.text.sentence import sentence
 from stepdiag_ros.topics import Topic
 
 SIMULATED = "simulated"

@@ -3,12 +3,12 @@
 
 import sys
 
-from stepdiag_ros.monitor.access import make_access
-from stepdiag_ros.monitor.server import RATE, MonitorServer, Offer
-from stepdiag_ros.monitor.state import State
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.onlooker import Onlooker
 from stepdiag_ros.nodes.run_control import RunControl
+from stepdiag_ros.viewers.page.access import make_access
+from stepdiag_ros.viewers.page.server import RATE, MonitorServer, Offer
+from stepdiag_ros.viewers.page.state import State
 
 
 class MonitorNode(Onlooker):

@@ -8,12 +8,12 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from stepdiag_ros import topics
-from stepdiag_ros.monitor.contact import contact_of
-from stepdiag_ros.monitor.items import SOURCES, Said, Source, to_run_begin, to_run_status
-from stepdiag_ros.monitor.state import State
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet, decoded, message_class
 from stepdiag_ros.topics import Topic
+from stepdiag_ros.viewers.page.contact import contact_of
+from stepdiag_ros.viewers.page.items import SOURCES, Said, Source, to_run_begin, to_run_status
+from stepdiag_ros.viewers.page.state import State
 
 
 class Onlooker(StepdiagNode):

@@ -7,9 +7,9 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from stepdiag_ros.monitor.control import ACTIONS, LEADERS, Answer
 from stepdiag_ros.nodes.operator import SERVICE_LIMIT
 from stepdiag_ros.nodes.timing import TimedNode
+from stepdiag_ros.viewers.page.control import ACTIONS, LEADERS, Answer
 
 
 @dataclass

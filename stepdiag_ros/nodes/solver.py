@@ -9,13 +9,13 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
-from stepdiag_ros.conversion import from_volumetric_errors
+from stepdiag_ros.messages.conversion import from_volumetric_errors
+from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
-from stepdiag_ros.positioning_conversion import from_positioning_test
 from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work

@@ -9,15 +9,15 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell
-from stepdiag_ros.conversion import set_header
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
-from stepdiag_ros.message_types import new_message
+from stepdiag_ros.messages.conversion import set_header
+from stepdiag_ros.messages.types import new_message
+from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air
 from stepdiag_ros.run.health import Finding
-from stepdiag_ros.scene.frames import LASER, MACHINE
 
 SENSOR_FRAMES = {topics.MATERIAL_TEMPERATURE: MACHINE}
 """Of the sensors that do not stand at the beam."""

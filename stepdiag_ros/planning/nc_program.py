@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from stepdiag_ros.control_text import FARTHEST, NUMBER, Comment, refuse_foreign
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.controls import FARTHEST, NUMBER, Comment, refuse_foreign
 
 DwellForm = Literal["P_ms", "P_s", "X_s", "F_s"]
 DWELL_FORMS: dict[DwellForm, str] = {

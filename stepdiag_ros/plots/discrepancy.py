@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stepdiag_ros.diagnosis_summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Share
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
+from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
-from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan

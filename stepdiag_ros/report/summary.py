@@ -8,7 +8,6 @@ from typing import Any
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.compensation.permission import held_by_any
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -17,6 +16,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.report.lead import RunLead
 from stepdiag_ros.report.numbers import MICRO, plain, with_expanded

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag_ros.control_text import printable
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
@@ -41,6 +40,7 @@ from stepdiag_ros.report.squareness import (
     sign,
 )
 from stepdiag_ros.report.summary import next_lines, sentences_of
+from stepdiag_ros.text.controls import printable
 
 _LEAST_WIDTH = 150
 _MOST_REASONS = 6

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from math import inf, isnan, nan
 from pathlib import Path
 
-from stepdiag_ros.refusals import sentence
 from stepdiag_ros.run.health import NANOSECOND, WINDOW, Age, Finding, Level, figure
 from stepdiag_ros.run.pacing import GovernedTime
 from stepdiag_ros.run.sequence import Answer, Progress, State
+from stepdiag_ros.text.sentence import sentence
 
 MEGABYTE = 1e6
 _ENDINGS = {

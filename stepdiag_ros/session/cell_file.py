@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
-from stepdiag_ros.declaration import DeclaredNode
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
-from stepdiag_ros.parameters import NODES
+from stepdiag_ros.parameters.declaration import DeclaredNode
+from stepdiag_ros.parameters.nodes import NODES
 
 DEVICE = "device"
 """Parameter of every node that owns a device: its driver."""

@@ -15,7 +15,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, exit_words
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS

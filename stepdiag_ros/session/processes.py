@@ -12,9 +12,9 @@ from pathlib import Path
 from types import TracebackType
 
 import stepdiag_ros
-from stepdiag_ros.declaration import written
-from stepdiag_ros.parameters import declared_node
-from stepdiag_ros.refusals import PREFIX
+from stepdiag_ros.parameters.declaration import written
+from stepdiag_ros.parameters.nodes import declared_node
+from stepdiag_ros.text.sentence import PREFIX
 
 PR_SET_PDEATHSIG = 1
 """From linux/prctl.h."""

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.header import Attachment, RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Environment, Reading
 
 START = 1_700_000_000_000_000_000

@@ -6,11 +6,15 @@ from pathlib import Path
 import numpy as np
 from bags_for_tests import RUN_ID, START, description, header, put
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.diagnosis_conversion import from_diagnosis
-from stepdiag_ros.diagnosis_summary import (
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import from_diagnosis
+from stepdiag_ros.messages.positioning import from_positioning_test
+from stepdiag_ros.messages.samples import from_sample_block
+from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
+from stepdiag_ros.metrology.discrepancy.summary import (
     DiagnosisSummary,
     FoundEffect,
     FoundSize,
@@ -18,7 +22,6 @@ from stepdiag_ros.diagnosis_summary import (
     Limit,
     ModelSource,
 )
-from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
 from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -32,8 +35,6 @@ from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.metrology.samples import SampleBlock
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
-from stepdiag_ros.positioning_conversion import from_positioning_test
-from stepdiag_ros.samples_conversion import from_sample_block
 
 NEW = own_types().new
 AIR = Environment(20.0, 101325.0, 0.5, 20.5)

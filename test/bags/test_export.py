@@ -16,13 +16,14 @@ from make_schema_bag import diagnosis
 from refused import refused
 from test_run import description, header, line, write_run
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.diagnosis_conversion import from_diagnosis
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import from_diagnosis
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors

@@ -11,7 +11,7 @@ from bags_for_tests import MACHINE, PLAN, RUN_ID, START, reading_cdr
 from mcap.writer import CompressionType, Writer
 from refused import a_fault, refused
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Record
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
@@ -21,6 +21,7 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import choose_run, records_of, runs_in
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.cli import main
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.report.recorded_run import measurement_of

@@ -7,9 +7,10 @@ import textwrap
 import pytest
 from bags_for_tests import description, header, put, reading_cdr
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Environment
 
 COUNT = 250

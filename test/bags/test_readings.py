@@ -8,7 +8,7 @@ from bags_for_tests import PERIOD, READING, START, description, header, reading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.readings import reading_batches
@@ -16,6 +16,7 @@ from stepdiag_ros.bags.runs import choose_run
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.wholeness import ReadingNumbers
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 
 COUNT = 10_000
 

@@ -14,11 +14,12 @@ from bags_for_tests import (
 )
 from refused import refused
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagCutError, BagError
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Environment,

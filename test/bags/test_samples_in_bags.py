@@ -8,15 +8,16 @@ import pytest
 from bags_for_tests import START, description, header, put
 from refused import refused
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.samples import from_sample_block, to_sample_block
 from stepdiag_ros.metrology.decimation import Decimator
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.samples import SampleBlock
-from stepdiag_ros.samples_conversion import from_sample_block, to_sample_block
 
 NEW = own_types().new
 RATE, FACTOR, SIZE = 10_000.0, 10, 200

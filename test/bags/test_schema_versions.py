@@ -13,7 +13,7 @@ from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.samples_conversion import to_sample_block
+from stepdiag_ros.messages.samples import to_sample_block
 
 BAGS = Path(__file__).parent.parent / "data" / "bags"
 VERSIONS = range(1, own_types().constant("stepdiag_ros/msg/RunDescription", "SCHEMA_VERSION") + 1)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from bags_for_tests import RUN_ID, START, description, header, put
 
-from stepdiag_ros import conversion, schemas, topics
+from stepdiag_ros import schemas, topics
 from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.commands.info import _timing
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import Environment, Reading, SettledStop, StopCommand
 from stepdiag_ros.metrology.plan import Line

@@ -9,10 +9,11 @@ import pytest
 from bags_for_tests import PERIOD, READING, START, header, reading, reading_cdr, write_readings
 from refused import refused
 
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 
 
 def test_messages_come_back_byte_for_byte_with_their_times(tmp_path):

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from refused import refused
 
-from stepdiag_ros import __version__, cli, conversion, topics
+from stepdiag_ros import __version__, cli, topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
     Arrival,

@@ -12,10 +12,10 @@ from patience import PATIENCE
 from refused import refused
 from ros_processes import wait_until
 
-from stepdiag_ros.declaration import USE_SIM_TIME, Change
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameter_documents import parameter_file
-from stepdiag_ros.parameters import NODES, declared_node
+from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Change
+from stepdiag_ros.parameters.documents import parameter_file
+from stepdiag_ros.parameters.nodes import NODES, declared_node
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from stepdiag_ros.devices import known_drivers
 from stepdiag_ros.metrology.beam import MISALIGNMENT
 from stepdiag_ros.metrology.fringe_count import FLOOR, ROUGHNESS
 from stepdiag_ros.nodes.sequencer import PERMIT_PERIOD
-from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.motion_watch import ASTRAY, SETTLE_LIMIT
 from stepdiag_ros.run.permission import LONGEST_DEAD_MAN
 from stepdiag_ros.run.sequence import ANSWER_LIMIT, BEAM_LIMIT

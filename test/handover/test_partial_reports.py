@@ -15,7 +15,6 @@ from refused import refused
 from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
-from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.handover import material, pictures
 from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
 from stepdiag_ros.handover.page import Column, TableView, chapter, page
@@ -28,6 +27,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import backlash
 from stepdiag_ros.metrology.refusal import Refusal, Unusable
 from stepdiag_ros.report.lead import RunLead

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from stepdiag_ros.cli import main
-from stepdiag_ros.refusals import PREFIX
+from stepdiag_ros.text.sentence import PREFIX
 
 LIMIT_SECONDS = 20
 """Of processor time for all commands of a case; _PATIENCE times as much without the processor."""

@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import strategies as st
 from small_run import RUN_ID as OWN_RUN
 
-from stepdiag_ros.message_types import message_type
+from stepdiag_ros.messages.types import message_type
 from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
 from stepdiag_ros.run.supervision import (
     GETTING_READY,

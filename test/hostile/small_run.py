@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from standard_runs import cell
 
-from stepdiag_ros import __version__, conversion, topics
+from stepdiag_ros import __version__, topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
     Arrival,

@@ -12,10 +12,11 @@ from odd_messages import MANY_TRIALS, damaged, messages
 from rclpy.serialization import deserialize_message, serialize_message
 from small_run import RUN_ID, small_stream
 
-from stepdiag_ros import conversion, topics
-from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
-from stepdiag_ros.message_types import message_type
-from stepdiag_ros.positioning_conversion import from_positioning_test, to_positioning_test
+from stepdiag_ros import topics
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import from_diagnosis, to_diagnosis
+from stepdiag_ros.messages.positioning import from_positioning_test, to_positioning_test
+from stepdiag_ros.messages.types import message_type
 
 LONG = 50
 """Times as many trials with ``--hypothesis-profile long``."""

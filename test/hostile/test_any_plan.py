@@ -15,12 +15,12 @@ from small_run import small_stream
 from stepdiag_ros import configuration, topics
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import load_machine, machine_from_text, plan_from_text
-from stepdiag_ros.conversion import new_message
-from stepdiag_ros.intake import LONGEST_TEXT
+from stepdiag_ros.messages.conversion import new_message
 from stepdiag_ros.metrology.plan import MOST_STOPS
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.refusals import LONGEST, PREFIX, sentence
 from stepdiag_ros.run.feasibility import beyond_machine
+from stepdiag_ros.text.intake import LONGEST_TEXT
+from stepdiag_ros.text.sentence import LONGEST, PREFIX, sentence
 
 SOURCE = "odd_plan.yaml"
 SECONDS = 15.0

@@ -17,14 +17,14 @@ from raw_web import BINARY, CONTINUED, frame, http, is_cut_off, pour, resident, 
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
-from stepdiag_ros.foxglove_live import server as foxglove_module
-from stepdiag_ros.foxglove_live.server import FoxgloveServer
-from stepdiag_ros.monitor import server as page_module
-from stepdiag_ros.monitor.access import Access
-from stepdiag_ros.monitor.items import Place
-from stepdiag_ros.monitor.server import MonitorServer, Offer
-from stepdiag_ros.monitor.state import State
-from stepdiag_ros.sparing import MOST, Sparing
+from stepdiag_ros.text.sparing import MOST, Sparing
+from stepdiag_ros.viewers.foxglove import server as foxglove_module
+from stepdiag_ros.viewers.foxglove.server import FoxgloveServer
+from stepdiag_ros.viewers.page import server as page_module
+from stepdiag_ros.viewers.page.access import Access
+from stepdiag_ros.viewers.page.items import Place
+from stepdiag_ros.viewers.page.server import MonitorServer, Offer
+from stepdiag_ros.viewers.page.state import State
 
 DEEP = 2**16
 PIECE = bytes(2**16)
@@ -310,7 +310,7 @@ def test_who_connects_to_the_foxglove_server_and_asks_for_nothing_delays_nobody(
 
 
 def test_what_strangers_bring_about_is_said_sparingly_and_counted(monkeypatch):
-    from stepdiag_ros import sparing
+    from stepdiag_ros.text import sparing
 
     said, now = [], [100.0]
     monkeypatch.setattr(sparing.time, "monotonic", lambda: now[0])

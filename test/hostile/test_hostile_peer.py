@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from small_run import RUN_ID, small_stream
 
 from stepdiag_ros import topics
-from stepdiag_ros.message_types import message_type
+from stepdiag_ros.messages.types import message_type
 from stepdiag_ros.nodes.lines import MOST_KEPT
 from stepdiag_ros.run.supervision import MOST_PEERS
 

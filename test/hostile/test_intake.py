@@ -9,14 +9,14 @@ from forging import taken_apart
 from refused import refused
 from small_run import write_small_run
 
-from stepdiag_ros import intake
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import chain_from_text
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.refusals import LONGEST, sentence
+from stepdiag_ros.text import intake
+from stepdiag_ros.text.sentence import LONGEST, sentence
 
 DEEP = 2**16
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(

@@ -12,10 +12,10 @@ from hidden_runs import NOISE, hidden_run
 from refused import refused
 
 from stepdiag_ros.diagnosing import verdict_on
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.simulation import simulate

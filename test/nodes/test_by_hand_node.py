@@ -12,7 +12,7 @@ from ros_processes import ros  # noqa: F401
 from stepdiag_ros import cli, topics
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell, load_plan
-from stepdiag_ros.conversion import from_reading
+from stepdiag_ros.messages.conversion import from_reading
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.planning.moves import moves_of

@@ -8,7 +8,7 @@ import yaml
 from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
@@ -17,8 +17,9 @@ from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands.diagnose import report_of
 from stepdiag_ros.configuration import load_cell, load_machine, load_model, load_plan
 from stepdiag_ros.diagnosing import Reference, summary_of, when_over
-from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
-from stepdiag_ros.diagnosis_summary import NOT_DIAGNOSED
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import from_diagnosis, to_diagnosis
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.limits import MOST_VALUES

@@ -23,7 +23,7 @@ from stepdiag_ros.nodes.recorder import RecorderNode
 from stepdiag_ros.nodes.sequencer import SequencerNode
 from stepdiag_ros.nodes.solver import SolverNode
 from stepdiag_ros.nodes.weather import WeatherNode
-from stepdiag_ros.parameters import NODES
+from stepdiag_ros.parameters.nodes import NODES
 from stepdiag_ros.run import supervision
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State

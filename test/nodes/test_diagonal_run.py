@@ -6,7 +6,7 @@ import pytest
 from stepdiag_ros import topics
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell
-from stepdiag_ros.conversion import PURPOSE_POSITION, from_stop_command
+from stepdiag_ros.messages.conversion import PURPOSE_POSITION, from_stop_command
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import StopCommand

@@ -11,7 +11,7 @@ from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_plan
-from stepdiag_ros.conversion import to_nanoseconds
+from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 
 SAID_LIMIT = 3.0

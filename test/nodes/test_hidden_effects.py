@@ -9,11 +9,11 @@ import yaml
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import find, load_cell
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import read_again
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.text.intake import parse_yaml
 
 PLAN = """
 name: small, both ways

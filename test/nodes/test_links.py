@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
-from stepdiag_ros.conversion import new_message, set_header
+from stepdiag_ros.messages.conversion import new_message, set_header
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes import links
 from stepdiag_ros.nodes.links import LOOKS_ALONE, LinkedNode, Outlet, message_class, quality

@@ -8,14 +8,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_plan
-from stepdiag_ros.monitor.state import State
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.nodes import base
 from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.nodes.onlooker import Onlooker
 from stepdiag_ros.nodes.recorder import RecorderNode
 from stepdiag_ros.run.supervision import SILENCE_LIMIT, peer_of
+from stepdiag_ros.viewers.page.state import State
 
 RUN_ID = "20260102T030405-abcd"
 
@@ -164,7 +165,7 @@ def test_a_view_goes_on_after_messages_that_make_no_sense():
 
 
 def view_sources():
-    from stepdiag_ros.monitor.items import SOURCES
+    from stepdiag_ros.viewers.page.items import SOURCES
 
     return [one for one in SOURCES if one.topic is not topics.RUN_DESCRIPTION]
 

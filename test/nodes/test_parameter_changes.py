@@ -10,11 +10,11 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from stepdiag_ros.conversion import to_nanoseconds
-from stepdiag_ros.declaration import Change
+from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.nodes.managed import Stream
 from stepdiag_ros.nodes.parameters import CONFIRMED, GHOST, ParameterCollector
-from stepdiag_ros.parameters import declared_node
+from stepdiag_ros.parameters.declaration import Change
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.supervision import WORK_LEFT
 
 

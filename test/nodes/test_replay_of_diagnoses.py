@@ -14,7 +14,7 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import FoundRun
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.diagnosis_conversion import from_diagnosis
+from stepdiag_ros.messages.diagnosis import from_diagnosis
 from stepdiag_ros.session.replay import _compared_as
 
 NAME = topics.absolute(topics.DIAGNOSIS, "/cell")

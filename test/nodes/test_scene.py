@@ -11,8 +11,9 @@ from rcl_interfaces.srv import SetParameters
 from refused import refused
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all

@@ -17,13 +17,13 @@ from patience import PATIENCE
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.commands.node import NODES
-from stepdiag_ros.monitor.state import State as MonitorState
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.foxglove_server import STREAMS
 from stepdiag_ros.nodes.onlooker import ViewerNode
 from stepdiag_ros.nodes.operator import OperatorNode
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
+from stepdiag_ros.viewers.page.state import State as MonitorState
 
 FOLDER = Path(__file__).parents[2] / "config" / "security"
 POLICY = FOLDER / "stepdiag.policy.xml"

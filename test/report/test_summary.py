@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
 
-from stepdiag_ros.diagnosis_summary import Verdict
 from stepdiag_ros.metrology.credibility import Misfit
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag_ros import conversion
 from stepdiag_ros.devices import interferometer
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.window import STATUS_WORDS
 from stepdiag_ros.run.sequence import Answer, Purpose, State
 

@@ -19,8 +19,8 @@ PACKAGE = Path(stepdiag_ros.__file__).parent
 WRITERS_OF_OTHER_JSON = {
     "schemas/__init__.py",
     "embedded/typehash.py",
-    "monitor/server.py",
-    "monitor/state.py",
+    "viewers/page/server.py",
+    "viewers/page/state.py",
 }
 """The second makes what ROS 2 hashes, the last two what the live page is sent. Drivers
 speak JSON where their devices do, and print none."""

@@ -10,8 +10,8 @@ import pytest
 from refused import a_fault, refused
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameter_documents import parameter_file
-from stepdiag_ros.parameters import NODES, declared_node
+from stepdiag_ros.parameters.documents import parameter_file
+from stepdiag_ros.parameters.nodes import NODES, declared_node
 from stepdiag_ros.session.cell_file import check_cell_file
 
 ROOT = Path(__file__).parents[2]

@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from stepdiag_ros import schemas
-from stepdiag_ros.parameters import NODES
+from stepdiag_ros.parameters.nodes import NODES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -23,11 +23,11 @@ from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS, Pass, Row, Told, refusal
 from stepdiag_ros.configuration import find, plan_from_text, read_text
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
+from stepdiag_ros.text.intake import parse_yaml
 
 NAME = "table with a mapping file"
 _NANOSECONDS = 1e9

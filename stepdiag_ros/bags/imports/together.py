@@ -14,8 +14,8 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import Imported
 from stepdiag_ros.bags.table_plan import plan_mapping, yaml_text
 from stepdiag_ros.configuration import plan_from_text
-from stepdiag_ros.intake import parse_yaml
 from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.text.intake import parse_yaml
 
 _NO_TIMES = (
     "the files do not tell when they were measured after one another, so the times of the stops"

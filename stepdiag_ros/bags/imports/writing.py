@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import stepdiag_ros
-from stepdiag_ros import conversion, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError, BagWriteError
 from stepdiag_ros.bags.header import Attachment, RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import MeasuredLine, Reading
 from stepdiag_ros.topics import Topic
 

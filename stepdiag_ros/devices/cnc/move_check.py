@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from math import isfinite
 
-from stepdiag_ros.control_text import one_line
 from stepdiag_ros.devices.cnc import MoveRefused, Point
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.text.controls import one_line
 
 ROUNDING = 1e-9
 """m: what decimal fractions of a millimetre lose in binary ones of a metre."""

@@ -36,10 +36,10 @@ from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
 from stepdiag_ros.devices.line_protocol_talk import CONNECT_WITHIN, SECOND
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
-from stepdiag_ros.intake import parse_json
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
+from stepdiag_ros.text.intake import parse_json
 
 PORT = 9090
 FAMILIES = ("com.attocube.ids", "com.attocube.sen")

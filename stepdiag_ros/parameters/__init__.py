@@ -1,0 +1,1 @@
+"""Parameters of nodes: declared once, with unit, bounds and description."""

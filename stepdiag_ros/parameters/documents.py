@@ -1,0 +1,94 @@
+"""The declared parameters for people: a page of tables, and a parameter file to be filled in."""
+
+import textwrap
+from collections.abc import Sequence
+
+from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Declaration, DeclaredNode, written
+
+WIDTH = 100
+"""Characters in a line of the parameter file."""
+COLUMNS = ("Parameter", "Type", "Default", "Unit", "Range or choices", "Can be set", "Meaning")
+
+_INTRODUCTION = """\
+# Parameters of the nodes
+
+Made by `stepdiag parameters --markdown` from `stepdiag_ros/parameters/nodes.py`; do not edit it.
+
+Values are given as for any ROS 2 node: `--ros-args -p NAME:=VALUE` for one node,
+`--ros-args --params-file FILE` or a launch file for all. `stepdiag parameters --yaml` prints such a
+file with every parameter at its default. A number of type double is written with a point: 1.0.
+
+A wrong value, or a parameter that the node does not have, is refused when the node starts: one
+sentence, exit code 1. What can be set later is set with `ros2 param set NODE NAME VALUE`, which
+prints the reason if it is refused. What the numbers of a run depend on can be set between runs, not
+while one is going on. The settings of a device can be set while it is closed, and are used when it
+is opened: `ros2 lifecycle set NODE deactivate` and `cleanup`, `ros2 param set`, `configure`
+and `activate`. The recorder keeps all parameters of all nodes in every bag.
+
+`ros2 param describe NODE NAME` prints what is in these tables. Every node has the parameter
+`use_sim_time` too (boolean, `false`): {use_sim_time}; it is set at start only.
+"""
+
+
+def row(declaration: Declaration) -> tuple[str, ...]:
+    """Return what is told of a parameter, in the order of ``COLUMNS``."""
+    return (
+        declaration.name,
+        declaration.type_name,
+        written(declaration.default),
+        declaration.unit,
+        declaration.limits,
+        declaration.change.value,
+        declaration.description,
+    )
+
+
+def markdown(nodes: Sequence[DeclaredNode]) -> str:
+    """Return the page of all nodes, each with its table."""
+    parts = [_INTRODUCTION.format(use_sim_time=USE_SIM_TIME.description)]
+    for node in nodes:
+        parts.append(f"\n## {node.name}\n")
+        started = f"`ros2 run stepdiag_ros {node.module}` or `stepdiag node {node.module}`"
+        parts.append(f"\n{_sentence(node.purpose)} Started by {started}.\n")
+        if not node.parameters:
+            parts.append("\nIt has no parameters of its own.\n")
+            continue
+        lines = [_line(COLUMNS), _line(["---"] * len(COLUMNS))]
+        for declaration in node.parameters:
+            name, kind, default, *rest = row(declaration)
+            lines.append(_line([f"`{name}`", kind, f"`{default}`", *rest]))
+        parts.append("\n" + "".join(lines))
+    return "".join(parts)
+
+
+def parameter_file(nodes: Sequence[DeclaredNode]) -> str:
+    """Return a ROS 2 parameter file with all parameters at their defaults, each explained."""
+    lines = [
+        "# Parameters of stepdiag_ros nodes, all at their defaults; leave out what stays so.",
+        "# To be given to nodes with --ros-args --params-file FILE; each takes what is its own.",
+        "# '/**/' in front of a name: in whatever namespace the node is.",
+    ]
+    for node in nodes:
+        lines += ["", *_comment(_sentence(node.purpose), 0), f"/**/{node.name}:"]
+        lines.append("  ros__parameters:")
+        for declaration in (USE_SIM_TIME, *node.parameters):
+            unit = f" {declaration.unit}" if declaration.unit else ""
+            told = [declaration.description]
+            told += [f"{declaration.limits}{unit}"] if declaration.limits else []
+            told += [f"can be set {declaration.change.value}"]
+            lines += _comment(_sentence("; ".join(told)), 4)
+            lines.append(f"    {declaration.name}: {written(declaration.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def _sentence(phrase: str) -> str:
+    return f"{phrase[:1].upper()}{phrase[1:]}."
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def _comment(text: str, indent: int) -> list[str]:
+    begin = " " * indent + "# "
+    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=begin)

@@ -1,0 +1,189 @@
+"""What the live page is made of: each topic that it hears, and what a message of it becomes.
+
+Live nodes and bags go through the same table, so that a replay shows what a viewer has seen.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from stepdiag_ros import topics
+from stepdiag_ros.configuration import chain_from_text, plan_from_text
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.metrology.air.recompensation import SensorValue
+from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.topics import Topic
+
+
+@dataclass(frozen=True)
+class RunBegin:
+    """A run, before anything of it is measured.
+
+    Attributes:
+        run_id: its identity.
+        time: of its start, ns.
+        plan: that is measured.
+        chain: order of the machine's axes from workpiece to tool; empty if not known.
+        simulated: the machine is a simulated one.
+    """
+
+    run_id: str
+    time: int
+    plan: Plan
+    chain: str
+    simulated: bool
+
+
+class RunStatus(NamedTuple):
+    """Where a run is; fields as in RunState.msg, time in ns, NaN for a time left not known."""
+
+    time: int
+    run_id: str
+    state: State
+    line_index: int
+    line_count: int
+    line: str
+    setup: str
+    stop: int
+    stop_count: int
+    stops_done: int
+    stops_total: int
+    remaining_time: float
+    text: str
+
+
+class MachineStatus(NamedTuple):
+    """What the bridge says of the machine.
+
+    Attributes:
+        time: ns.
+        troubled: it is stopped or faulty.
+        reason: why.
+        faulty: it is not merely stopped.
+    """
+
+    time: int
+    troubled: bool
+    reason: str
+    faulty: bool = False
+
+
+class Place(NamedTuple):
+    """Where the axes are, m, at a time (ns)."""
+
+    time: int
+    position: tuple[float, float, float]
+
+
+class Said(NamedTuple):
+    """What a part of a node says of itself on /diagnostics: ``name`` is ``node: task``."""
+
+    name: str
+    level: int
+    message: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A topic that the page hears.
+
+    Attributes:
+        topic: which.
+        convert: a message to what the page folds in; several, or none where it tells nothing.
+        newest: the newest message is enough; those in between need not be looked at.
+    """
+
+    topic: Topic
+    convert: Callable[[Any], Iterable[Any]]
+    newest: bool = False
+
+
+def to_run_begin(message: Any) -> RunBegin:
+    """Convert a ``RunDescription``.
+
+    Raises:
+        ValueError: its plan or its machine cannot be read.
+    """
+    return RunBegin(
+        run_id=str(message.run_id),
+        time=conversion.to_nanoseconds(message.header.stamp),
+        plan=plan_from_text(message.plan, "plan of the run"),
+        chain=chain_from_text(message.machine, "machine of the run"),
+        simulated=bool(message.simulated_cell),
+    )
+
+
+def to_run_status(message: Any) -> RunStatus:
+    """Convert a ``RunState``."""
+    return RunStatus(
+        time=conversion.to_nanoseconds(message.header.stamp),
+        run_id=str(message.run_id),
+        state=State(int(message.state)),
+        line_index=int(message.line_index),
+        line_count=int(message.line_count),
+        line=str(message.line),
+        setup=str(message.setup),
+        stop=int(message.stop),
+        stop_count=int(message.stop_count),
+        stops_done=int(message.stops_done),
+        stops_total=int(message.stops_total),
+        remaining_time=float(message.remaining_time),
+        text=str(message.text),
+    )
+
+
+def _machine(message: Any) -> Iterable[MachineStatus]:
+    yield MachineStatus(
+        conversion.to_nanoseconds(message.header.stamp),
+        int(message.state) in (message.STATE_STOPPED, message.STATE_FAULT),
+        str(message.reason),
+        int(message.state) == message.STATE_FAULT,
+    )
+
+
+def _place(message: Any) -> Iterable[Place]:
+    position = conversion.axis_positions(message)
+    if position is not None and all(math.isfinite(value) for value in position):
+        yield Place(conversion.to_nanoseconds(message.header.stamp), position)
+
+
+def _said(message: Any) -> Iterable[Said]:
+    for status in message.status:
+        raw = status.level
+        level = raw[0] if isinstance(raw, bytes) else int(raw)
+        yield Said(str(status.name), level, str(status.message))
+
+
+def _sensor(name: str, field: str) -> Callable[[Any], Iterable[SensorValue]]:
+    def convert(message: Any) -> Iterable[SensorValue]:
+        time = conversion.to_nanoseconds(message.header.stamp)
+        yield SensorValue(time, name, float(getattr(message, field)))
+
+    return convert
+
+
+def _one(convert: Callable[[Any], Any]) -> Callable[[Any], Iterable[Any]]:
+    return lambda message: (convert(message),)
+
+
+SOURCES: tuple[Source, ...] = (
+    Source(topics.RUN_DESCRIPTION, _one(to_run_begin)),
+    Source(topics.RUN_STATE, _one(to_run_status)),
+    Source(topics.MACHINE_STATE, _machine),
+    Source(topics.JOINT_STATES, _place, newest=True),
+    Source(topics.READING, _one(conversion.to_reading), newest=True),
+    Source(topics.STOP, _one(conversion.to_settled_stop)),
+    Source(topics.BLOCK, _one(conversion.to_block)),
+    Source(topics.LINE, _one(conversion.to_measured_line)),
+    Source(topics.VOLUMETRIC_ERRORS, _one(conversion.to_volumetric_errors)),
+    Source(topics.DIAGNOSIS, _one(to_diagnosis)),
+    Source(topics.DIAGNOSTICS, _said),
+    *(
+        Source(topic, _sensor(name, field), newest=True)
+        for name, (topic, field) in topics.WEATHER.items()
+    ),
+)
+"""Every topic that the page hears."""

@@ -1,0 +1,370 @@
+"""Sections about what follows: error curves, squareness, the gap to the model, faults."""
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
+from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    SQUARENESS,
+    TRANSLATIONS,
+    Vector,
+    moving_axis,
+)
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.report.content import short_title
+from stepdiag_ros.report.numbers import COVERAGE_FACTOR, UNKNOWN, plus_minus
+from stepdiag_ros.report.squareness import AXES_OF
+from stepdiag_ros.run.health import Level
+from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.supervision import HEARTBEAT
+from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
+from stepdiag_ros.viewers.page.course import ENDED
+from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
+from stepdiag_ros.viewers.page.section import MICRO, MILLI, Section, drawn, micrometres
+from stepdiag_ros.viewers.scene.error_markers import chosen_results
+
+_MOST_FAULTS = 40
+"""Faults that are listed; more are counted."""
+
+
+class _ResultSection(Section):
+    """A section that is made of the result to rely on."""
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know no result."""
+        del run
+        self._results: dict[str, VolumetricErrors] = {}
+
+    def take(self, item: object) -> bool:
+        """Take the newest result of each method."""
+        if not isinstance(item, VolumetricErrors):
+            return False
+        self._results[item.method] = item
+        return True
+
+    @property
+    def result(self) -> VolumetricErrors | None:
+        """Return the result to rely on of those there are."""
+        chosen = chosen_results(self._results, "preferred")
+        return chosen[0] if chosen else None
+
+
+class CurveSection(_ResultSection):
+    """The nine error curves so far, with U (95 %)."""
+
+    name: ClassVar[str] = "curves"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know no result, and none before it."""
+        super().begin(run)
+        self._before: dict[str, VolumetricErrors] = {}
+
+    def take(self, item: object) -> bool:
+        """Take the newest result of each method, and keep the one of fewer lines before it."""
+        if isinstance(item, VolumetricErrors):
+            last = self._results.get(item.method)
+            if last is not None and last.lines < item.lines:
+                self._before[item.method] = last
+        return super().take(item)
+
+    def document(self) -> dict[str, Any]:
+        """Return each curve over its axis: mm and µm."""
+        result = self.result
+        if result is None:
+            return {"method": "", "lines": 0, "curves": [], "not_determined": [], "remarks": []}
+        return {
+            "method": short_title(result.method),
+            "lines": result.lines,
+            # Of a tracker's seven lines there are figures and no curves.
+            "curves": [self._curve(result, name) for name in TRANSLATIONS if result.curves],
+            "not_determined": list(result.not_determined),
+            "remarks": list(result.remarks),
+        }
+
+    def _curve(self, result: VolumetricErrors, name: str) -> dict[str, Any]:
+        axis = moving_axis(name)
+        nodes = result.nodes[axis]
+        values = result.curves.get(name)
+        spread = result.standard_uncertainty.get(name)
+        nothing = [None] * len(nodes)
+        known = _known(values, spread)
+        if known == "none":
+            # What the frame fixes at its ends tells nothing of the curve.
+            values = spread = None
+        return {
+            "name": name,
+            "axis": AXES[axis],
+            "known": known,
+            "positions": [drawn(float(node), MILLI) for node in nodes],
+            "values": nothing if values is None else [drawn(float(v), MICRO) for v in values],
+            "uncertainty": nothing
+            if spread is None
+            else [drawn(float(u), MICRO * COVERAGE_FACTOR) for u in spread],
+            "worst": self._worst(result, name),
+        }
+
+    def _worst(self, result: VolumetricErrors, name: str) -> dict[str, Any] | None:
+        """Return the value farthest from zero, and whether it grows from result to result."""
+        worst = _farthest(result, name)
+        if worst is None:
+            return None
+        before = self._before.get(result.method)
+        earlier = None if before is None else _farthest(before, name)
+        # Of a curve that is known in part, the farthest may be where nothing is known.
+        whole = _is_whole(result, name) and before is not None and _is_whole(before, name)
+        place = float(result.nodes[moving_axis(name)][worst.node])
+        return {
+            "text": micrometres(worst.value, worst.standard_uncertainty),
+            "at": drawn(place, MILLI),
+            "trend": _trend(earlier, worst) if earlier is not None and whole else None,
+        }
+
+
+class _Farthest(NamedTuple):
+    """The value of a curve that is farthest from zero: at which node, m, and its u, m."""
+
+    node: int
+    value: float
+    standard_uncertainty: float
+
+
+def _farthest(result: VolumetricErrors, name: str) -> _Farthest | None:
+    values = result.curves.get(name)
+    spread = result.standard_uncertainty.get(name)
+    if values is None or spread is None or _known(values, spread) == "none":
+        return None
+    node = int(np.nanargmax(np.abs(values)))
+    return _Farthest(node, float(values[node]), float(spread[node]))
+
+
+def _is_whole(result: VolumetricErrors, name: str) -> bool:
+    values, spread = result.curves.get(name), result.standard_uncertainty.get(name)
+    return _known(values, spread) == "all"
+
+
+def _trend(earlier: _Farthest, now: _Farthest) -> str | None:
+    """Say whether a value has left zero further behind; None if that cannot be told.
+
+    The later of two results holds the readings of the earlier one, so that u² of their difference
+    is the earlier u² less the later: more than the earlier U (95 %) is no chance.
+    """
+    allowed = COVERAGE_FACTOR * earlier.standard_uncertainty
+    if not np.isfinite(allowed):
+        return None
+    growth = abs(now.value) - abs(earlier.value)
+    if abs(growth) <= allowed:
+        return "steady"
+    return "grows" if growth > 0.0 else "shrinks"
+
+
+def _known(values: Vector | None, spread: Vector | None) -> str:
+    """Say how much is known of a curve: all, part or none; what the frame fixes does not count."""
+    if values is None or spread is None:
+        return "none"
+    known = np.isfinite(values)
+    if np.all(known):
+        return "all"
+    return "part" if np.any(known & (spread != 0.0)) else "none"
+
+
+class SquarenessSection(_ResultSection):
+    """Squareness of the three pairs of axes, and of a tracker's seven lines positioning."""
+
+    name: ClassVar[str] = "squareness"
+
+    def document(self) -> dict[str, Any]:
+        """Return each with U (95 %): squareness as a right-handed rotation, in µm/m."""
+        result = self.result
+        figures = {figure.name: figure for figure in result.figures} if result else {}
+        shown = []
+        for name in SQUARENESS:
+            reference, other = AXES_OF[name]
+            figure = figures.get(name)
+            text = UNKNOWN
+            if figure is not None:
+                text = plus_minus(figure.value, figure.standard_uncertainty, MICRO)
+            shown.append(
+                {
+                    "name": name,
+                    "words": f"{other} to {reference}",
+                    "text": text if text == UNKNOWN else f"{text} µm/m",
+                    "value": drawn(figure.value, MICRO) if figure else None,
+                }
+            )
+        for name in (f"positioning E_{axis}{axis}" for axis in AXES):
+            if result is not None and not result.curves and name in figures:
+                one = figures[name]
+                value = plus_minus(one.value, one.standard_uncertainty, MICRO)
+                shown.append(
+                    {
+                        "name": name.removeprefix("positioning "),
+                        "words": "positioning",
+                        "text": value if value == UNKNOWN else f"{value} µm",
+                        "value": drawn(one.value, MICRO),
+                    }
+                )
+        return {"figures": shown, "method": short_title(result.method) if result else ""}
+
+
+class VerdictSection(Section):
+    """The gap between run and model, and what the diagnosis makes of it."""
+
+    name: ClassVar[str] = "verdict"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know no diagnosis."""
+        del run
+        self._summary: DiagnosisSummary | None = None
+
+    def take(self, item: object) -> bool:
+        """Take the newest diagnosis."""
+        if not isinstance(item, DiagnosisSummary):
+            return False
+        self._summary = item
+        return True
+
+    def document(self) -> dict[str, Any]:
+        """Return verdict, gap and findings in words."""
+        told = self._summary
+        if told is None:
+            return {"verdict": None, "sentence": "no line has been compared with the model yet"}
+        if told.verdict == NOT_TESTABLE and not told.run_over and told.lines < told.lines_planned:
+            # The lines that are left may tell it; advice is for a plan that is measured.
+            lines = f"{told.lines} of {told.lines_planned} lines"
+            sentence = f"not yet: {lines} cannot tell whether model and run agree"
+            return {"verdict": None, "sentence": sentence}
+        return {
+            "verdict": told.verdict,
+            "sentence": told.sentence,
+            "final": told.run_over,
+            "lines": told.lines,
+            "lines_planned": told.lines_planned,
+            "model": told.model.name,
+            "gap": _gap(told.before),
+            # Without a finding the gap that is left is the gap there is.
+            "gap_left": _gap(told.after) if told.findings or told.partial else None,
+            "where": list(told.where),
+            "findings": [_finding(one) for one in told.findings],
+        }
+
+
+def _gap(gap: GapFigures) -> dict[str, str]:
+    return {"rms": micrometres(gap.rms), "largest": micrometres(gap.largest)}
+
+
+def _finding(effect: FoundEffect) -> dict[str, Any]:
+    sizes = []
+    for size in effect.sizes:
+        scaled = size.unit in ("m", "rad")
+        number = plus_minus(size.value, size.standard_uncertainty, MICRO if scaled else 1.0)
+        sizes.append(f"{size.meaning}: {number} {'µ' if scaled else ''}{size.unit}".rstrip())
+    return {"label": effect.label, "sentence": effect.sentence, "sizes": sizes}
+
+
+class FaultSection(Section):
+    """What is wrong, in the words of whoever says so; what is well is not listed."""
+
+    name: ClassVar[str] = "faults"
+    of_run = False
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Know of no fault."""
+        del run
+        self._said: dict[str, Said] = {}
+        self._contact: Contact | None = None
+        self._status: RunStatus | None = None
+        self._run = ""
+        self._machine: MachineStatus | None = None
+        self._heard = False
+
+    def take(self, item: object) -> bool:
+        """Take what nodes, the run and the machine complain of."""
+        heard = isinstance(item, (Said, RunStatus, MachineStatus))
+        news = heard and not self._heard
+        self._heard = self._heard or heard
+        return self._fold(item) or news
+
+    def _fold(self, item: object) -> bool:
+        if isinstance(item, Said):
+            before = self._said.get(item.name)
+            if item.level == Level.OK:
+                return self._said.pop(item.name, None) is not None
+            self._said[item.name] = item
+            return item != before
+        if isinstance(item, Contact):
+            told = self._missed(), self._note()
+            self._contact = item
+            # What a node said before it fell silent holds no more.
+            gone = {node.name.lstrip("/") for node in item.silent}
+            forgotten = [one for one in self._said if one.partition(": ")[0] in gone]
+            for name in forgotten:
+                del self._said[name]
+            return bool(forgotten) or (self._missed(), self._note()) != told
+        if isinstance(item, RunStatus):
+            shown = self._run, self._missed(), self._note(), self._machine_words()
+            self._status = item
+            self._run = item.text if item.state is State.FAULT else ""
+            now = self._run, self._missed(), self._note(), self._machine_words()
+            return now != shown
+        if isinstance(item, MachineStatus):
+            words, self._machine = self._machine_words(), item
+            return self._machine_words() != words
+        return False
+
+    def _machine_words(self) -> str:
+        """Return what is wrong with the machine; after an abort it stands, as was asked for."""
+        machine = self._machine
+        if machine is None or not machine.troubled:
+            return ""
+        aborted = self._status is not None and self._status.state is State.ABORTED
+        if aborted and not machine.faulty:
+            return ""
+        return machine.reason or "the machine is stopped"
+
+    def document(self) -> dict[str, Any]:
+        """Return faults first, then warnings."""
+        found = []
+        if self._run:
+            found.append({"level": "fault", "who": "run", "text": self._run})
+        machine = self._machine_words()
+        if machine:
+            found.append({"level": "fault", "who": "machine", "text": machine})
+        found += [
+            {"level": "fault", "who": "nodes", "text": f"{node.role} node {node.name} is silent"}
+            for node in self._missed()
+        ]
+        worst_first = sorted(self._said.values(), key=lambda said: said.level != Level.ERROR)
+        for said in worst_first:
+            level = "fault" if said.level == Level.ERROR else "warning"
+            node, _, task = said.name.rpartition(": ")
+            who = node if task == HEARTBEAT else said.name
+            found.append({"level": level, "who": who, "text": said.message})
+        return {
+            "faults": found[:_MOST_FAULTS],
+            "more": max(0, len(found) - _MOST_FAULTS),
+            "note": self._note(),
+        }
+
+    @property
+    def _is_over(self) -> bool:
+        return self._status is not None and self._status.state in ENDED
+
+    def _missed(self) -> tuple[SilentNode, ...]:
+        """Return the silent nodes that a run needs, and that have not ended with theirs."""
+        if self._contact is None or (self._is_over and not self._contact.at_work):
+            return ()
+        return tuple(node for node in self._contact.silent if node.role not in BYSTANDERS)
+
+    def _note(self) -> str:
+        """Return what is no fault, but tells how far it can be relied on that there is none."""
+        contact = self._contact
+        if contact is None:
+            # A bag has no contact; what it holds was heard when it was recorded.
+            return "" if self._heard else "nothing is heard yet"
+        if not contact.known:
+            return "no node is heard; start a run with 'stepdiag run' or the launch file"
+        gone = self._is_over and not contact.at_work and bool(contact.silent)
+        return "the run is over, and its nodes have ended" if gone else ""

@@ -1,0 +1,78 @@
+"""What all sections of the live page share: how one is made, and how numbers get into it."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from stepdiag_ros.report.numbers import UNKNOWN, plain, plus_minus
+from stepdiag_ros.viewers.page.items import RunBegin
+
+MICRO = 1e6
+"""m to µm."""
+MILLI = 1e3
+"""m to mm."""
+_DIGITS = 6
+"""Significant digits of a number that is only drawn."""
+
+
+class Section(ABC):
+    """A part of the page: folds what is heard into one small document.
+
+    Its size does not grow with the length of the run, so that neither node nor browser does.
+    """
+
+    name: ClassVar[str]
+    of_run: ClassVar[bool] = True
+    """It is about one run and begins anew with the next."""
+
+    def __init__(self) -> None:
+        self.begin(None)
+
+    @abstractmethod
+    def begin(self, run: RunBegin | None) -> None:
+        """Forget all; take up a run, or wait for one (None)."""
+
+    @abstractmethod
+    def take(self, item: object) -> bool:
+        """Take what was heard; say whether the document has changed."""
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """Return what the page shows; numbers that are not known are None."""
+
+
+def drawn(value: float, scale: float = 1.0) -> float | None:
+    """Return a number for a drawing, in the unit that is shown; None if it is not known."""
+    if not math.isfinite(value):
+        return None
+    return float(f"{value * scale:.{_DIGITS}g}")
+
+
+def micrometres(value: float, standard_uncertainty: float = math.nan) -> str:
+    """Write a length in µm, with its expanded uncertainty (95 %) where that is known.
+
+    Args:
+        value: m; NaN if not known.
+        standard_uncertainty: m; NaN if not known.
+    """
+    if not math.isfinite(value):
+        return UNKNOWN
+    if not math.isfinite(standard_uncertainty):
+        return f"{plain(value * MICRO, 3)} µm"
+    return f"{plus_minus(value, standard_uncertainty, MICRO)} µm"
+
+
+def measured(value: float, unit: str, decimals: int, scale: float = 1.0) -> str:
+    """Write a number to fixed decimals with its unit, or that it is not known."""
+    text = plain(value * scale, decimals)
+    return text if text == UNKNOWN else f"{text} {unit}"
+
+
+def time_left(seconds: float) -> str:
+    """Write how long something still takes, for a person who waits: 45 s, 12 min, 3 h 05 min."""
+    if not math.isfinite(seconds):
+        return UNKNOWN
+    if seconds < 90.0:
+        return f"{round(seconds)} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
