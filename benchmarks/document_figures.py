@@ -17,15 +17,15 @@ from typing import NamedTuple
 
 from stepdiag_ros.bags.table import read_table
 from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, build_diagnosis
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.table_one import Row, table_one
-from stepdiag_ros.report.diagnosis_build import DiagnosisReport, build_diagnosis
 from stepdiag_ros.report.diagnosis_words import sizes_words
-from stepdiag_ros.report.numbers import plain, plus_minus
-from stepdiag_ros.solving import solve_reproducibly
+from stepdiag_ros.text.numbers import plain, plus_minus
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "test" / "data" / "cases"

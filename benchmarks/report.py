@@ -46,11 +46,11 @@ def parts(bag, folder):
         last = now
 
     from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
     from stepdiag_ros.handover.build import prepare, write
     from stepdiag_ros.handover.given import Given
     from stepdiag_ros.handover.material import Material
     from stepdiag_ros.handover.pictures import Studio
-    from stepdiag_ros.report.recorded_run import report_of_run
 
     lap("imports")
     recorded = load_run(bag)

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
+    from stepdiag_ros.evaluation.report import Report
     from stepdiag_ros.metrology.agreement import Changes
     from stepdiag_ros.metrology.solvers.result import VolumetricErrors
     from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
     from stepdiag_ros.metrology.volumetric_map import VolumetricMap
-    from stepdiag_ros.report.content import Report
-    from stepdiag_ros.report.diagnosis import DiagnosisReport
 
 
 def open_run(path: str | Path, run_id: str | None = None) -> "RecordedRun":
@@ -66,10 +66,10 @@ def solve(
 
     Raises:
         ValueError: there is nothing to solve, a table cannot be read, or the run was measured with
-            a tracker (``stepdiag_ros.report.tracker_run.reports_of_run``).
+            a tracker (``stepdiag_ros.evaluation.tracker.reports_of_run``).
     """
     from stepdiag_ros.bags.direct_table import load_direct
-    from stepdiag_ros.report.recorded_run import report_of_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
 
     return report_of_run(
         run,
@@ -126,10 +126,10 @@ def diagnose(run: "RecordedRun", model: str = "", *, seed: int = 0) -> "Diagnosi
             with a tracker.
     """
     from stepdiag_ros.configuration import load_model
+    from stepdiag_ros.evaluation.diagnosis import build_diagnosis
+    from stepdiag_ros.evaluation.recorded_run import require_standing_beam
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
-    from stepdiag_ros.report.diagnosis_build import build_diagnosis
-    from stepdiag_ros.report.recorded_run import require_standing_beam
 
     require_standing_beam(run)
     measurement = run.measurement
@@ -158,7 +158,7 @@ def compare(before: "Report", after: "Report", method: str = "") -> "Changes":
     Raises:
         ValueError: they cannot be compared: other boxes, another chain, no common method.
     """
-    from stepdiag_ros.report.changes_build import changes_of, side_of_report
+    from stepdiag_ros.evaluation.changes import changes_of, side_of_report
 
     return changes_of(side_of_report(before, method), side_of_report(after, method))
 

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from stepdiag_ros.report import recorded_run
+from stepdiag_ros.evaluation import recorded_run
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import Report, Truth
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.report.content import Report, Truth
 
 BLOCKS = 3
 VOLUME = Volume(origin=(0.0, 0.1, -0.2), step=(0.01, 0.02, 0.03), blocks=BLOCKS)

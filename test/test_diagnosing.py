@@ -12,7 +12,7 @@ from refused import refused
 from stepdiag_ros import cli
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell, load_model, load_plan
-from stepdiag_ros.diagnosing import (
+from stepdiag_ros.evaluation.diagnosing import (
     MOST_SETTINGS,
     Reference,
     diagnose_lines,
@@ -20,10 +20,10 @@ from stepdiag_ros.diagnosing import (
     summary_of,
     when_over,
 )
+from stepdiag_ros.evaluation.diagnosis import NO_CHAIN
+from stepdiag_ros.evaluation.recorded_run import diagnosed
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.report.diagnosis_build import NO_CHAIN
-from stepdiag_ros.report.recorded_run import diagnosed
 
 BAG = Path(__file__).parent / "data" / "bags" / "schema_1.mcap"
 TEXT = load_model("free")[1]

@@ -10,8 +10,8 @@ from results_by_hand import VOLUME, make_report, make_result, with_unknown
 import stepdiag_ros
 from stepdiag_ros import compare, error_map, open_run, solve, worst_point
 from stepdiag_ros.bags.errors import BagError
+from stepdiag_ros.evaluation.report import same_to_the_last_bit
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.content import same_to_the_last_bit
 
 BAG = Path(__file__).parents[1] / "docs" / "examples" / "small_run.mcap"
 

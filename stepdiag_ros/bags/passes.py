@@ -105,3 +105,14 @@ def _end_of_run(recorded: RecordedRun, whole: bool) -> str:
 def pass_name(line: Line) -> str:
     """Return what the passes of a line are called together, for example ``ppp XYZ``."""
     return f"{line.name} {line.order}".rstrip()
+
+
+def incomplete_sentences(passes: Completeness) -> list[str]:
+    """Say that a run is not complete, and how it ended; nothing where it is."""
+    if passes.whole:
+        return []
+    said = (
+        f"The measurement is not complete: {passes.complete} of {passes.planned} planned"
+        f" {passes.unit} have {'a value' if passes.unit == 'stops' else 'every stop'}."
+    )
+    return [f"{said} End of the run: {passes.end.rstrip('.')}." if passes.end else said]

@@ -114,16 +114,17 @@ def run(arguments: Namespace) -> int:
     """Make and show the budget; see the module."""
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.configuration import load_instrument
-    from stepdiag_ros.metrology.uncertainty.budget import make_budget
-    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
-    from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
-    from stepdiag_ros.report.budget import BudgetReport, budget_json, print_budget
-    from stepdiag_ros.report.publish import results_folder, write_results
-    from stepdiag_ros.report.recorded_run import (
+    from stepdiag_ros.evaluation.budget import BudgetReport
+    from stepdiag_ros.evaluation.recorded_run import (
         direct_origin,
         measurement_of,
         require_standing_beam,
     )
+    from stepdiag_ros.metrology.uncertainty.budget import make_budget
+    from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+    from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
+    from stepdiag_ros.report.budget import budget_json, print_budget
+    from stepdiag_ros.report.publish import results_folder, write_results
     from stepdiag_ros.report.tables import make_console
 
     instrument = Instrument()

@@ -15,8 +15,7 @@ from stepdiag_ros.commands.standard_tests import is_bag
 
 if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
-    from stepdiag_ros.report.changes import ChangesReport
-    from stepdiag_ros.report.changes_build import Side
+    from stepdiag_ros.evaluation.changes import ChangesReport, Side
 
 _NAME = "changes"
 _WHEN = ("before", "after")
@@ -104,8 +103,7 @@ def report_of(arguments: Namespace) -> "ChangesReport":
         ValueError: a file cannot be read or solved, or the two cannot be compared; one sentence.
     """
     from stepdiag_ros.configuration import load_instrument
-    from stepdiag_ros.report.changes import ChangesReport
-    from stepdiag_ros.report.changes_build import changes_of
+    from stepdiag_ros.evaluation.changes import ChangesReport, changes_of
 
     given = arguments.instrument
     if len(given) > 2:
@@ -150,7 +148,7 @@ class _Solved:
 
 def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
     from stepdiag_ros.bags.digest import sha256_of
-    from stepdiag_ros.report.changes_build import side_of_results_file
+    from stepdiag_ros.evaluation.changes import side_of_results_file
 
     if is_bag(path):
         return _solved_bag(path, run_id, arguments)
@@ -165,9 +163,9 @@ def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
 
 def _solved_bag(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.report.changes_build import side_of_report
-    from stepdiag_ros.report.compensation_build import identified_of
-    from stepdiag_ros.report.recorded_run import report_of_run
+    from stepdiag_ros.evaluation.changes import side_of_report
+    from stepdiag_ros.evaluation.compensation import identified_of
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)

@@ -65,8 +65,9 @@ def run(arguments: Namespace) -> int:
     """Compare; see the module."""
     from stepdiag_ros.commands.solve import report_of
     from stepdiag_ros.configuration import read_text
+    from stepdiag_ros.evaluation.experiment import experiment_of
     from stepdiag_ros.metrology.direct_reading import read_direct
-    from stepdiag_ros.report.experiment import experiment_json, experiment_of, experiment_texts
+    from stepdiag_ros.report.experiment import experiment_json, experiment_texts
     from stepdiag_ros.report.experiment_tables import print_experiment
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables import make_console

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.compensation.applied import TableSet
     from stepdiag_ros.compensation.control import Control, Files
     from stepdiag_ros.compensation.identified import Identified
-    from stepdiag_ros.report.compensation import CompensationReport
+    from stepdiag_ros.evaluation.compensation import CompensationReport
 
 CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
@@ -231,7 +231,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         ValueError: the result, a setting or a limit of the control forbids it; one sentence.
     """
     from stepdiag_ros.compensation.control import Layout, checked_settings
-    from stepdiag_ros.report.compensation_build import compensation_of
+    from stepdiag_ros.evaluation.compensation import compensation_of
     from stepdiag_ros.text.intake import refusals_of
 
     settings = checked_settings(chosen, _given(arguments.settings))
@@ -268,12 +268,12 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     """
     from stepdiag_ros.bags.digest import sha256_of
     from stepdiag_ros.compensation.identified import from_results_file
-    from stepdiag_ros.report.compensation_build import identified_of
+    from stepdiag_ros.evaluation.compensation import identified_of
 
     if not is_bag(path):
         return from_results_file(path, method, sha256_of(path))
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.report.recorded_run import report_of_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.measurement import Measurement
     from stepdiag_ros.metrology.plan import Plan
-    from stepdiag_ros.report.diagnosis import DiagnosisReport
 
 _EXAMPLES = """\
 verdicts:
@@ -198,9 +198,9 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
     Raises:
         ValueError: run or model cannot be read, or they contradict each other; one sentence.
     """
+    from stepdiag_ros.evaluation.diagnosis import Ask, build_diagnosis
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.metrology.model import MachineModel
-    from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis
     from stepdiag_ros.text.intake import refusals_of
 
     model, source = MachineModel(), ""
@@ -265,7 +265,7 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
 
         return _Run(load_table(path).measurement)
     from stepdiag_ros.configuration import machine_from_text
-    from stepdiag_ros.report.recorded_run import measurement_of, require_standing_beam
+    from stepdiag_ros.evaluation.recorded_run import measurement_of, require_standing_beam
 
     require_standing_beam(recorded)
     measurement, remark = measurement_of(recorded, False, progress, warn=warn)

@@ -13,8 +13,8 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
+    from stepdiag_ros.evaluation.positioning import PositioningReport, Published
     from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
-    from stepdiag_ros.report.positioning import PositioningReport, Published
 
 _FORM = """\
 a table is CSV, one row a reading:
@@ -111,14 +111,14 @@ def report_of(
     Raises:
         ValueError: a file cannot be read, or there is no test in it; one sentence.
     """
+    from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
     from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-    from stepdiag_ros.report.positioning import PositioningReport, positioning_of
 
     description = _description(uncertainty)
     figures = None if published is None else _published(published)
     if is_bag(source):
         from stepdiag_ros.bags.run import load_run
-        from stepdiag_ros.report.recorded_run import require_standing_beam
+        from stepdiag_ros.evaluation.recorded_run import require_standing_beam
 
         with progress_bar(f"reading {source.name}"):
             recorded = load_run(source, run_id)
@@ -146,8 +146,8 @@ def _description(path: Path | None) -> "UncertaintyDescription":
 
 def _published(path: Path) -> "Published":
     from stepdiag_ros.configuration import read_yaml
+    from stepdiag_ros.evaluation.positioning import Published
     from stepdiag_ros.metrology.checking import Section
-    from stepdiag_ros.report.positioning import Published
 
     section = Section(read_yaml(path), str(path))
     unit = _UNITS[section.names("unit", tuple(_UNITS))[0]]

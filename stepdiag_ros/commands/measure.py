@@ -14,7 +14,7 @@ from stepdiag_ros.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from stepdiag_ros.report.lead import RunLead
+    from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.run.sequence import State
     from stepdiag_ros.session.following import Measured, Told
 
@@ -131,8 +131,8 @@ def _enter_was_pressed() -> bool:
 def _lead(measured: "Measured") -> "RunLead":
     """Return what is said first of the run, before anything is solved."""
     from stepdiag_ros.bags.passes import Completeness
+    from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
-    from stepdiag_ros.report.lead import RunLead
     from stepdiag_ros.run.conclusion import UNKNOWN
 
     name = NOT_DIAGNOSED if measured.verdict == UNKNOWN else measured.verdict

@@ -12,8 +12,8 @@ from stepdiag_ros.text.controls import printable
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.evaluation.report import Report
     from stepdiag_ros.metrology.plan import Plan
-    from stepdiag_ros.report.content import Report
 
 _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 

@@ -140,10 +140,10 @@ def run(arguments: Namespace) -> int:
 
 def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandover":
     from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
     from stepdiag_ros.handover.material import Material, unsolved
     from stepdiag_ros.handover.tracker_page import TrackerHandover
     from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
-    from stepdiag_ros.report.recorded_run import report_of_run
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)

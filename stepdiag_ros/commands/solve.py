@@ -17,7 +17,7 @@ from stepdiag_ros.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from stepdiag_ros.report.content import Report
+    from stepdiag_ros.evaluation.report import Report
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -93,8 +93,8 @@ def rotation_size(text: str) -> float:
 def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
     from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
     from stepdiag_ros.report.publish import results_folder
-    from stepdiag_ros.report.recorded_run import report_of_run
 
     folder = results_folder(arguments.bag)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
@@ -132,7 +132,7 @@ def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = Non
         ValueError: the bag cannot be read or solved; one sentence.
     """
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.report.recorded_run import report_of_run
+    from stepdiag_ros.evaluation.recorded_run import report_of_run
 
     with progress_bar(f"reading {bag.name}") as progress:
         return report_of_run(

@@ -13,7 +13,7 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
-    from stepdiag_ros.report.diagonal_squareness import SquarenessReport
+    from stepdiag_ros.evaluation.squareness import SquarenessReport
 
 _FORM = """\
 a table is CSV, one row a diagonal; a single reading at each end is enough:
@@ -79,6 +79,7 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
     Raises:
         ValueError: the file cannot be read, or its diagonals tell no squareness; one sentence.
     """
+    from stepdiag_ros.evaluation.squareness import SquarenessReport
     from stepdiag_ros.metrology.standards.axis_test import all_runs
     from stepdiag_ros.metrology.standards.diagonal_squareness import (
         squareness_from,
@@ -86,7 +87,6 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
     )
     from stepdiag_ros.metrology.standards.iso230_2 import evaluate
     from stepdiag_ros.metrology.standards.iso230_6 import volumetric_warning
-    from stepdiag_ros.report.diagonal_squareness import SquarenessReport
 
     if not is_bag(source):
         from stepdiag_ros.bags.diagonal_table import read_diagonal_table
@@ -94,7 +94,7 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
         result = squareness_from(read_diagonal_table(source))
         return SquarenessReport(result, str(source), volumetric_warning(()))
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.report.recorded_run import require_standing_beam
+    from stepdiag_ros.evaluation.recorded_run import require_standing_beam
 
     with progress_bar(f"reading {source.name}"):
         recorded = load_run(source, run_id)

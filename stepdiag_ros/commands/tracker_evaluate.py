@@ -10,8 +10,8 @@ from stepdiag_ros.commands.standard_tests import is_bag, show
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.evaluation.tracker import TrackerReport
     from stepdiag_ros.metrology.tracker.readings import TrackerReading
-    from stepdiag_ros.report.tracker import TrackerReport
 
 
 def run_locate(arguments: Namespace) -> int:
@@ -28,9 +28,10 @@ def run_evaluate(arguments: Namespace) -> int:
 
 def _show_station(arguments: Namespace, what: str) -> int:
     from stepdiag_ros.configuration import load_cell, load_tracker
+    from stepdiag_ros.evaluation.tracker import TrackerReport
     from stepdiag_ros.metrology.tracker.campaign import true_values
     from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
-    from stepdiag_ros.report.tracker import TrackerReport, print_tracker
+    from stepdiag_ros.report.tracker import print_tracker
     from stepdiag_ros.report.tracker_document import tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
 
@@ -79,11 +80,11 @@ def show_run(recorded: "RecordedRun", arguments: Namespace, default_folder: Path
         arguments: parsed, with the options of ``add_output_options``.
         default_folder: where results go if the user named no folder.
     """
+    from stepdiag_ros.evaluation.tracker import grid_report, reports_of_run
     from stepdiag_ros.metrology.tracker.run_result import is_grid
     from stepdiag_ros.report.tracker import print_tracker
     from stepdiag_ros.report.tracker_document import tracker_json
     from stepdiag_ros.report.tracker_figures import draw_tracker
-    from stepdiag_ros.report.tracker_run import grid_report, reports_of_run
 
     choices = vars(arguments)
     with progress_bar(f"reading {recorded.path.name}") as progress:
@@ -132,11 +133,11 @@ def run_points(arguments: Namespace) -> int:
     """Multilaterate; see the module."""
     from stepdiag_ros.bags.tracker_table import read_table
     from stepdiag_ros.configuration import load_cell
+    from stepdiag_ros.evaluation.build import truth_of
+    from stepdiag_ros.evaluation.report import Report
     from stepdiag_ros.metrology.plan import Volume
     from stepdiag_ros.metrology.tracker.campaign import points_from
     from stepdiag_ros.metrology.tracker.curves import error_curves, grid_of
-    from stepdiag_ros.report.build import truth_of
-    from stepdiag_ros.report.content import Report
 
     readings = read_table(arguments.table)
     with progress_bar("multilaterating"):

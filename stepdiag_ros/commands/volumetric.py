@@ -8,7 +8,7 @@ from stepdiag_ros.commands.output import HelpFormatter, add_run_option
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
-    from stepdiag_ros.report.volumetric import VolumetricReport
+    from stepdiag_ros.evaluation.volumetric import VolumetricReport
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -62,7 +62,7 @@ def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport"
     Raises:
         ValueError: the bag cannot be read or solved; one sentence.
     """
-    from stepdiag_ros.report.volumetric import VolumetricReport
+    from stepdiag_ros.evaluation.volumetric import VolumetricReport
 
     if bag is None:
         return VolumetricReport({})

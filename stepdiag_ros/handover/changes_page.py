@@ -5,10 +5,18 @@ from math import isfinite
 from rich.table import Table
 
 from stepdiag_ros.compensation.identified import Origin
+from stepdiag_ros.evaluation.changes import ChangesReport
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.handover.page import Fact, Lead, chapter, page, table_view, table_views
 from stepdiag_ros.handover.pictures import Drawing, Drawn, draw
 from stepdiag_ros.metrology.geometry import ROTATIONS
-from stepdiag_ros.report.changes import ChangesReport, curve_table, figure_table, node_table
+from stepdiag_ros.report.changes import (
+    curve_table,
+    figure_table,
+    node_table,
+    remarks_of,
+    uncertainty_words,
+)
 from stepdiag_ros.report.changes_words import (
     BETTER,
     OTHER,
@@ -21,9 +29,8 @@ from stepdiag_ros.report.changes_words import (
     place_words,
     verdict,
 )
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plus_minus
 from stepdiag_ros.report.tables import new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plus_minus
 
 _TONES = {BETTER: "good", WORSE: "bad"}
 _TITLE = "Two measurements of one machine"
@@ -66,7 +73,7 @@ class Page:
                 "measurements",
                 "The two measurements",
                 "measurements",
-                {"origins": table_view(_origins(report)), "remarks": report.remarks()},
+                {"origins": table_view(_origins(report)), "remarks": remarks_of(report)},
             ),
             (
                 "curves",
@@ -81,7 +88,7 @@ class Page:
                 "trust",
                 "What the figures mean, and how sure they are",
                 "trust",
-                {"sentences": [*meaning(changes), *report.uncertainty_words()]},
+                {"sentences": [*meaning(changes), *uncertainty_words(report)]},
             ),
         )
         before, after = report.before.origin, report.after.origin

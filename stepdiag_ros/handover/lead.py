@@ -12,9 +12,10 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.report.diagnosis import rivals_words
-from stepdiag_ros.report.diagnosis_words import sizes_words, two_digits
-from stepdiag_ros.report.numbers import MICRO, OF_READINGS, UNKNOWN, plain, with_expanded
+from stepdiag_ros.report.diagnosis_proposal import proposed_sentences
+from stepdiag_ros.report.diagnosis_words import sizes_words
 from stepdiag_ros.report.summary import missing_words, sentences_of
+from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
 
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
 
@@ -159,7 +160,7 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
     said = [] if run.whole else [f"measure what is missing: {missing_words(run)}."]
     if material.diagnosis is not None:
         diagnosis = material.diagnosis.diagnosis
-        proposed = material.diagnosis.proposed
+        proposed = proposed_sentences(material.diagnosis)
         if diagnosis.verdict == UNEXPLAINED:
             said.append("find the cause of the gap before the machine is corrected by this run.")
             if diagnosis.where:

@@ -20,6 +20,14 @@ from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
+from stepdiag_ros.evaluation.budget import BudgetReport
+from stepdiag_ros.evaluation.compensation import CompensationReport, compensation_of, identified_of
+from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagnosis, with_proposal
+from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
+from stepdiag_ros.evaluation.report import METHODS, Report
+from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.handover.given import Given
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
@@ -32,18 +40,8 @@ from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
-from stepdiag_ros.report.budget import BudgetReport
-from stepdiag_ros.report.compensation import CompensationReport
-from stepdiag_ros.report.compensation_build import compensation_of, identified_of
-from stepdiag_ros.report.content import METHODS, Report
-from stepdiag_ros.report.diagnosis import DiagnosisReport
-from stepdiag_ros.report.diagnosis_build import Ask, build_diagnosis, with_proposal
-from stepdiag_ros.report.experiment import Experiment, experiment_of
-from stepdiag_ros.report.lead import RunLead, lead_of
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
-from stepdiag_ros.report.positioning import PositioningReport, positioning_of
-from stepdiag_ros.report.single_errors import SingleError, single_errors
 
 _Made = TypeVar("_Made")
 _PARTS = (

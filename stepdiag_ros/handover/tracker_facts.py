@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE
 from stepdiag_ros.metrology.tracker.tracked_line import Point, station_of, test_line_of
-from stepdiag_ros.report.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import MICRO, plain
 
 _PLACES = {LOCATE: "places that locate the tracker", GRID: "places of a grid"}
 

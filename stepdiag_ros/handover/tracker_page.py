@@ -8,8 +8,9 @@ import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
-from stepdiag_ros.bags.passes import completeness_of
+from stepdiag_ros.bags.passes import completeness_of, incomplete_sentences
 from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.evaluation.tracker import TrackerReport, grid_report, reports_of_run
 from stepdiag_ros.handover.given import Given
 from stepdiag_ros.handover.material import Material, unsolved
 from stepdiag_ros.handover.page import (
@@ -29,12 +30,10 @@ from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT, NOT_TESTABLE
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES
 from stepdiag_ros.metrology.tracker.run_result import is_grid
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents import report_document
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 from stepdiag_ros.report.positioning import decimals_of, target_table
-from stepdiag_ros.report.summary import incomplete_sentences
 from stepdiag_ros.report.tracker import (
-    TrackerReport,
     departures_table,
     joint_table,
     joint_values,
@@ -45,7 +44,6 @@ from stepdiag_ros.report.tracker import (
     squareness_rows,
 )
 from stepdiag_ros.report.tracker_document import tracker_document
-from stepdiag_ros.report.tracker_run import grid_report, reports_of_run
 
 _TITLE = "Errors of a machine tool with a tracking interferometer: report of a measurement"
 _HEADLINES = {

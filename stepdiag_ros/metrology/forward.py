@@ -390,3 +390,7 @@ def in_result_frame(nodes: Sequence[Vector], curves: Mapping[str, Vector]) -> di
     for name in ("E_YX", "E_ZX", "E_YZ"):
         moved[name][-1] = 0.0
     return moved
+
+
+AXES_OF = {"C0Y": ("X", "Y"), "B0Z": ("X", "Z"), "A0Z": ("Y", "Z")}
+"""Squareness → the axis it refers to, and the axis that is out of square to it."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, load_model, plan_from_text
-from stepdiag_ros.diagnosing import diagnose_lines, when_over
+from stepdiag_ros.evaluation.diagnosing import diagnose_lines, when_over
 from stepdiag_ros.messages.diagnosis import from_diagnosis
 from stepdiag_ros.metrology.discrepancy.extension import with_chain
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, DiagnosisSummary

@@ -9,6 +9,7 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
+from stepdiag_ros.evaluation.solving import Solved, solve_run
 from stepdiag_ros.messages.conversion import from_volumetric_errors
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
@@ -19,7 +20,6 @@ from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
-from stepdiag_ros.solving import Solved, solve_run
 
 PUBLISH_PERIOD = 0.01
 """Real seconds between two looks at what has been solved."""

@@ -7,6 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.report import Truth, frame_sentences, method_title, short_title
+from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.solvers.result import Figure as Number
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -26,10 +28,9 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.content import Truth, frame_sentences, method_title, short_title
 from stepdiag_ros.report.diagonal_squareness import SHIFTS_OF_RL
-from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, plain, plus_minus
-from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, SignDefinition, sign
+from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, SignDefinition, sign
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
 
 _PLANES = {"C0Y": "seen from +Z", "B0Z": "seen from −Y", "A0Z": "seen from +X"}
 _LEANS_TO_MINUS = {"C0Y": 1.0, "B0Z": -1.0, "A0Z": 1.0}

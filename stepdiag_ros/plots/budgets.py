@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.uncertainty.budget import Budget
@@ -32,8 +33,7 @@ from stepdiag_ros.plots.style import (
     scales,
 )
 from stepdiag_ros.report.budget import figure_groups, short_name, unit_of
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 _LOOKS = dict(
     zip(

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.geometry import translation
 from stepdiag_ros.plots.curves import curve_sheet, curve_words
 from stepdiag_ros.plots.style import AFTER, BEFORE, MILLI, panel_title, say_unknown
 from stepdiag_ros.report.compensation import COMPUTED
-from stepdiag_ros.report.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import MICRO, plain
 
 _DECIMALS = 3
 _BOTH_WAYS = "Positioning: full line forward, dashed backward; straightness: mean of both."

@@ -7,6 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.report import (
+    ZERO_BY_DEFINITION,
+    Truth,
+    frame_sentences,
+    method_title,
+)
 from stepdiag_ros.metrology.geometry import (
     AXES,
     CURVES,
@@ -35,13 +41,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.content import (
-    ZERO_BY_DEFINITION,
-    Truth,
-    frame_sentences,
-    method_title,
-)
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 _PANEL_HEIGHT = 1.55
 BAND_WORDS = "Bands: 95 % (1.96 standard uncertainties)."

@@ -8,12 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from stepdiag_ros.evaluation.diagnosis import gap_figures as rms_and_largest
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Share
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.lines import add_lines, sample
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
@@ -28,8 +30,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.diagnosis import gap_figures as rms_and_largest
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain
+from stepdiag_ros.text.numbers import MICRO, plain
 
 _ARROWS = {FORWARD: "→", BACKWARD: "←"}
 _SIGNIFICANT = 0.001

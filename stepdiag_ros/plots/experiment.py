@@ -10,9 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.experiment import Experiment
+from stepdiag_ros.evaluation.report import frame_sentences, method_title
 from stepdiag_ros.metrology.comparison import CurveComparison, DirectComparison, in_result_frame
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis, translation
 from stepdiag_ros.metrology.repeats import Spread
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.curves import BAND_WORDS, curve_words, shown_unit
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.style import (
@@ -30,9 +33,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.content import frame_sentences, method_title
-from stepdiag_ros.report.experiment import Experiment
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 FIGURE_OF_AXIS = {"X": 7, "Y": 8, "Z": 9}
 _BESIDE = 0.12

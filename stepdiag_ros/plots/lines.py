@@ -35,7 +35,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 _COLUMNS = 4
 _PANEL_HEIGHT = 1.3

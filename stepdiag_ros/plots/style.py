@@ -24,8 +24,8 @@ from matplotlib.textpath import TextPath
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.panel import GRID, INK, LABEL_SIZE, TICK_SIZE, Panel
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
 MILLI = 1e3
 """Metres to mm."""

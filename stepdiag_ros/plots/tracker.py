@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import (
@@ -23,8 +25,8 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO
-from stepdiag_ros.report.tracker import TrackerReport, figure_sentences
+from stepdiag_ros.report.tracker import figure_sentences
+from stepdiag_ros.text.numbers import MICRO
 
 _LINE_COLOURS = dict(zip(SEVEN_LINES, COLOURS, strict=False))
 _COLUMNS = 4

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.report import ZERO_BY_DEFINITION
 from stepdiag_ros.metrology.agreement import Changes, CurveChange
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
@@ -26,8 +27,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.content import ZERO_BY_DEFINITION
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 COVERAGE = 2.0
 """k of the bands and of E_n (ISO 13528)."""

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.visibility import (
 )
 from stepdiag_ros.plots.panel import INK
 from stepdiag_ros.plots.style import GREEN, SKY, SMALL_SIZE, Sheet, panel_title
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 
 _LOOKS = {
     DETERMINED: (GREEN, ""),

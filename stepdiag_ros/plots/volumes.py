@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import (
@@ -15,8 +16,7 @@ from stepdiag_ros.metrology.standards.volumetric import (
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.plots.space import add_wires, frame_box, project
 from stepdiag_ros.plots.style import BLUE, VERMILION, Sheet, scales
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import MICRO, plain, plus_minus
+from stepdiag_ros.text.numbers import MICRO, plain, plus_minus
 
 _DRAWN_SHARE = 0.1
 """The longest error vector is drawn as this share of the box's longest side."""

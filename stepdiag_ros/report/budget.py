@@ -2,22 +2,21 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.budget import BudgetReport
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
 from stepdiag_ros.metrology.uncertainty.source import Source
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, with_uncertainty
 
 _UNITS = {
     "m": ("µm", MICRO),
@@ -30,25 +29,6 @@ _UNITS = {
     "1": ("", 1.0),
 }
 """Unit of an input → how people read it, and the factor."""
-
-
-@dataclass(frozen=True)
-class BudgetReport:
-    """What is shown of a budget.
-
-    Attributes:
-        budget: by the GUM.
-        check: by Monte Carlo; None if it was not asked for.
-        run_id: identity of the run; empty if it has none.
-        bag: the file.
-        remarks: about the run as a whole.
-    """
-
-    budget: Budget
-    check: Check | None = None
-    run_id: str = ""
-    bag: Path | None = None
-    remarks: tuple[str, ...] = ()
 
 
 _KINDS = {

@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.plots.budgets import budget, budget_curves
 from stepdiag_ros.plots.stamps import stamp
-from stepdiag_ros.report.budget import BudgetReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

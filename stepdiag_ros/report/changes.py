@@ -1,12 +1,12 @@
 """Two measurements of one machine beside each other, as a person reads it."""
 
-from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 from rich.table import Table
 
 from stepdiag_ros.compensation.identified import NO_REVERSAL, Identified
+from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import Changes, CurveChange, FigureChange
 from stepdiag_ros.metrology.geometry import AXES, moving_axis
 from stepdiag_ros.report.changes_words import (
@@ -23,56 +23,11 @@ from stepdiag_ros.report.changes_words import (
     verdict,
 )
 from stepdiag_ros.report.diagnosis_words import chance
-from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, plus_minus
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, plus_minus
 
 _MILLI = 1e3
 _SQUARENESS_UNITS = ((SQUARENESS_UNIT, MICRO), ("arcsec", ARC_SECONDS))
-
-
-@dataclass(frozen=True)
-class ChangesReport:
-    """Two measurements and what they say of the machine.
-
-    Attributes:
-        before: origin and remarks of the first.
-        after: of the second.
-        changes: between them.
-        instruments: names of the instrument files of both; empty where none was given.
-    """
-
-    before: Identified
-    after: Identified
-    changes: Changes
-    instruments: tuple[str, str] = ("", "")
-
-    def sentences(self) -> list[str]:
-        """Return what a reader must know first: the volume, all together, what changed, where."""
-        return [
-            verdict(self.changes).sentence,
-            *filter(None, [joint_words(self.changes)]),
-            *changed_words(self.changes),
-            *curve_words(self.changes),
-            *moved_words(self.changes),
-        ]
-
-    def remarks(self) -> list[str]:
-        """Return what a reader must know beside, each with the measurement that it is about."""
-        machines = [one.origin.machine for one in (self.before, self.after)]
-        said = [*self.changes.remarks]
-        if all(machines) and machines[0] != machines[1]:
-            said.append(
-                f"the machines are called '{machines[0]}' and '{machines[1]}': are they the same?"
-            )
-        told = [_about_the_result(one) for one in (self.before, self.after)]
-        said += [f"both: {remark}" for remark in told[0] if remark in told[1]]
-        said += [f"before: {remark}" for remark in told[0] if remark not in told[1]]
-        said += [f"after: {remark}" for remark in told[1] if remark not in told[0]]
-        return said
-
-    def uncertainty_words(self) -> list[str]:
-        """Return what the uncertainties hold and what was taken as independent."""
-        return method_words(self.changes, self.instruments)
 
 
 def _about_the_result(one: Identified) -> list[str]:
@@ -82,6 +37,37 @@ def _about_the_result(one: Identified) -> list[str]:
         for remark in one.remarks
         if remark != NO_REVERSAL and not remark.startswith("reversal of ")
     ]
+
+
+def sentences_of(report: ChangesReport) -> list[str]:
+    """Return what a reader must know first: the volume, all together, what changed, where."""
+    return [
+        verdict(report.changes).sentence,
+        *filter(None, [joint_words(report.changes)]),
+        *changed_words(report.changes),
+        *curve_words(report.changes),
+        *moved_words(report.changes),
+    ]
+
+
+def remarks_of(report: ChangesReport) -> list[str]:
+    """Return what a reader must know beside, each with the measurement that it is about."""
+    machines = [one.origin.machine for one in (report.before, report.after)]
+    said = [*report.changes.remarks]
+    if all(machines) and machines[0] != machines[1]:
+        said.append(
+            f"the machines are called '{machines[0]}' and '{machines[1]}': are they the same?"
+        )
+    told = [_about_the_result(one) for one in (report.before, report.after)]
+    said += [f"both: {remark}" for remark in told[0] if remark in told[1]]
+    said += [f"before: {remark}" for remark in told[0] if remark not in told[1]]
+    said += [f"after: {remark}" for remark in told[1] if remark not in told[0]]
+    return said
+
+
+def uncertainty_words(report: ChangesReport) -> list[str]:
+    """Return what the uncertainties hold and what was taken as independent."""
+    return method_words(report.changes, report.instruments)
 
 
 def print_changes(report: ChangesReport, console: PlainConsole) -> None:
@@ -96,12 +82,12 @@ def print_changes(report: ChangesReport, console: PlainConsole) -> None:
     for table in (figure_table(report.changes), curve_table(report.changes)):
         console.print(table)
         console.print()
-    for text in report.sentences():
+    for text in sentences_of(report):
         sentence(text)
     console.print()
-    for text in (*meaning(report.changes), *report.uncertainty_words()):
+    for text in (*meaning(report.changes), *uncertainty_words(report)):
         sentence(text)
-    for remark in report.remarks():
+    for remark in remarks_of(report):
         sentence(f"- {remark}")
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.compensation.identified import Origin
+from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import (
     CurveChange,
     Family,
@@ -14,7 +15,7 @@ from stepdiag_ros.metrology.agreement import (
     PlaceChange,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector
-from stepdiag_ros.report.changes import ChangesReport
+from stepdiag_ros.report.changes import remarks_of, sentences_of, uncertainty_words
 from stepdiag_ros.report.changes_words import meaning, verdict
 
 
@@ -26,7 +27,7 @@ def changes_json(report: ChangesReport) -> str:
         "before": _origin(report.before.origin),
         "after": _origin(report.after.origin),
         "verdict": verdict(changes).kind,
-        "words": report.sentences(),
+        "words": sentences_of(report),
         "meaning": meaning(changes),
         "frame": changes.before.frame,
         "chain": changes.chain or None,
@@ -34,7 +35,7 @@ def changes_json(report: ChangesReport) -> str:
             letter: nodes.tolist() for letter, nodes in zip(AXES, changes.before.nodes, strict=True)
         },
         "uncertainty": {
-            "words": report.uncertainty_words(),
+            "words": uncertainty_words(report),
             "instrument_before": report.instruments[0] or None,
             "instrument_after": report.instruments[1] or None,
             "shared": list(changes.shared),
@@ -56,7 +57,7 @@ def changes_json(report: ChangesReport) -> str:
         },
         "figures": [_figure(one) for one in changes.figures],
         "curves": {one.name: _curve(one) for one in changes.curves},
-        "remarks": report.remarks(),
+        "remarks": remarks_of(report),
     }
     return schemas.json_text(schemas.document("changes", content))
 

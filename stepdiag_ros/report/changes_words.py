@@ -16,8 +16,9 @@ from stepdiag_ros.metrology.agreement import (
     FigureChange,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.diagnosis_words import chance
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, plus_minus
+from stepdiag_ros.text.numbers import MICRO, plain, plus_minus
 
 SURE = 2.0
 """Standard uncertainties up to which an error may be nothing but the measurement's own."""

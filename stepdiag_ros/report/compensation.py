@@ -3,18 +3,17 @@
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from stepdiag_ros import schemas
-from stepdiag_ros.compensation.control import Control, Files, Layout
-from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.compensation.remaining import Change, Remainder
+from stepdiag_ros.compensation.remaining import Change
+from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.metrology.geometry import ROTATIONS
-from stepdiag_ros.report.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -27,51 +26,6 @@ COMPUTED = (
     " the errors that were found, both directions of approach; only a new measurement is a proof."
 )
 _DECIMALS = 3
-
-
-@dataclass(frozen=True)
-class CompensationReport:
-    """Tables and what they leave.
-
-    Attributes:
-        control: that they are for.
-        identified: errors that they were made from.
-        layout: how they were made.
-        files: name → text.
-        remainder: what they leave.
-        on_top_of: folder of the tables that are contained in them; empty: none.
-    """
-
-    control: Control
-    identified: Identified
-    layout: Layout
-    files: Files
-    remainder: Remainder
-    on_top_of: str = ""
-
-    def uncorrected(self) -> list[str]:
-        """Say what the tables do not correct, sentence by sentence, in numbers where known."""
-        said = [
-            f"{_words(one)} stays: {_value(one.after, one.unit)}"
-            for one in self.remainder.changes
-            if not one.corrected and not one.name.startswith("volume")
-        ]
-        error_map = self.identified.error_map
-        turning = [name for name in ROTATIONS if name in error_map.curves]
-        volume = self.remainder.change("volume, rms")
-        if turning and self.control.name != "generic":
-            said.append(
-                f"angular errors ({', '.join(turning)}) act by levers and stay; with them"
-                f" {_value(volume.after, 'm')} rms are left in the volume"
-            )
-        if error_map.left_out:
-            said.append(
-                f"{', '.join(error_map.left_out)} were not estimated: what they do in the volume is"
-                " neither corrected nor in these figures"
-            )
-        if error_map.unknown_curves:
-            said.append(f"not determined by these lines: {', '.join(error_map.unknown_curves)}")
-        return said
 
 
 def print_compensation(report: CompensationReport, console: PlainConsole) -> None:
@@ -110,7 +64,7 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
             " standard uncertainty): no compensation made from them is better than that."
         )
     for title, sentences in (
-        ("Not corrected:", report.uncorrected()),
+        ("Not corrected:", uncorrected(report)),
         ("To know:", report.control.says),
         ("About the result:", [one for one in report.identified.remarks if one != warning]),
     ):
@@ -139,6 +93,31 @@ def change_table(title: str, changes: Sequence[Change], with_tables: bool = True
         before, after = _value(one.before, one.unit), _value(one.after, one.unit)
         table.add_row(_words(one), before, after, _times(one), *told)
     return table
+
+
+def uncorrected(report: CompensationReport) -> list[str]:
+    """Say what the tables do not correct, sentence by sentence, in numbers where known."""
+    said = [
+        f"{_words(one)} stays: {_value(one.after, one.unit)}"
+        for one in report.remainder.changes
+        if not one.corrected and not one.name.startswith("volume")
+    ]
+    error_map = report.identified.error_map
+    turning = [name for name in ROTATIONS if name in error_map.curves]
+    volume = report.remainder.change("volume, rms")
+    if turning and report.control.name != "generic":
+        said.append(
+            f"angular errors ({', '.join(turning)}) act by levers and stay; with them"
+            f" {_value(volume.after, 'm')} rms are left in the volume"
+        )
+    if error_map.left_out:
+        said.append(
+            f"{', '.join(error_map.left_out)} were not estimated: what they do in the volume is"
+            " neither corrected nor in these figures"
+        )
+    if error_map.unknown_curves:
+        said.append(f"not determined by these lines: {', '.join(error_map.unknown_curves)}")
+    return said
 
 
 def _words(one: Change) -> str:
@@ -188,7 +167,7 @@ def compensation_json(report: CompensationReport) -> str:
             for name, text in report.files.items()
         ],
         "corrects": list(report.control.corrects),
-        "uncorrected": report.uncorrected(),
+        "uncorrected": uncorrected(report),
         "says": list(report.control.says),
         "remarks": list(report.identified.remarks),
         "places": remainder.places,

@@ -1,15 +1,17 @@
 """A diagnosis in words and tables; the physics is in ``metrology.discrepancy``."""
 
 import math
-import re
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import takewhile
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
-import numpy as np
 from rich.table import Table
 
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.not_testable import (
+    _MOST_SETTINGS,
+    by_effect,
+    not_testable_sentences,
+    settings_words,
+)
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     UNEXPLAINED,
@@ -17,105 +19,16 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
-from stepdiag_ros.metrology.discrepancy.proposal import Proposal
-from stepdiag_ros.metrology.effects.effect import Effect
-from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.model import MachineModel
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.diagnosis_next import next_sentences
-from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposal_sentences
-from stepdiag_ros.report.diagnosis_words import chance, readable, size_rows, two_digits
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
+from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposed_sentences
+from stepdiag_ros.report.diagnosis_words import chance, readable, size_rows
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, two_digits
 
-_MOST_SETTINGS = 4
-"""Settings of one effect that are listed one by one; of more, only the range is printed."""
 _LIMIT_COLUMNS = ("effect", "smallest size", "unit", "of")
 _MOST_LABELS = 4
 _MOST_RUNNERS_UP = 5
 _NARROW, _WIDE = 80, 120
 """Fewest and most columns of a terminal that the tables are made for."""
-_LENGTH_IN_WORDS = re.compile(r"(\d[\d.]*(?:e[+-]?\d+)?) m\b")
-
-
-@dataclass(frozen=True)
-class RunFile:
-    """A further run that was diagnosed together with the first.
-
-    Attributes:
-        path: of the file.
-        sha256: of the file.
-        run_id: identity of the run; empty if it has none.
-    """
-
-    path: Path
-    sha256: str
-    run_id: str = ""
-
-
-@dataclass(frozen=True)
-class DiagnosisReport:
-    """What is shown of a diagnosis.
-
-    Attributes:
-        diagnosis: of the run under the model as it was.
-        model: as it was.
-        catalogue: effects that were tried, by name.
-        bag: the file.
-        sha256: of the file.
-        run_id: identity of the run; empty if it has none.
-        model_source: file of the model; empty if none was given.
-        extended: the model with the named effects; None if nothing was named.
-        extended_path: file that it was written to; None if it was not.
-        rounds: diagnoses under the extended model, one after another until nothing more is named.
-        held_out: proof on data that took no part in the fit; None if there is none.
-        curves: error curves before and after the effects were taken off; None if not solved.
-        remarks: about the run as a whole.
-        further: runs that were diagnosed together with that of ``bag``; the second run of what is
-            shown is the first of these.
-        proposal: of an extra plan for what is left open; None if none was asked for.
-        proposal_path: file that the plan was written to; None if it was not.
-    """
-
-    diagnosis: Diagnosis
-    model: MachineModel
-    catalogue: Mapping[str, Effect]
-    bag: Path | None = None
-    sha256: str = ""
-    run_id: str = ""
-    model_source: str = ""
-    extended: MachineModel | None = None
-    extended_path: Path | None = None
-    rounds: tuple[Diagnosis, ...] = ()
-    held_out: HeldOut | None = None
-    curves: tuple[VolumetricErrors, VolumetricErrors] | None = None
-    remarks: tuple[str, ...] = ()
-    further: tuple[RunFile, ...] = ()
-    proposal: Proposal | None = None
-    proposal_path: Path | None = None
-
-    @property
-    def proposed(self) -> list[str]:
-        """Return what to measure next, in sentences.
-
-        Where the gap is unexplained, by what it looks like; of an extra plan only if one was sought
-        for.
-        """
-        path = "" if self.proposal_path is None else str(self.proposal_path)
-        return [*next_sentences(self.diagnosis), *proposal_sentences(self.proposal, path)]
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Return what was found, or where the gap is unexplained what closes a part of it."""
-        return self.diagnosis.findings or self.diagnosis.partial
-
-
-def gap_figures(residual: Vector) -> tuple[float, float]:
-    """Return rms and largest of a gap, m; NaN where there is no reading at all."""
-    known = residual[np.isfinite(residual)]
-    if not known.size:
-        return math.nan, math.nan
-    return float(np.sqrt(np.mean(known**2))), float(np.max(np.abs(known)))
 
 
 def known_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -264,7 +177,7 @@ def limits_table(report: DiagnosisReport) -> Table | None:
     table.columns[2].justify = table.columns[3].justify = "left"
     for column in table.columns:
         column.no_wrap = column.header == "unit"
-    for name, labels in _by_effect(report, limits).items():
+    for name, labels in by_effect(report, limits).items():
         first = report.catalogue[name].sizes[0]
         unit, factor = readable(first)
         sizes = [two_digits(abs(limits[label]) * factor) for label in labels]
@@ -275,63 +188,8 @@ def limits_table(report: DiagnosisReport) -> Table | None:
             text = f"{two_digits(ordered[0])} .. {two_digits(ordered[-1])}"
         else:
             text = ", ".join(sizes)
-        table.add_row(_settings_words(name, labels), text, unit, first.meaning)
+        table.add_row(settings_words(name, labels), text, unit, first.meaning)
     return table if table.row_count else None
-
-
-def _settings_words(name: str, labels: Sequence[str]) -> str:
-    """Name several settings of one effect in one label: ``backlash of X, Y, Z``."""
-    if len(labels) > _MOST_SETTINGS:
-        return f"{name} ({len(labels):,} settings)"
-    words = [label.split(" ") for label in labels]
-    same = len(list(takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))))
-    if len(labels) == 1 or not same:
-        return ", ".join(labels)
-    return " ".join([*words[0][:same], ", ".join(" ".join(one[same:]) for one in words)])
-
-
-def _by_effect(report: DiagnosisReport, labels: Collection[str]) -> dict[str, list[str]]:
-    """Return which of these labels belong to which effect of the catalogue: name → labels."""
-    found: dict[str, list[str]] = {}
-    for effect in report.catalogue.values():
-        for setting in effect.settings(report.diagnosis.stops):
-            label = effect.label(setting)
-            if label in labels:
-                found.setdefault(effect.name, []).append(label)
-    return found
-
-
-def not_testable_sentences(report: DiagnosisReport) -> list[str]:
-    """Say what this run cannot show, one sentence for each reason.
-
-    Reasons that differ only in a length are one, with its range.
-    """
-    reasons = report.diagnosis.not_testable
-    kinds: dict[str, list[str]] = {}
-    for label, why in reasons.items():
-        kinds.setdefault(_LENGTH_IN_WORDS.sub("{}", why), []).append(label)
-    known = _by_effect(report, reasons)
-    sentences = []
-    for kind, labels in kinds.items():
-        shown = _shown(labels, known)
-        lengths = np.array([_LENGTH_IN_WORDS.findall(reasons[label]) for label in labels], float)
-        words = kind
-        for column in lengths.T * MICRO:
-            low, high = two_digits(column.min()), two_digits(column.max())
-            words = words.replace("{}", f"{low if low == high else f'{low} .. {high}'} µm", 1)
-        sentences.append(f"{shown}: {words.rstrip('.')}.")
-    return sentences
-
-
-def _shown(labels: list[str], known: Mapping[str, list[str]]) -> str:
-    """List labels; many of one effect are only counted."""
-    left, parts = set(labels), []
-    for name, own in known.items():
-        here = [label for label in own if label in left]
-        if len(here) > _MOST_SETTINGS:
-            parts.append(f"{name} ({len(here):,} settings)")
-            left -= set(here)
-    return ", ".join([*(label for label in labels if label in left), *parts])
 
 
 def noise_sentence(diagnosis: Diagnosis) -> str:
@@ -371,10 +229,10 @@ def rivals_words(report: DiagnosisReport) -> str:
     for finding in report.diagnosis.findings:
         if finding.ambiguous:
             labels = [finding.label, *finding.ambiguous]
-            kinds = _by_effect(report, labels)
+            kinds = by_effect(report, labels)
             # A label may be of no setting here, as one that belongs to another run.
             others = set(labels).difference(*kinds.values())
-            words = [_settings_words(name, own) for name, own in kinds.items()]
+            words = [settings_words(name, own) for name, own in kinds.items()]
             parts.append(", ".join([*words, *(label for label in labels if label in others)]))
     return "; and between ".join(parts)
 
@@ -437,7 +295,7 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
             sentence(text)
         for one in runners_up_tables(report.findings):
             table(one)
-    _list(sentence, console, "What to measure next", report.proposed)
+    _list(sentence, console, "What to measure next", proposed_sentences(report))
     table(pairs_table(report.proposal))
     table(gap_table(report))
     for text in extension_sentences(report):

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Pattern
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, Prediction
 from stepdiag_ros.metrology.discrepancy.loose import repeated_passes
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.model import MachineModel
-from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures
 from stepdiag_ros.report.diagnosis_proposal import proposal_document
 
 

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
 from stepdiag_ros.plots.curves import curves_before_after
 from stepdiag_ros.plots.discrepancy import (
     gap_along_lines,
@@ -11,7 +12,6 @@ from stepdiag_ros.plots.discrepancy import (
     held_out,
 )
 from stepdiag_ros.plots.stamps import stamp
-from stepdiag_ros.report.diagnosis import DiagnosisReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

@@ -8,6 +8,8 @@ import yaml
 from rich.table import Table
 
 from stepdiag_ros import __version__
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -16,24 +18,21 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.report.diagnosis import (
-    DiagnosisReport,
     extension_sentences,
     findings_table,
     findings_title,
-    gap_figures,
     gap_table,
     group_sentences,
     known_sentences,
     limits_table,
     model_words,
     noise_sentence,
-    not_testable_sentences,
     physics_sentences,
     runners_up_tables,
 )
-from stepdiag_ros.report.diagnosis_proposal import pairs_table
-from stepdiag_ros.report.diagnosis_words import MEANING, chance, sizes_words, two_digits
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
+from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposed_sentences
+from stepdiag_ros.report.diagnosis_words import MEANING, chance, sizes_words
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, two_digits
 
 _COLOURS = {
     CONSISTENT: "#00694b",
@@ -155,7 +154,7 @@ def _chapters(
         (_named_title(report), _named(report)),
         (
             "What to measure next",
-            [_texts(report.proposed), _table(pairs_table(report.proposal))],
+            [_texts(proposed_sentences(report)), _table(pairs_table(report.proposal))],
         ),
         (
             "After: what is left" if report.findings else "How well model and run agree",

@@ -4,10 +4,12 @@ from typing import Any
 
 from rich.table import Table
 
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
 from stepdiag_ros.metrology.discrepancy.proposal import Proposal
 from stepdiag_ros.planning.moves import describe
-from stepdiag_ros.report.numbers import plain
+from stepdiag_ros.report.diagnosis_next import next_sentences
 from stepdiag_ros.report.tables import new_table
+from stepdiag_ros.text.numbers import plain
 
 _MOST_PAIRS = 12
 _PAIR_COLUMNS = ("cause", "or", "expected difference in σ", "chance to tell")
@@ -29,6 +31,15 @@ def proposal_sentences(proposal: Proposal | None, path: str = "") -> list[str]:
     if proposal.plan is not None:
         words += [one.why for one in proposal.left_open]
     return words
+
+
+def proposed_sentences(report: DiagnosisReport) -> list[str]:
+    """Say what to measure next.
+
+    Where the gap is unexplained, by what it looks like; of an extra plan only if one was asked for.
+    """
+    path = "" if report.proposal_path is None else str(report.proposal_path)
+    return [*next_sentences(report.diagnosis), *proposal_sentences(report.proposal, path)]
 
 
 def pairs_table(proposal: Proposal | None) -> Table | None:

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.effects.effect import Size
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, with_uncertainty
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, with_uncertainty
 
 _SMALL = 0.01
 """A number without unit that is plausible up to this is relative: it is read in µm/m."""
@@ -93,8 +93,3 @@ def chance(probability: float) -> str:
     if probability > 0.9999:
         return "> 0.9999"
     return f"{probability:.2g}" if probability < 0.01 else f"{probability:.4f}".rstrip("0")
-
-
-def two_digits(value: float) -> str:
-    """Write a positive number to two significant digits, without an exponent."""
-    return f"{float(f'{value:.2g}'):,.10g}" if math.isfinite(value) else UNKNOWN

@@ -1,20 +1,21 @@
 """Squareness from diagonals as a person and a program read it: tables, JSON, the graph of RL."""
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stepdiag_ros import schemas
-from stepdiag_ros.metrology.forward import SQUARENESS_DEFINITIONS
+from stepdiag_ros.evaluation.squareness import SquarenessReport
+from stepdiag_ros.metrology.forward import AXES_OF, SQUARENESS_DEFINITIONS
 from stepdiag_ros.metrology.standards.diagonal_squareness import (
     SquarenessResult,
     squareness_error_of_shift,
 )
-from stepdiag_ros.report.numbers import ARC_SECONDS, COVERAGE_FACTOR, MICRO, plain, plus_minus
-from stepdiag_ros.report.squareness import AXES_OF, SIGN_DEFINITIONS, sign
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, sign
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -27,21 +28,6 @@ _SLOPES = (
     "Straight lines through the end points of the axes' motions; least-squares lines of curved axes"
     " give other values."
 )
-
-
-@dataclass(frozen=True)
-class SquarenessReport:
-    """What is shown of the squareness from diagonals of one source.
-
-    Attributes:
-        result: of ``metrology.standards.diagonal_squareness``.
-        source: file that the data came from.
-        warning: that diagonals alone are not volumetric accuracy, with what is missing.
-    """
-
-    result: SquarenessResult
-    source: str
-    warning: str
 
 
 def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.report import Comparison, Report, Truth, compare_with_truth
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.visibility import Visibility
-from stepdiag_ros.report.content import Comparison, Report, Truth, compare_with_truth
-from stepdiag_ros.report.lead import RunLead, lead_of
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS
 from stepdiag_ros.report.summary import lead_document
 

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.plots.experiment import (
     FIGURE_OF_AXIS,
@@ -11,7 +12,6 @@ from stepdiag_ros.plots.experiment import (
 )
 from stepdiag_ros.plots.lines import line_errors
 from stepdiag_ros.plots.stamps import stamp
-from stepdiag_ros.report.experiment import Experiment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

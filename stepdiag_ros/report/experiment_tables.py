@@ -3,20 +3,15 @@
 import numpy as np
 from rich.table import Table
 
+from stepdiag_ros.evaluation.experiment import Experiment
+from stepdiag_ros.evaluation.report import method_title, short_title
 from stepdiag_ros.metrology.comparison import DirectComparison
 from stepdiag_ros.metrology.table_one import Row
-from stepdiag_ros.report.content import method_title, short_title
-from stepdiag_ros.report.experiment import Experiment, angle_of
-from stepdiag_ros.report.numbers import (
-    COVERAGE_FACTOR,
-    MICRO,
-    OF_READINGS,
-    UNKNOWN,
-    plain,
-    plus_minus,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.experiment import angle_of
 from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, SignDefinition, sign
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
 
 _TILT = 100e-6
 """rad: size of a setup error for which the sensitivity is shown."""

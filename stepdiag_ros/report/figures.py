@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.plots.angles import squareness
 from stepdiag_ros.plots.curves import error_curves
 from stepdiag_ros.plots.lines import repeatability
 from stepdiag_ros.plots.stamps import stamp
-from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.squareness import SignDefinition
 
 if TYPE_CHECKING:

@@ -6,12 +6,13 @@ from rich.table import Table
 
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.proposal import Candidate, Proposal, hours, size_words
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, UNKNOWN, plain
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
 
 _MILLI = 1e3
 

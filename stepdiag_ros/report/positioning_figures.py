@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.plots.stamps import stamp
 from stepdiag_ros.plots.standards import iso230_2, iso230_6
-from stepdiag_ros.report.positioning import PositioningReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.experiment import experiment_of
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.content import Report
 from stepdiag_ros.report.documents import report_json
-from stepdiag_ros.report.experiment import experiment_of, experiment_texts
+from stepdiag_ros.report.experiment import experiment_texts
 from stepdiag_ros.report.squareness import SignDefinition
 from stepdiag_ros.report.tables import make_console, print_report
 

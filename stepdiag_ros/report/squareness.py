@@ -18,8 +18,6 @@ SIGN_DEFINITIONS: dict[SignDefinition, str] = {
     "rotation": RIGHT_HANDED,
     "angle": OVER_90_DEGREES,
 }
-AXES_OF = {"C0Y": ("X", "Y"), "B0Z": ("X", "Z"), "A0Z": ("Y", "Z")}
-"""Squareness → the axis it refers to, and the axis that is out of square to it."""
 LEAST_SQUARES_LINES = (
     "Squareness is that of the least-squares lines through the axes' motions; lines through their"
     " end points, as of diagonals alone ('stepdiag squareness'), give other values where the"

@@ -6,8 +6,9 @@ from math import isfinite
 from typing import Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.bags.passes import incomplete_sentences
 from stepdiag_ros.compensation.permission import held_by_any
+from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -18,8 +19,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
-from stepdiag_ros.report.lead import RunLead
-from stepdiag_ros.report.numbers import MICRO, plain, with_expanded
+from stepdiag_ros.text.numbers import MICRO, plain, with_expanded
 
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
@@ -171,17 +171,6 @@ def _verdict(lead: RunLead) -> str:
     verdict = lead.verdict
     meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
     return f"{verdict.name}: {verdict.sentence}{meaning}"
-
-
-def incomplete_sentences(passes: Completeness) -> list[str]:
-    """Say that a run is not complete, and how it ended; nothing where it is."""
-    if passes.whole:
-        return []
-    said = (
-        f"The measurement is not complete: {passes.complete} of {passes.planned} planned"
-        f" {passes.unit} have {'a value' if passes.unit == 'stops' else 'every stop'}."
-    )
-    return [f"{said} End of the run: {passes.end.rstrip('.')}." if passes.end else said]
 
 
 def _misfit(lead: RunLead) -> list[str]:

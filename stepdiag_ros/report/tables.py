@@ -10,10 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
-from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
-from stepdiag_ros.report.content import (
+from stepdiag_ros.evaluation.lead import lead_of
+from stepdiag_ros.evaluation.report import (
     Comparison,
     Report,
     compare_with_truth,
@@ -21,19 +19,13 @@ from stepdiag_ros.report.content import (
     method_title,
     short_title,
 )
-from stepdiag_ros.report.lead import lead_of
-from stepdiag_ros.report.numbers import (
-    ARC_SECONDS,
-    COVERAGE_FACTOR,
-    MICRO,
-    OF_READINGS,
-    UNKNOWN,
-    plain,
-    plus_minus,
-)
-from stepdiag_ros.report.single_errors import PEAK_TO_PEAK, with_ranges
+from stepdiag_ros.evaluation.single_errors import PEAK_TO_PEAK, with_ranges
+from stepdiag_ros.metrology.forward import AXES_OF
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
 from stepdiag_ros.report.squareness import (
-    AXES_OF,
     LEAST_SQUARES_LINES,
     SIGN_DEFINITIONS,
     SignDefinition,
@@ -41,6 +33,7 @@ from stepdiag_ros.report.squareness import (
 )
 from stepdiag_ros.report.summary import next_lines, sentences_of
 from stepdiag_ros.text.controls import printable
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
 
 _LEAST_WIDTH = 150
 _MOST_REASONS = 6

@@ -1,13 +1,12 @@
 """A seven-line test with a tracker as tables, sentences and JSON."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from stepdiag_ros.metrology.discrepancy.summary import Verdict
+from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
@@ -15,55 +14,15 @@ from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineR
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
-from stepdiag_ros.metrology.tracker.verdict import verdict_on
-from stepdiag_ros.report.numbers import (
-    ARC_SECONDS,
-    COVERAGE_FACTOR,
-    MICRO,
-    UNKNOWN,
-    plain,
-    with_uncertainty,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.positioning import decimals_of, target_table, written
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, with_uncertainty
 
 _MILLI = 1e3
 _PARAMETERS = ("E", "B", "M", "R", "A")
 _MOST_DEPARTURES = 5
 """Passes in a terminal; a page and the JSON document have all."""
-
-
-@dataclass(frozen=True)
-class TrackerReport:
-    """What is shown of one station.
-
-    Attributes:
-        source: file of the readings.
-        station: name of the tracker's place.
-        location: of the tracker.
-        result: of the seven lines; None if only the place was asked for.
-        truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
-        remarks: on the run that the readings are of, in words.
-        left_out: what was measured and is not among the readings, in words.
-        equals_recorded: the joint estimate is the recorded one to the last bit; None if none was
-            recorded.
-    """
-
-    source: str
-    station: str
-    location: Location
-    result: SevenLineResult | None = None
-    truth: Vector | None = None
-    remarks: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
-    equals_recorded: bool | None = None
-
-    @property
-    def verdict(self) -> Verdict:
-        """Return whether one machine and one tracker explain all readings."""
-        if self.result is None:
-            return Verdict()
-        return Verdict(*verdict_on(self.result.joint))
 
 
 def location_table(location: Location) -> Table:

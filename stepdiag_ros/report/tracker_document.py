@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.metrology.forward import RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
@@ -13,7 +14,7 @@ from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
-from stepdiag_ros.report.tracker import TrackerReport, sentences_of
+from stepdiag_ros.report.tracker import sentences_of
 
 
 def tracker_json(report: TrackerReport) -> str:

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.plots.tracker import tracker_deviations, tracker_residuals
-from stepdiag_ros.report.tracker import TrackerReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

@@ -6,10 +6,11 @@ import numpy as np
 
 from stepdiag_ros.metrology.tracker.expectation import Expectation
 from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.proposal import hours
 from stepdiag_ros.planning.tracker_duration import SevenLineDuration
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, plain
 
 _MILLI = 1e3
 _ALONE, _USUAL = "lengths alone", "lengths and a usual machine"

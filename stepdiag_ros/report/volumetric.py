@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.standards.iso230_6 import DIAGONALS_ALONE
 from stepdiag_ros.metrology.standards.volumetric import (
@@ -16,16 +17,9 @@ from stepdiag_ros.metrology.standards.volumetric import (
     VolumetricAccuracy,
     volumetric_accuracy,
 )
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import (
-    COVERAGE_FACTOR,
-    MICRO,
-    OF_READINGS,
-    UNKNOWN,
-    plain,
-    plus_minus,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.tables import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -35,21 +29,6 @@ DEFINITION = (
     " position anywhere in the measured volume (RL), in the frame of the error curves; zero at the"
     " first corner. Reversal and repeatability are not in it."
 )
-
-
-@dataclass(frozen=True)
-class VolumetricReport:
-    """What is shown of one source.
-
-    Attributes:
-        accuracies: method → volumetric accuracy of its error map; empty for the examples alone.
-        source: file that the data came from; empty for the examples alone.
-        run_id: identity of the run.
-    """
-
-    accuracies: dict[str, VolumetricAccuracy]
-    source: str = ""
-    run_id: str = ""
 
 
 def _vector(values: Sequence[float], scale: float, decimals: int) -> str:

@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from stepdiag_ros.bags.table import read_table
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.selftest.evaluations import EVALUATIONS
 from stepdiag_ros.selftest.judging import FALSE_ALARM, Answer, judge
 from stepdiag_ros.selftest.problems import KINDS, NOISY, UNKNOWN_NOISE, Problem, draw
 from stepdiag_ros.selftest.record import Check, Record, Solved, describe_platform, now
 from stepdiag_ros.selftest.tables import write_problem
-from stepdiag_ros.solving import solve_reproducibly
 
 Solve = Callable[[Path], Answer]
 """Takes a run table with ``case.yaml`` beside it, returns the JSON document of its results."""

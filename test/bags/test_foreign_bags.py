@@ -21,10 +21,10 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import choose_run, records_of, runs_in
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.cli import main
+from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Line
-from stepdiag_ros.report.recorded_run import measurement_of
 
 NEW, TYPES = own_types().new, own_types()
 SECOND = 1_000_000_000

@@ -21,11 +21,11 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.table import import_table, read_table
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.configuration import cell_from_text, find, read_text
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.geometry import CHAINS, move_orders
 from stepdiag_ros.metrology.plan import DIAGONAL, LINE_NAMES, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.solving import solve_reproducibly
 
 FIELDS = ("line", "line_index", "attempt", "setup")
 ARRAYS = ("time", "target", "displacement", "standard_uncertainty", "environment", "overrun")

@@ -7,9 +7,9 @@ import pytest
 from refused import a_fault, refused
 
 from stepdiag_ros.commands.air import AS_MEASURED, add_air_options, air_choice
+from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.recorded_run import measurement_of
 
 
 def chosen(*words):

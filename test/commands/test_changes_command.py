@@ -14,14 +14,15 @@ import standard_runs
 from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import changes as command
 from stepdiag_ros.commands.solve import report_of
+from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.handover import changes_page
 from stepdiag_ros.metrology.agreement import compare
 from stepdiag_ros.metrology.agreement.shared import UNSEEN_ANGLES
-from stepdiag_ros.report.changes import ChangesReport, print_changes
+from stepdiag_ros.report.changes import print_changes, remarks_of, uncertainty_words
 from stepdiag_ros.report.changes_words import verdict
 from stepdiag_ros.report.documents import report_json
-from stepdiag_ros.report.numbers import MICRO, plus_minus
 from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.text.numbers import MICRO, plus_minus
 
 STEPS = """\
 name: step diagonals
@@ -235,9 +236,9 @@ def test_an_instrument_tells_what_both_share(capsys, before, after, report):
     spreads = [one.difference_uncertainty for one in rows]
     assert spreads[0] < spreads[1] < spreads[2]
     assert together.changes.at_least
-    words = " ".join(together.uncertainty_words())
+    words = " ".join(uncertainty_words(together))
     assert "cancels in the change: laser wavelength" in words and "lower bound" in words
-    assert "--same-instrument" in " ".join(apart.uncertainty_words())
+    assert "--same-instrument" in " ".join(uncertainty_words(apart))
     code, _, err = stepdiag(capsys, "changes", before, after, "--same-instrument")
     assert code == 1 and "--same-instrument needs one --instrument" in err
     code, _, err = stepdiag(capsys, "changes", *given, *given[2:], *given[2:])
@@ -257,7 +258,7 @@ def test_both_are_corrected_to_20_degrees(before, after):
         # 10 K · 10 µm/(m·K) · 0.12 m
         assert other - one == pytest.approx(12e-6, rel=0.01)
     assert any(
-        remark.startswith("both: ") and "20 degC" in remark for remark in corrected.remarks()
+        remark.startswith("both: ") and "20 degC" in remark for remark in remarks_of(corrected)
     )
 
 

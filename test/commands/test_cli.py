@@ -20,6 +20,7 @@ from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
@@ -32,7 +33,6 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import moved_axes
 from stepdiag_ros.schemas import schema
-from stepdiag_ros.solving import solve_reproducibly
 
 START = 1_000_000_000
 RUN_ID = "20260102T030405-abcd"

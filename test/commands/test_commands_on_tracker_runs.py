@@ -10,10 +10,10 @@ from tracker_runs import tracker_run, write_tracker_run
 
 from stepdiag_ros import cli, notebook, open_run, plots
 from stepdiag_ros.commands import measure
+from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.lead import RunLead
 from stepdiag_ros.report.summary import next_steps
 from stepdiag_ros.session.following import Measured, Outcome
 

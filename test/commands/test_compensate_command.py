@@ -15,11 +15,11 @@ from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import compensate
 from stepdiag_ros.compensation import CONTROLS, control, identified
 from stepdiag_ros.compensation.generic import correction_from_file, map_from_text
+from stepdiag_ros.evaluation import recorded_run
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report import compensation as report
-from stepdiag_ros.report import recorded_run
 from stepdiag_ros.text.controls import Comment
 
 STEPS = """\

@@ -16,7 +16,7 @@ def executed():
     assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")
     probe = (
         "import json\n"
-        "from stepdiag_ros.report.content import compare_with_truth\n"
+        "from stepdiag_ros.evaluation.report import compare_with_truth\n"
         "found = compare_with_truth(report.preferred(), report.truth)\n"
         "print(json.dumps([run.run_id, found.coverage, found.points_with_uncertainty,\n"
         "    found.rms, worst.value, list(worst.position), bool(np.isnan(errors[1]).all()),\n"

@@ -15,8 +15,8 @@ from patience import PATIENCE
 from ros_processes import domain, node, ros, spin_until
 
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.solving import solve_reproducibly
 
 __all__ = ["domain", "node", "ros"]
 

@@ -15,6 +15,7 @@ from refused import refused
 from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
+from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.handover import material, pictures
 from stepdiag_ros.handover.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
 from stepdiag_ros.handover.page import Column, TableView, chapter, page
@@ -30,8 +31,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import backlash
 from stepdiag_ros.metrology.refusal import Refusal, Unusable
-from stepdiag_ros.report.lead import RunLead
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 
 HEAD = """\
 name: part of a run

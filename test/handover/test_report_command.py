@@ -23,6 +23,7 @@ from stepdiag_ros import open_run, schemas
 from stepdiag_ros.cli import main
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.configuration import load_instrument
+from stepdiag_ros.evaluation.single_errors import single_errors
 from stepdiag_ros.handover import pictures
 from stepdiag_ros.handover.sections import sections
 from stepdiag_ros.handover.sections.measurement import _words_of
@@ -30,14 +31,8 @@ from stepdiag_ros.handover.sections.readings import _few_stops
 from stepdiag_ros.metrology.solvers import limits
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
-from stepdiag_ros.report.numbers import (
-    ARC_SECONDS,
-    COVERAGE_FACTOR,
-    MICRO,
-    plus_minus,
-    with_expanded,
-)
-from stepdiag_ros.report.single_errors import single_errors
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plus_minus, with_expanded
 
 PLAN = """\
 name: small run

@@ -13,10 +13,10 @@ from tracker_runs import BESIDE, STATIONS, tracker_run, write_tracker_run
 
 from stepdiag_ros import open_run, schemas
 from stepdiag_ros.cli import main
+from stepdiag_ros.evaluation.tracker import reports_of_run
 from stepdiag_ros.handover import pictures
 from stepdiag_ros.metrology.tracker.joint import NAMES
 from stepdiag_ros.report.tracker import joint_values, sentences_of
-from stepdiag_ros.report.tracker_run import reports_of_run
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
+from stepdiag_ros.evaluation.build import build_report
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
@@ -28,7 +29,6 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import moved_axes
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.report.build import build_report
 
 RUN_ID = "20260203T040506Z-abcdef"
 START = 1_700_000_000_000_000_000

@@ -12,8 +12,8 @@ from small_run import write_small_run
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
-from stepdiag_ros.report.lead import lead_of
-from stepdiag_ros.report.recorded_run import report_of_run
+from stepdiag_ros.evaluation.lead import lead_of
+from stepdiag_ros.evaluation.recorded_run import report_of_run
 from stepdiag_ros.report.summary import lead_document, sentences_of
 
 READING, COMMAND, STOP = "/interferometer/reading", "/machine/command", "/measurement/stop"

@@ -11,7 +11,7 @@ from cells_for_tests import make_cell, make_plan
 from hidden_runs import NOISE, hidden_run
 from refused import refused
 
-from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.evaluation.diagnosing import verdict_on
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
@@ -152,7 +152,7 @@ def test_a_run_of_too_many_stops_is_solved_and_not_diagnosed(monkeypatch):
 EVALUATED = """
 import pathlib, re, sys
 from cells_for_tests import make_cell, make_plan
-from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.evaluation.diagnosing import verdict_on
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
 

@@ -16,7 +16,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands.diagnose import report_of
 from stepdiag_ros.configuration import load_cell, load_machine, load_model, load_plan
-from stepdiag_ros.diagnosing import Reference, summary_of, when_over
+from stepdiag_ros.evaluation.diagnosing import Reference, summary_of, when_over
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import from_diagnosis, to_diagnosis
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED

@@ -8,12 +8,12 @@ from patience import PATIENCE
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.evaluation.positioning import same_test
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.positioning import to_positioning_test
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.report.positioning import same_test
 
 RUN_ID = "20260102T030405-abcd"
 PLAN = """\

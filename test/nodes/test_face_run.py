@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.evaluation.recorded_run import report_of_run
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL
-from stepdiag_ros.report.recorded_run import report_of_run
 from stepdiag_ros.run.sequence import State
 
 PLAN = """

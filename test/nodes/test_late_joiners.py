@@ -12,8 +12,8 @@ from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.repetitions import without_repetitions
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
+from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.nodes.links import message_class
-from stepdiag_ros.report.recorded_run import measurement_of
 from stepdiag_ros.run.sequence import State
 
 HELD = (topics.RUN_DESCRIPTION, topics.LINE, topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST)

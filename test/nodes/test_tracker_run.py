@@ -5,6 +5,7 @@ import pytest
 
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_tracker
+from stepdiag_ros.evaluation.tracker import reports_of_run
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.tracker.box import Box
@@ -12,7 +13,6 @@ from stepdiag_ros.metrology.tracker.joint import NAMES
 from stepdiag_ros.metrology.tracker.measured_lines import plan_of
 from stepdiag_ros.metrology.tracker.seven_lines import make_test
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.report.tracker_run import reports_of_run
 from stepdiag_ros.run.sequence import State
 
 STATION = np.array([-0.15, 0.15, -0.15])

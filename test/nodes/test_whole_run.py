@@ -17,12 +17,12 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.declaration import USE_SIM_TIME
 from stepdiag_ros.parameters.nodes import declared_node
-from stepdiag_ros.report.recorded_run import measurement_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.cell import simulated_cell
 

@@ -10,6 +10,7 @@ from cells_for_tests import make_cell
 from refused import a_fault, refused
 
 from stepdiag_ros.configuration import available, load_machine, load_plan, plan_from_text
+from stepdiag_ros.evaluation.build import truth_of
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.plausible import NOTHING
@@ -32,9 +33,8 @@ from stepdiag_ros.planning.expectation import expect, nominal_measurement
 from stepdiag_ros.planning.limits import warnings
 from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, Request, propose
-from stepdiag_ros.report import numbers
-from stepdiag_ros.report.build import truth_of
 from stepdiag_ros.run.feasibility import beyond_machine
+from stepdiag_ros.text import numbers
 
 MACHINE = load_machine("demo")[0]
 NOISE = 0.1e-6

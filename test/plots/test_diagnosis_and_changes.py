@@ -11,7 +11,7 @@ from results_by_hand import make_result
 from stepdiag_ros import plots
 from stepdiag_ros.compensation.remaining import AxisRemainder, Change, Remainder
 from stepdiag_ros.configuration import load_cell, load_plan
-from stepdiag_ros.diagnosing import Reference, diagnose_reproducibly, summary_of
+from stepdiag_ros.evaluation.diagnosing import Reference, diagnose_reproducibly, summary_of
 from stepdiag_ros.metrology.agreement import Measured, compare
 from stepdiag_ros.metrology.discrepancy.findings import NAMED
 from stepdiag_ros.metrology.refusal import Refusal

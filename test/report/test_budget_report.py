@@ -7,14 +7,15 @@ from dataclasses import replace
 import pytest
 
 from stepdiag_ros.configuration import load_cell, load_instrument, load_plan
+from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Spread
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
-from stepdiag_ros.report.budget import BudgetReport, budget_document, budget_json, print_budget
+from stepdiag_ros.report.budget import budget_document, budget_json, print_budget
 from stepdiag_ros.report.budget_figures import draw_budget
-from stepdiag_ros.report.numbers import with_uncertainty
 from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.text.numbers import with_uncertainty
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from results_by_hand import make_report, make_result, with_unknown
 
+from stepdiag_ros.evaluation.report import same_to_the_last_bit
 from stepdiag_ros.metrology.solvers.result import Figure
-from stepdiag_ros.report.content import same_to_the_last_bit
 
 
 def test_a_result_equals_itself_with_unknown_values():

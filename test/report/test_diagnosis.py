@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -34,18 +36,14 @@ from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.plots.saving import png_bytes
-from stepdiag_ros.report.diagnosis import (
-    DiagnosisReport,
-    gap_figures,
-    not_testable_sentences,
-    print_diagnosis,
-    rivals_words,
-)
+from stepdiag_ros.report.diagnosis import print_diagnosis, rivals_words
 from stepdiag_ros.report.diagnosis_document import diagnosis_document, diagnosis_json
 from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
 from stepdiag_ros.report.diagnosis_page import diagnosis_page
-from stepdiag_ros.report.diagnosis_words import MEANING, chance, readable, size_words, two_digits
+from stepdiag_ros.report.diagnosis_proposal import proposed_sentences
+from stepdiag_ros.report.diagnosis_words import MEANING, chance, readable, size_words
 from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.text.numbers import two_digits
 
 VOLUME = Volume((0.0, 0.0, 0.0), (0.01, 0.01, 0.01), 2)
 
@@ -462,11 +460,11 @@ def test_an_unexplained_gap_is_measured_by_the_noise_and_something_is_to_be_meas
         f"Known: the gap is {two_digits(rms * 1e6)} µm (rms), {two_digits(rms / 1e-7)} times",
         f"{two_digits(largest * 1e6)} µm where it is largest",
         f"leave {two_digits(rms * 1e5)} µm (rms)",
-        found.proposed[0],
+        proposed_sentences(found)[0],
     ):
         assert said in text and said in page
     assert "What to measure next:" in text
-    assert not _report(_diagnosis(CONSISTENT)).proposed
+    assert not proposed_sentences(_report(_diagnosis(CONSISTENT)))
     assert "Known: the gap" not in _text(_report(_diagnosis(CONSISTENT)))
 
 

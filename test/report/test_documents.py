@@ -19,11 +19,11 @@ from results_by_hand import (
     with_unknown,
 )
 
+from stepdiag_ros.evaluation.report import Truth
 from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.visibility import visibility
-from stepdiag_ros.report.content import Truth
 from stepdiag_ros.report.documents import report_document, report_json
 from stepdiag_ros.schemas import schema
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.evaluation.build import build_report, truth_of
+from stepdiag_ros.evaluation.experiment import experiment_of
 from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.report import experiment_figures, figures
-from stepdiag_ros.report.build import build_report, truth_of
-from stepdiag_ros.report.experiment import experiment_document, experiment_json, experiment_of
+from stepdiag_ros.report.experiment import experiment_document, experiment_json
 from stepdiag_ros.report.experiment_figures import draw_experiment
 from stepdiag_ros.report.experiment_tables import print_experiment
 from stepdiag_ros.report.publish import publish

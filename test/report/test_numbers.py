@@ -7,7 +7,8 @@ import pytest
 from refused import refused
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, plain, plus_minus, with_uncertainty
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.text.numbers import plain, plus_minus, with_uncertainty
 
 
 @pytest.mark.parametrize(

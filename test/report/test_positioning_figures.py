@@ -7,23 +7,16 @@ import pytest
 from refused import refused
 
 from stepdiag_ros import plots
+from stepdiag_ros.evaluation.positioning import PositioningReport, Published, same_test
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_error_of_shift
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.report.numbers import ARC_SECONDS
-from stepdiag_ros.report.positioning import (
-    PositioningReport,
-    Published,
-    decimals_of,
-    group_tables,
-    parameter_table,
-    same_test,
-    written,
-)
+from stepdiag_ros.report.positioning import decimals_of, group_tables, parameter_table, written
 from stepdiag_ros.report.positioning_figures import draw_positioning
 from stepdiag_ros.report.volumetric import examples_picture
+from stepdiag_ros.text.numbers import ARC_SECONDS
 
 
 def one_test(name, kind, slope, reversal=1e-6, runs=5):

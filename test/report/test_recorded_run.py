@@ -9,9 +9,9 @@ from standard_runs import write_bag
 
 from stepdiag_ros import notebook
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.evaluation.changes import Side, changes_of, common_method, side_of_report
+from stepdiag_ros.evaluation.recorded_run import measurement_of, report_of_run
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.changes_build import Side, changes_of, common_method, side_of_report
-from stepdiag_ros.report.recorded_run import measurement_of, report_of_run
 
 TEST = Path(__file__).parents[1]
 RECORDED = TEST.parent / "docs" / "examples" / "small_run.mcap"

@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
 
+from stepdiag_ros.evaluation import lead as leads
+from stepdiag_ros.evaluation.lead import lead_of
+from stepdiag_ros.evaluation.single_errors import single_errors, with_ranges
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
-from stepdiag_ros.report import lead as leads
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents import report_json
-from stepdiag_ros.report.lead import lead_of
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, plus_minus
-from stepdiag_ros.report.single_errors import single_errors, with_ranges
 from stepdiag_ros.report.summary import next_lines, sentences_of, size_sentences
 from stepdiag_ros.report.tables import make_console, print_report
+from stepdiag_ros.text.numbers import plus_minus
 
 U_NODE = 5e-8
 COMMON = 3e-8

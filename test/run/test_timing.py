@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.bags.run import Diagnostic
+from stepdiag_ros.evaluation.recorded_run import out_of_step
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Reading
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.time_alignment import TimeOffset, run_timing
-from stepdiag_ros.report.recorded_run import out_of_step
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.timing import LiveTiming, effect_on_stops, in_words, worrying
 

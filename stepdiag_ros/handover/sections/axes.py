@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_view
 from stepdiag_ros.handover.pictures import Drawing
@@ -12,7 +13,6 @@ from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.report.positioning import (
-    PositioningReport,
     decimals_of,
     parameter_table,
     positioning_json,

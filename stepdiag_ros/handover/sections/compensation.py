@@ -9,7 +9,7 @@ from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED, UNEXPLAINED
-from stepdiag_ros.report.compensation import COMPUTED, change_table, compensation_json
+from stepdiag_ros.report.compensation import COMPUTED, change_table, compensation_json, uncorrected
 
 _NOT_YET = {
     UNEXPLAINED: "Do not install these tables: the run shows something that the error curves do not"
@@ -42,7 +42,7 @@ def _tell(material: Material) -> Content | str:
                 [change_table("Computed, before and after", report.remainder.changes)]
             ),
             "computed": COMPUTED,
-            "uncorrected": [f"{text}." for text in report.uncorrected()],
+            "uncorrected": [f"{text}." for text in uncorrected(report)],
             "command": f"stepdiag compensate {material.recorded.path.name}"
             f" --for {report.control.name}",
         },

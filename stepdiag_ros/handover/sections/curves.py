@@ -2,14 +2,15 @@
 
 from typing import Any
 
+from stepdiag_ros.evaluation.report import Report, frame_sentences, method_title, short_title
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.report.content import Report, frame_sentences, method_title, short_title
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents import report_document
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, OF_READINGS
 from stepdiag_ros.report.tables import curve_tables, fit_table, setup_table, translation_tables
+from stepdiag_ros.text.numbers import OF_READINGS
 
 _BESIDE = ("conventional", "setup_robust")
 """Methods that are drawn beside the one to rely on."""

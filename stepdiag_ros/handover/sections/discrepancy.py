@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
@@ -17,13 +18,12 @@ from stepdiag_ros.report.diagnosis import (
     limits_table,
     model_words,
     noise_sentence,
-    not_testable_sentences,
     physics_sentences,
     rivals_words,
     runners_up_tables,
 )
 from stepdiag_ros.report.diagnosis_document import diagnosis_document
-from stepdiag_ros.report.diagnosis_proposal import pairs_table
+from stepdiag_ros.report.diagnosis_proposal import pairs_table, proposed_sentences
 from stepdiag_ros.report.diagnosis_words import MEANING
 
 _CLOSES = {AMBIGUOUS: "What would close it", UNEXPLAINED: "What closes a part of it"}
@@ -71,7 +71,7 @@ def _tell(material: Material) -> Content | str:
             "noise": noise_sentence(diagnosis),
             "known": known_sentences(diagnosis),
             "rivals": rivals_words(report),
-            "next": report.proposed,
+            "next": proposed_sentences(report),
             "pairs": table_views([pairs_table(report.proposal)]),
             "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
             "model": f"Compared with: {model_words(report)}.",

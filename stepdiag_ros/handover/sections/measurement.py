@@ -14,8 +14,8 @@ from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.handover.tracker_facts import tracker_facts
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
-from stepdiag_ros.report.numbers import MICRO, UNKNOWN, plain
 from stepdiag_ros.text.intake import parse_yaml
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
 
 _ANY_DATE = 1e8
 """s since 1970: a run that is said to be older tells no date."""

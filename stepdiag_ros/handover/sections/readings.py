@@ -10,8 +10,7 @@ from stepdiag_ros.handover.page import Column, Fact, TableView
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.metrology.measurement import Reading, SettledStop
-from stepdiag_ros.report.diagnosis_words import two_digits
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO, two_digits
 
 _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000

@@ -7,7 +7,8 @@ from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.report.squareness import AXES_OF, LEAST_SQUARES_LINES, SIGN_DEFINITIONS
+from stepdiag_ros.metrology.forward import AXES_OF
+from stepdiag_ros.report.squareness import LEAST_SQUARES_LINES, SIGN_DEFINITIONS
 from stepdiag_ros.report.tables import squareness_table
 
 

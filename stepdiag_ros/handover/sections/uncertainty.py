@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import TableView, table_view, table_views
 from stepdiag_ros.handover.pictures import Drawing
@@ -14,8 +15,7 @@ from stepdiag_ros.report.budget import (
     figure_groups,
     sources_table,
 )
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import UNKNOWN
+from stepdiag_ros.text.numbers import UNKNOWN
 
 
 def _tell(material: Material) -> Content | str:

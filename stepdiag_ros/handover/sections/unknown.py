@@ -2,10 +2,10 @@
 
 from typing import Any
 
+from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.section import Content, Section
 from stepdiag_ros.handover.sections.readings import NO_REPEATS
-from stepdiag_ros.report.content import method_title
 
 _GIVEN = {
     "customer": "the customer (--customer)",

@@ -4,18 +4,15 @@ import json
 import math
 from typing import Any
 
+from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.handover.material import Material
 from stepdiag_ros.handover.page import Fact, table_views
 from stepdiag_ros.handover.pictures import Drawing
 from stepdiag_ros.handover.section import Content, Section
-from stepdiag_ros.report.content import method_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, MICRO, plain, with_expanded
-from stepdiag_ros.report.volumetric import (
-    DEFINITION,
-    VolumetricReport,
-    accuracy_table,
-    volumetric_json,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.volumetric import DEFINITION, accuracy_table, volumetric_json
+from stepdiag_ros.text.numbers import MICRO, plain, with_expanded
 
 
 def _volumetric(material: Material) -> VolumetricReport:

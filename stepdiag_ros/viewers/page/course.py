@@ -9,8 +9,8 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.tracker.tracked_line import station_of
-from stepdiag_ros.report.numbers import UNKNOWN
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.control import LEADERS
 from stepdiag_ros.viewers.page.items import MachineStatus, Place, RunBegin, RunStatus

@@ -8,14 +8,14 @@ import numpy as np
 
 from stepdiag_ros import topics
 from stepdiag_ros.devices.interferometer import STATUS_LOW_SIGNAL, STATUS_OK
+from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, SettledStop
 from stepdiag_ros.metrology.plan import FORWARD, Line
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
-from stepdiag_ros.report.content import short_title
-from stepdiag_ros.report.numbers import UNKNOWN
 from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
+from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.expectation import expected_displacement, nominal_displacement
 from stepdiag_ros.viewers.page.items import RunBegin

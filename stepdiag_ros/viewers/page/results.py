@@ -4,8 +4,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
+from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import (
     AXES,
     SQUARENESS,
@@ -14,12 +16,11 @@ from stepdiag_ros.metrology.geometry import (
     moving_axis,
 )
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.content import short_title
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR, UNKNOWN, plus_minus
-from stepdiag_ros.report.squareness import AXES_OF
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import HEARTBEAT
+from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
 from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
 from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-from stepdiag_ros.report.numbers import UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
 from stepdiag_ros.viewers.page.items import RunBegin
 
 MICRO = 1e6

@@ -12,12 +12,12 @@ from math import isfinite
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import Report, short_title
 from stepdiag_ros.metrology.forward import rotation_matrices
 from stepdiag_ros.metrology.geometry import Vector, places_of
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.content import Report, short_title
-from stepdiag_ros.report.numbers import MICRO
+from stepdiag_ros.text.numbers import MICRO
 from stepdiag_ros.viewers.scene.error_map import Extremes, axis_rotations, error_vectors, extremes
 from stepdiag_ros.viewers.scene.shapes import (
     GREY,

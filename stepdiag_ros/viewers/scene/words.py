@@ -6,17 +6,11 @@ from math import isfinite
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.report.content import short_title
-from stepdiag_ros.report.numbers import (
-    COVERAGE_FACTOR,
-    MICRO,
-    UNKNOWN,
-    plain,
-    plus_minus,
-    with_uncertainty,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, plus_minus, with_uncertainty
 from stepdiag_ros.viewers.scene.error_map import Extremes
 
 WIDTH = 72

@@ -10,7 +10,7 @@ from typing import Any
 from rich.text import Text
 
 from stepdiag_ros.metrology.discrepancy import CONSISTENT, UNEXPLAINED
-from stepdiag_ros.report.numbers import UNKNOWN, plain
+from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.viewers.terminal.glyphs import Glyphs
 
 Document = dict[str, Any]

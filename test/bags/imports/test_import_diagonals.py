@@ -14,6 +14,7 @@ from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import cell_from_text, find, read_text
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, FACE_DIAGONALS, beam_direction
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.metrology.simulation import simulate
@@ -21,7 +22,6 @@ from stepdiag_ros.metrology.standards.axis_test import all_runs
 from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_of
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 from stepdiag_ros.metrology.standards.iso230_6 import diagonal_groups
-from stepdiag_ros.solving import solve_reproducibly
 
 LOW, HIGH = (-0.25, -0.15, 0.05), (0.05, 0.05, 0.15)
 BOX = [str(value) for value in (*LOW, *HIGH)]

@@ -17,10 +17,10 @@ from stepdiag_ros.bags.imports.registry import import_file, read_file
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import available, find, read_text
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.standards.axis_test import all_runs
 from stepdiag_ros.resources import directory
-from stepdiag_ros.solving import solve_reproducibly
 
 COLUMNS = DATA / "made_up_runs_in_columns.csv"
 ROWS = DATA / "made_up_rows.csv"

@@ -14,15 +14,15 @@ from domains import own_domain
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.configuration import cell_from_text
+from stepdiag_ros.evaluation.recorded_run import measurement_of
+from stepdiag_ros.evaluation.report import same_to_the_last_bit
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.simulation import read_again
-from stepdiag_ros.report.content import same_to_the_last_bit
-from stepdiag_ros.report.recorded_run import measurement_of
 from stepdiag_ros.run.sequence import Answer, State
 from stepdiag_ros.session.cell import twin_cell
 from stepdiag_ros.session.following import FollowedRun, RunFailed
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import Processes
-from stepdiag_ros.solving import solve_reproducibly
 
 PLAN = """\
 name: small cube, in a quarter of a minute of real time

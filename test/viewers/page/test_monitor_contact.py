@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from stepdiag_ros import topics
-from stepdiag_ros.diagnosing import diagnose_lines
+from stepdiag_ros.evaluation.diagnosing import diagnose_lines
 from stepdiag_ros.metrology.discrepancy import CONSISTENT, NOT_TESTABLE
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.run.sequence import State as RunState

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag_ros.diagnosing import diagnose_lines
+from stepdiag_ros.evaluation.diagnosing import diagnose_lines
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading

@@ -8,11 +8,10 @@ import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 
 UNKNOWN = "unknown"
 
-COVERAGE_FACTOR = 1.96
-"""U = 1.96 u holds the true value with a probability of 95 % (normal distribution)."""
 
 OF_READINGS = "± of the readings"
 """In the head of tables whose ± hold the scatter of the readings alone, not the whole budget."""
@@ -109,3 +108,8 @@ def with_expanded(value: float, expanded_uncertainty: float, scale: float = 1.0)
 def plain(value: float, decimals: int = 2) -> str:
     """Write a number without uncertainty to fixed decimals, or "unknown"."""
     return _written(Decimal(repr(float(value))), -decimals) if math.isfinite(value) else UNKNOWN
+
+
+def two_digits(value: float) -> str:
+    """Write a positive number to two significant digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):,.10g}" if math.isfinite(value) else UNKNOWN

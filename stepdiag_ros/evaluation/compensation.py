@@ -1,17 +1,38 @@
 """From a solved run to what is compensated, and from that to tables and what these leave."""
 
+from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.compensation.applied import Applied, Beyond
-from stepdiag_ros.compensation.control import Control, Layout, checked_files
+from stepdiag_ros.compensation.control import Control, Files, Layout, checked_files
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
-from stepdiag_ros.compensation.remaining import remainder
-from stepdiag_ros.report.compensation import CompensationReport
-from stepdiag_ros.report.content import Report
+from stepdiag_ros.compensation.remaining import Remainder, remainder
+from stepdiag_ros.evaluation.report import Report
 
 _ANY_DATE = 1e8
 """s since 1970: no run that was recorded is older."""
+
+
+@dataclass(frozen=True)
+class CompensationReport:
+    """Tables and what they leave.
+
+    Attributes:
+        control: that they are for.
+        identified: errors that they were made from.
+        layout: how they were made.
+        files: name → text.
+        remainder: what they leave.
+        on_top_of: folder of the tables that are contained in them; empty: none.
+    """
+
+    control: Control
+    identified: Identified
+    layout: Layout
+    files: Files
+    remainder: Remainder
+    on_top_of: str = ""
 
 
 def identified_of(

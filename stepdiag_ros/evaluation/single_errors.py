@@ -12,12 +12,12 @@ from math import isfinite, nan, sqrt
 
 import numpy as np
 
+from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.report.content import Report
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
-from stepdiag_ros.report.squareness import AXES_OF
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 
 PEAK_TO_PEAK = "positioning-range"
 """First word of the figures that ``with_ranges`` adds."""

@@ -1,9 +1,11 @@
 """From a measurement and a model to everything that is shown of their comparison."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros.bags.digest import sha256_of
@@ -13,8 +15,11 @@ from stepdiag_ros.metrology.discrepancy.extension import (
     with_chain,
     without_effects,
 )
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
+from stepdiag_ros.metrology.discrepancy.proposal import Proposal
 from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, Provenance
@@ -22,9 +27,78 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.planning.separation import propose_extra
-from stepdiag_ros.report.diagnosis import DiagnosisReport, RunFile
 
 NO_CHAIN = "The machine's kinematic chain is not known: angular errors were not tried."
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """A further run that was diagnosed together with the first.
+
+    Attributes:
+        path: of the file.
+        sha256: of the file.
+        run_id: identity of the run; empty if it has none.
+    """
+
+    path: Path
+    sha256: str
+    run_id: str = ""
+
+
+@dataclass(frozen=True)
+class DiagnosisReport:
+    """What is shown of a diagnosis.
+
+    Attributes:
+        diagnosis: of the run under the model as it was.
+        model: as it was.
+        catalogue: effects that were tried, by name.
+        bag: the file.
+        sha256: of the file.
+        run_id: identity of the run; empty if it has none.
+        model_source: file of the model; empty if none was given.
+        extended: the model with the named effects; None if nothing was named.
+        extended_path: file that it was written to; None if it was not.
+        rounds: diagnoses under the extended model, one after another until nothing more is named.
+        held_out: proof on data that took no part in the fit; None if there is none.
+        curves: error curves before and after the effects were taken off; None if not solved.
+        remarks: about the run as a whole.
+        further: runs that were diagnosed together with that of ``bag``; the second run of what is
+            shown is the first of these.
+        proposal: of an extra plan for what is left open; None if none was asked for.
+        proposal_path: file that the plan was written to; None if it was not.
+    """
+
+    diagnosis: Diagnosis
+    model: MachineModel
+    catalogue: Mapping[str, Effect]
+    bag: Path | None = None
+    sha256: str = ""
+    run_id: str = ""
+    model_source: str = ""
+    extended: MachineModel | None = None
+    extended_path: Path | None = None
+    rounds: tuple[Diagnosis, ...] = ()
+    held_out: HeldOut | None = None
+    curves: tuple[VolumetricErrors, VolumetricErrors] | None = None
+    remarks: tuple[str, ...] = ()
+    further: tuple[RunFile, ...] = ()
+    proposal: Proposal | None = None
+    proposal_path: Path | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what was found, or where the gap is unexplained what closes a part of it."""
+        return self.diagnosis.findings or self.diagnosis.partial
+
+
+def gap_figures(residual: Vector) -> tuple[float, float]:
+    """Return rms and largest of a gap, m; NaN where there is no reading at all."""
+    known = residual[np.isfinite(residual)]
+    if not known.size:
+        return math.nan, math.nan
+    return float(np.sqrt(np.mean(known**2))), float(np.max(np.abs(known)))
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,30 @@ from math import nan
 from pathlib import Path
 
 from stepdiag_ros.compensation.identified import Identified, from_results_file
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.agreement import Changes, Measured, compare
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
-from stepdiag_ros.report.content import Report
+
+
+@dataclass(frozen=True)
+class ChangesReport:
+    """Two measurements and what they say of the machine.
+
+    Attributes:
+        before: origin and remarks of the first.
+        after: of the second.
+        changes: between them.
+        instruments: names of the instrument files of both; empty where none was given.
+    """
+
+    before: Identified
+    after: Identified
+    changes: Changes
+    instruments: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True)

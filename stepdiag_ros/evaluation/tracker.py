@@ -1,19 +1,25 @@
 """From a recorded run with a tracker to what is shown of each of its stations."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from stepdiag_ros.bags.passes import completeness_of
+from stepdiag_ros.bags.passes import completeness_of, incomplete_sentences
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.configuration import cell_from_text
+from stepdiag_ros.evaluation.build import truth_of
+from stepdiag_ros.evaluation.recorded_run import measurement_of, out_of_step, silent
+from stepdiag_ros.evaluation.report import Report, same_to_the_last_bit
 from stepdiag_ros.metrology.air.recompensation import AirChoice
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.tracker.campaign import true_values
 from stepdiag_ros.metrology.tracker.curves import grid_of
 from stepdiag_ros.metrology.tracker.evaluation import SevenLineResult
+from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.run_result import (
     SEVEN_LINE_METHOD,
     errors_of,
@@ -21,11 +27,40 @@ from stepdiag_ros.metrology.tracker.run_result import (
     grid_errors,
     station_runs,
 )
-from stepdiag_ros.report.build import truth_of
-from stepdiag_ros.report.content import Report, same_to_the_last_bit
-from stepdiag_ros.report.recorded_run import measurement_of, out_of_step, silent
-from stepdiag_ros.report.summary import incomplete_sentences
-from stepdiag_ros.report.tracker import TrackerReport
+from stepdiag_ros.metrology.tracker.verdict import verdict_on
+
+
+@dataclass(frozen=True)
+class TrackerReport:
+    """What is shown of one station.
+
+    Attributes:
+        source: file of the readings.
+        station: name of the tracker's place.
+        location: of the tracker.
+        result: of the seven lines; None if only the place was asked for.
+        truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
+        remarks: on the run that the readings are of, in words.
+        left_out: what was measured and is not among the readings, in words.
+        equals_recorded: the joint estimate is the recorded one to the last bit; None if none was
+            recorded.
+    """
+
+    source: str
+    station: str
+    location: Location
+    result: SevenLineResult | None = None
+    truth: Vector | None = None
+    remarks: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    equals_recorded: bool | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return whether one machine and one tracker explain all readings."""
+        if self.result is None:
+            return Verdict()
+        return Verdict(*verdict_on(self.result.joint))
 
 
 def reports_of_run(

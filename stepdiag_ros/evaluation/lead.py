@@ -13,6 +13,8 @@ from pathlib import Path
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
@@ -21,10 +23,8 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.undetermined import undetermined
-from stepdiag_ros.report.content import Report
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
-from stepdiag_ros.report.single_errors import SingleError, single_errors
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,9 @@ from stepdiag_ros.bags.passes import completeness_of
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.configuration import cell_from_text, read_yaml
-from stepdiag_ros.diagnosing import verdict_on
+from stepdiag_ros.evaluation.build import build_report, truth_from_curves, truth_of
+from stepdiag_ros.evaluation.diagnosing import verdict_on
+from stepdiag_ros.evaluation.report import Report, Truth
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.direct import DirectMeasurement
@@ -28,8 +30,6 @@ from stepdiag_ros.metrology.solvers.limits import (
     left_out,
     left_out_sentence,
 )
-from stepdiag_ros.report.build import build_report, truth_from_curves, truth_of
-from stepdiag_ros.report.content import Report, Truth
 from stepdiag_ros.text.intake import refusals_of
 
 Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]

@@ -8,6 +8,8 @@ import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.evaluation.report import Report, Truth, same_to_the_last_bit
+from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -15,8 +17,6 @@ from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
 from stepdiag_ros.metrology.visibility import measured_visibility
-from stepdiag_ros.report.content import Report, Truth, same_to_the_last_bit
-from stepdiag_ros.solving import solve_reproducibly
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell

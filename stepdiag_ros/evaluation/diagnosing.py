@@ -9,6 +9,8 @@ from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
+from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.summary import (
@@ -27,8 +29,6 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.limits import TooLarge
-from stepdiag_ros.report.diagnosis import DiagnosisReport, gap_figures, not_testable_sentences
-from stepdiag_ros.report.diagnosis_build import NO_CHAIN
 
 MOST_SETTINGS = 12
 """Settings of one effect whose detection limits are told one by one; of more, only the range."""

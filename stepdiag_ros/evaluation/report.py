@@ -13,8 +13,8 @@ from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.visibility import Visibility
-from stepdiag_ros.report.numbers import COVERAGE_FACTOR
 
 ZERO_BY_DEFINITION = 1e-15
 """Below this standard uncertainty, m, a value is fixed by the frame; what is left is rounding."""
