@@ -53,7 +53,7 @@ setup(
             "*.ini",
             "*.hal",
         ],
-        "stepdiag_ros.handover": ["templates/*", "templates/*/*"],
+        "stepdiag_ros.report.pages": ["templates/*", "templates/*/*"],
         "stepdiag_ros.viewers.page": ["static/*"],
         # rclpy's stand-in is no sub-package: it is found under its own name, and only when needed.
         "stepdiag_ros.embedded": [

@@ -24,8 +24,8 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.table_one import Row, table_one
-from stepdiag_ros.report.diagnosis_words import sizes_words
 from stepdiag_ros.text.numbers import plain, plus_minus
+from stepdiag_ros.words.diagnosis import sizes_words
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "test" / "data" / "cases"

@@ -47,10 +47,10 @@ def parts(bag, folder):
 
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
-    from stepdiag_ros.handover.build import prepare, write
-    from stepdiag_ros.handover.given import Given
-    from stepdiag_ros.handover.material import Material
-    from stepdiag_ros.handover.pictures import Studio
+    from stepdiag_ros.report.pages.build import prepare, write
+    from stepdiag_ros.report.pages.given import Given
+    from stepdiag_ros.report.pages.material import Material
+    from stepdiag_ros.report.pages.pictures import Studio
 
     lap("imports")
     recorded = load_run(bag)

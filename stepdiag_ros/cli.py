@@ -78,6 +78,8 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="when a command fails, show where in the program (for a bug report)",
     )
+    # The self-test runs other commands, as a user would.
+    parser.set_defaults(main=main)
     subparsers = parser.add_subparsers(
         title="commands",
         metavar="COMMAND",

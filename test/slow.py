@@ -34,7 +34,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "documents/test_document_figures.py::*::named effects": FIGURES,
     "documents/test_document_figures.py::*::seen patterns": FIGURES,
     "documents/test_example_notebook.py*": ("docs", "metrology", "plots", "report"),
-    "handover/test_report_command.py::test_one_format_alone::pdf": ("plots", "report"),
+    "report/pages/test_report_command.py::test_one_format_alone::pdf": ("plots", "report"),
     "hostile/test_any_message.py::test_no_exception_leaves_a_node_that_hears_more*": ("nodes",),
     "hostile/test_any_plan.py::test_more_runs_with_odd_plans*": ("nodes",),
     "hostile/test_changed_bags.py::*::many": ("bags", "commands", "metrology", "report"),

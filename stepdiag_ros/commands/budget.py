@@ -123,9 +123,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.uncertainty.budget import make_budget
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
-    from stepdiag_ros.report.budget import budget_json, print_budget
+    from stepdiag_ros.report.documents.budget import budget_json
     from stepdiag_ros.report.publish import results_folder, write_results
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.budget import print_budget
+    from stepdiag_ros.report.tables.run import make_console
 
     instrument = Instrument()
     if arguments.instrument is not None:
@@ -165,7 +166,7 @@ def run(arguments: Namespace) -> int:
     contents = {"budget.json": budget_json(report), "budget.txt": text.getvalue()}
 
     def draw() -> "dict[str, Picture]":
-        from stepdiag_ros.report.budget_figures import draw_budget
+        from stepdiag_ros.plots.files.budget import draw_budget
 
         return draw_budget(report)
 

@@ -79,9 +79,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Compare; see the module."""
-    from stepdiag_ros.report.changes import print_changes
-    from stepdiag_ros.report.changes_document import changes_json
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.documents.changes import changes_json
+    from stepdiag_ros.report.tables.changes import print_changes
+    from stepdiag_ros.report.tables.run import make_console
 
     report = report_of(arguments)
     if arguments.html or arguments.pdf or arguments.output is not None:
@@ -200,10 +200,10 @@ def _refuse_the_same(before: _Solved, after: _Solved) -> None:
 
 def _write(report: "ChangesReport", arguments: Namespace) -> None:
     """Write the page and what it is made of, each file whole or not at all."""
-    from stepdiag_ros.report.changes import print_changes
-    from stepdiag_ros.report.changes_document import changes_json
+    from stepdiag_ros.report.documents.changes import changes_json
     from stepdiag_ros.report.publish import make_folder, whole_file, without_trailing_blanks
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.changes import print_changes
+    from stepdiag_ros.report.tables.run import make_console
 
     text = io.StringIO()
     print_changes(report, make_console(text))
@@ -214,8 +214,8 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
     }
     with progress_bar("writing the page"):
         if arguments.html or arguments.pdf:
-            from stepdiag_ros.handover.changes_page import Page
-            from stepdiag_ros.handover.pdf import pdf_of
+            from stepdiag_ros.report.pages.changes import Page
+            from stepdiag_ros.report.pages.pdf import pdf_of
 
             page = Page(report)
             if arguments.html:

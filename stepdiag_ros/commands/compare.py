@@ -67,10 +67,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.configuration import read_text
     from stepdiag_ros.evaluation.experiment import experiment_of
     from stepdiag_ros.metrology.direct_reading import read_direct
-    from stepdiag_ros.report.experiment import experiment_json, experiment_texts
-    from stepdiag_ros.report.experiment_tables import print_experiment
-    from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.documents.experiment import experiment_json
+    from stepdiag_ros.report.publish import experiment_texts, write_results
+    from stepdiag_ros.report.tables.experiment import print_experiment
+    from stepdiag_ros.report.tables.run import make_console
 
     direct = read_direct(read_text(arguments.measured), str(arguments.measured))
     report = report_of(arguments.bag, run_id=arguments.run_id)
@@ -83,7 +83,7 @@ def run(arguments: Namespace) -> int:
         raise ValueError(f"{arguments.bag}: there is nothing to compare with: {reason}")
 
     def draw() -> "dict[str, Picture]":
-        from stepdiag_ros.report.experiment_figures import draw_experiment
+        from stepdiag_ros.plots.files.experiment import draw_experiment
 
         return draw_experiment(experiment)
 

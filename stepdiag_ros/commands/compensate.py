@@ -190,8 +190,9 @@ def permitted(
 def run(arguments: Namespace) -> int:
     """Write the tables; see the module."""
     from stepdiag_ros.compensation import control
-    from stepdiag_ros.report.compensation import compensation_json, print_compensation
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.documents.compensation import compensation_json
+    from stepdiag_ros.report.tables.compensation import print_compensation
+    from stepdiag_ros.report.tables.run import make_console
 
     chosen = control(arguments.control)
     if arguments.list_settings:
@@ -349,7 +350,7 @@ def _write(
     from stepdiag_ros.report.publish import make_folder, write_results
 
     def draw() -> "dict[str, Picture]":
-        from stepdiag_ros.report.compensation import draw_compensation
+        from stepdiag_ros.plots.files.compensation import draw_compensation
 
         return draw_compensation(report)
 

@@ -108,10 +108,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Diagnose; see the module."""
-    from stepdiag_ros.report.diagnosis import print_diagnosis
-    from stepdiag_ros.report.diagnosis_document import diagnosis_json
+    from stepdiag_ros.report.documents.diagnosis import diagnosis_json
     from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.diagnosis import print_diagnosis
+    from stepdiag_ros.report.tables.run import make_console
 
     for path, what in ((arguments.extend, "model"), (arguments.propose, "plan")):
         if path is not None and path.exists():
@@ -135,9 +135,9 @@ def run(arguments: Namespace) -> int:
     with progress_bar("writing results") as progress:
         pictures: Mapping[str, Picture | bytes] = {}
         if formats:
+            from stepdiag_ros.plots.files.diagnosis import draw_diagnosis
             from stepdiag_ros.plots.saving import png_bytes
-            from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
-            from stepdiag_ros.report.diagnosis_page import diagnosis_page
+            from stepdiag_ros.report.pages.diagnosis import diagnosis_page
 
             figures = draw_diagnosis(report)
             shown = {name: png_bytes(figure) for name, figure in figures.items()}

@@ -53,7 +53,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _print(info: "BagInfo") -> None:
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.run import make_console
 
     console = make_console(sys.stdout)
     rows = [("File", f"{info.path}, {info.size:,} bytes")]

@@ -72,8 +72,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Evaluate; see the module."""
-    from stepdiag_ros.report.positioning import positioning_json, print_positioning
-    from stepdiag_ros.report.positioning_figures import draw_positioning
+    from stepdiag_ros.plots.files.positioning import draw_positioning
+    from stepdiag_ros.report.documents.positioning import positioning_json
+    from stepdiag_ros.report.tables.positioning import print_positioning
 
     report = report_of(
         arguments.source,

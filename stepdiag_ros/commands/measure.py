@@ -148,7 +148,8 @@ def _lead(measured: "Measured") -> "RunLead":
 
 
 def _show(measured: "Measured", as_json: bool) -> None:
-    from stepdiag_ros.report.summary import lead_document, next_lines, sentences_of
+    from stepdiag_ros.report.documents.lead import lead_document
+    from stepdiag_ros.words.lead import next_lines, sentences_of
 
     lead = _lead(measured)
     bag = None if measured.bag is None else str(measured.bag)

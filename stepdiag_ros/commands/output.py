@@ -181,9 +181,9 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
     Returns:
         0; 1 if the lines were not enough for any method, or a result differs from the recorded one.
     """
-    from stepdiag_ros.report.documents import report_json
+    from stepdiag_ros.report.documents.run import report_json
     from stepdiag_ros.report.publish import publish
-    from stepdiag_ros.report.tables import make_console, print_report
+    from stepdiag_ros.report.tables.run import make_console, print_report
 
     folder = arguments.output or default_folder
     formats = () if arguments.pictures == "none" else (arguments.pictures,)

@@ -68,7 +68,7 @@ def _print(nodes: list[DeclaredNode]) -> None:
     from rich.table import Table
 
     from stepdiag_ros.parameters.documents import COLUMNS, row
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.run import make_console
 
     console = make_console(sys.stdout)
     for node in nodes:

@@ -210,10 +210,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros import configuration
     from stepdiag_ros.planning.assessment import assess
     from stepdiag_ros.planning.proposal import propose
-    from stepdiag_ros.report.plan_document import assessment_json
+    from stepdiag_ros.report.documents.plan import assessment_json
     from stepdiag_ros.report.plan_files import write_new
-    from stepdiag_ros.report.plan_tables import print_assessment
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.plan import print_assessment
+    from stepdiag_ros.report.tables.run import make_console
 
     _refuse_what_does_not_go_together(arguments)
     machine = _machine(arguments)
@@ -336,7 +336,7 @@ def _files(
     from stepdiag_ros.planning.nc_program import Dialect
     from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.report.plan_files import picture_bytes
-    from stepdiag_ros.report.plan_tables import head_of_plan
+    from stepdiag_ros.report.tables.plan import head_of_plan
 
     files: dict[Path, bytes] = {}
     if stem is not None and proposal is not None:

@@ -23,10 +23,10 @@ from stepdiag_ros.text.sentence import sentence
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stepdiag_ros.handover.build import LaidOut
-    from stepdiag_ros.handover.given import Given
-    from stepdiag_ros.handover.material import Material
-    from stepdiag_ros.handover.tracker_page import TrackerHandover
+    from stepdiag_ros.report.pages.build import LaidOut
+    from stepdiag_ros.report.pages.given import Given
+    from stepdiag_ros.report.pages.material import Material
+    from stepdiag_ros.report.pages.tracker import TrackerHandover
 
 _CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
@@ -104,9 +104,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
-    from stepdiag_ros.handover.build import FORMATS, prepare, report_document_of, write
-    from stepdiag_ros.handover.lead import lead_of
-    from stepdiag_ros.handover.pictures import studio
+    from stepdiag_ros.report.pages.build import FORMATS, prepare, report_document_of, write
+    from stepdiag_ros.report.pages.lead import lead_of
+    from stepdiag_ros.report.pages.pictures import studio
 
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
@@ -118,7 +118,7 @@ def run(arguments: Namespace) -> int:
             atelier = stack.enter_context(studio())
         material = _material(arguments, given)
         # Not before: drawing is to be got ready without delay.
-        from stepdiag_ros.handover.tracker_page import TrackerHandover
+        from stepdiag_ros.report.pages.tracker import TrackerHandover
 
         with progress_bar("report") as progress, refusals_of(arguments.bag):
             tell = _counted(progress)
@@ -141,9 +141,9 @@ def run(arguments: Namespace) -> int:
 def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandover":
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
-    from stepdiag_ros.handover.material import Material, unsolved
-    from stepdiag_ros.handover.tracker_page import TrackerHandover
     from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
+    from stepdiag_ros.report.pages.material import Material, unsolved
+    from stepdiag_ros.report.pages.tracker import TrackerHandover
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
@@ -192,9 +192,9 @@ def _counted(progress: Progress) -> "Callable[[str], None]":
 
 def _given(arguments: Namespace) -> "Given":
     from stepdiag_ros.configuration import load_instrument, read_yaml
-    from stepdiag_ros.handover.given import Given
     from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+    from stepdiag_ros.report.pages.given import Given
 
     instrument, conditions = Instrument(), UncertaintyDescription()
     if arguments.instrument is not None:

@@ -2,6 +2,8 @@
 
 import argparse
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +72,7 @@ def run(arguments: Namespace) -> int:
     import secrets
     import sys
 
-    from stepdiag_ros.report.tables import make_console
+    from stepdiag_ros.report.tables.run import make_console
     from stepdiag_ros.selftest.session import run_selftest
     from stepdiag_ros.selftest.text import print_record
 
@@ -78,7 +80,9 @@ def run(arguments: Namespace) -> int:
         raise ValueError(f"{arguments.output}: the folder {arguments.output.parent} does not exist")
     seed = secrets.randbelow(2**32) if arguments.seed is None else arguments.seed
     with progress_bar("selftest") as progress:
-        record = run_selftest(seed, arguments.problems, solve_as_a_user, progress)
+        record = run_selftest(
+            seed, arguments.problems, partial(solve_as_a_user, arguments.main), progress
+        )
     if arguments.output is not None:
         with arguments.output.open("w", encoding="utf-8") as stream:
             if arguments.json:
@@ -93,10 +97,11 @@ def run(arguments: Namespace) -> int:
     return 0 if record.passed else 1
 
 
-def solve_as_a_user(table: Path) -> dict[str, Any]:
+def solve_as_a_user(main: Callable[[Sequence[str]], int], table: Path) -> dict[str, Any]:
     """Import a run table and solve the bag by the command line; return what it prints as JSON.
 
     Args:
+        main: the command line, as a function of its arguments that returns the exit code.
         table: with ``case.yaml`` beside it; the bag and the results folder are made beside it, too.
 
     Raises:
@@ -105,19 +110,18 @@ def solve_as_a_user(table: Path) -> dict[str, Any]:
     import json
 
     bag = table.with_suffix(".mcap")
-    _command("import", str(table), str(bag))
+    _command(main, "import", str(table), str(bag))
     results = table.with_name("results")
-    printed = _command("solve", str(bag), "--json", "--pictures", "none", "--output", str(results))
+    solving = ("solve", str(bag), "--json", "--pictures", "none", "--output", str(results))
+    printed = _command(main, *solving)
     document: dict[str, Any] = json.loads(printed)
     return document
 
 
-def _command(*words: str) -> str:
+def _command(main: Callable[[Sequence[str]], int], *words: str) -> str:
     """Run a command of this command line in this process; return its standard output."""
     import io
     from contextlib import redirect_stderr, redirect_stdout
-
-    from stepdiag_ros.cli import main
 
     output, errors = io.StringIO(), io.StringIO()
     with redirect_stdout(output), redirect_stderr(errors):

@@ -52,11 +52,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Evaluate; see the module."""
-    from stepdiag_ros.report.diagonal_squareness import (
-        draw_squareness,
-        print_squareness,
-        squareness_json,
-    )
+    from stepdiag_ros.plots.files.squareness import draw_squareness
+    from stepdiag_ros.report.documents.squareness import squareness_json
+    from stepdiag_ros.report.tables.diagonal_squareness import print_squareness
 
     report = report_of(arguments.source, arguments.run_id)
     return show(

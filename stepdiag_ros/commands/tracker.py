@@ -223,8 +223,8 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.planning.tracker_program import tracker_program
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables import make_console
-    from stepdiag_ros.report.tracker_plan import duration_sentences, print_test
+    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.report.tables.tracker_plan import duration_sentences, print_test
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
@@ -368,8 +368,9 @@ def run_figures(arguments: Namespace) -> int:
     """Compute the document's figures; see the module."""
     from stepdiag_ros.metrology.tracker.document_figures import figure_five, figure_four
     from stepdiag_ros.plots.tracker import tracker_document
-    from stepdiag_ros.report.tracker import figure_sentences, location_table
-    from stepdiag_ros.report.tracker_document import figures_json
+    from stepdiag_ros.report.documents.tracker import figures_json
+    from stepdiag_ros.report.tables.tracker import location_table
+    from stepdiag_ros.words.tracker import figure_sentences
 
     four, five = figure_four(), figure_five()
 

@@ -31,9 +31,9 @@ def _show_station(arguments: Namespace, what: str) -> int:
     from stepdiag_ros.evaluation.tracker import TrackerReport
     from stepdiag_ros.metrology.tracker.campaign import true_values
     from stepdiag_ros.metrology.tracker.evaluation import evaluate_test, locate_from
-    from stepdiag_ros.report.tracker import print_tracker
-    from stepdiag_ros.report.tracker_document import tracker_json
-    from stepdiag_ros.report.tracker_figures import draw_tracker
+    from stepdiag_ros.plots.files.tracker import draw_tracker
+    from stepdiag_ros.report.documents.tracker import tracker_json
+    from stepdiag_ros.report.tables.tracker import print_tracker
 
     station, readings = _one_station(arguments)
     tracker, _ = load_tracker(arguments.tracker)
@@ -82,9 +82,9 @@ def show_run(recorded: "RecordedRun", arguments: Namespace, default_folder: Path
     """
     from stepdiag_ros.evaluation.tracker import grid_report, reports_of_run
     from stepdiag_ros.metrology.tracker.run_result import is_grid
-    from stepdiag_ros.report.tracker import print_tracker
-    from stepdiag_ros.report.tracker_document import tracker_json
-    from stepdiag_ros.report.tracker_figures import draw_tracker
+    from stepdiag_ros.plots.files.tracker import draw_tracker
+    from stepdiag_ros.report.documents.tracker import tracker_json
+    from stepdiag_ros.report.tables.tracker import print_tracker
 
     choices = vars(arguments)
     with progress_bar(f"reading {recorded.path.name}") as progress:

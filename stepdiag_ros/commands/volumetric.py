@@ -32,11 +32,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Evaluate; see the module."""
-    from stepdiag_ros.report.volumetric import (
-        examples_picture,
-        print_volumetric,
-        volumetric_json,
-    )
+    from stepdiag_ros.plots.files.volumetric import examples_picture
+    from stepdiag_ros.report.documents.volumetric import volumetric_json
+    from stepdiag_ros.report.tables.volumetric import print_volumetric
 
     report = report_of(arguments.bag, arguments.run_id)
     folder = Path("volumetric_examples")

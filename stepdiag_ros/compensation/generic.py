@@ -8,7 +8,7 @@ frame, reversal, in SI units. ``error_curves.csv`` holds the same curves in the 
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
@@ -138,15 +138,15 @@ def content(identified: Identified) -> dict[str, Any]:
         "frame": error_map.frame,
         "reference_point": REFERENCE_POINT,
         "nodes": {
-            letter: numbers_or_null(nodes)
+            letter: schemas.numbers(nodes)
             for letter, nodes in zip(AXES, error_map.nodes, strict=True)
         },
-        "curves": {name: numbers_or_null(curve) for name, curve in error_map.curves.items()},
+        "curves": {name: schemas.numbers(curve) for name, curve in error_map.curves.items()},
         "standard_uncertainty": {
-            name: numbers_or_null(spread) for name, spread in error_map.standard_uncertainty.items()
+            name: schemas.numbers(spread) for name, spread in error_map.standard_uncertainty.items()
         },
         "reversal": {
-            AXES[axis]: numbers_or_null(values) for axis, values in identified.reversal.items()
+            AXES[axis]: schemas.numbers(values) for axis, values in identified.reversal.items()
         },
         "not_estimated": list(error_map.left_out),
         "not_determined": list(error_map.not_determined),
@@ -241,11 +241,6 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
         sha256=hashlib.sha256(data).hexdigest(),
         made_from=" ".join(part for part in (origin.file, origin.run_id) if part),
     )
-
-
-def numbers_or_null(values: Sequence[float] | Vector) -> list[float | None]:
-    """Return numbers for a JSON document, NaN as ``None``."""
-    return [float(value) if isfinite(value) else None for value in values]
 
 
 def _curves(error_map: VolumetricMap) -> str:

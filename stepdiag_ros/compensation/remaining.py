@@ -219,3 +219,9 @@ def _lengths(vectors: Vector) -> Vector:
     counted = vectors - np.where(np.isfinite(corner), corner, 0.0)
     lengths: Vector = np.linalg.norm(counted, axis=2).ravel()
     return lengths[np.isfinite(lengths)]
+
+
+COMPUTED = (
+    "Before and after are computed from the files as written, with their rounding and spacing, for"
+    " the errors that were found, both directions of approach; only a new measurement is a proof."
+)

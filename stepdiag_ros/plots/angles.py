@@ -12,7 +12,10 @@ from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.solvers.result import Figure as Number
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_error_of_shift
+from stepdiag_ros.metrology.standards.diagonal_squareness import (
+    SHIFTS_OF_RL,
+    squareness_error_of_shift,
+)
 from stepdiag_ros.plots.curves import many
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
@@ -28,9 +31,8 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.diagonal_squareness import SHIFTS_OF_RL
-from stepdiag_ros.report.squareness import SIGN_DEFINITIONS, SignDefinition, sign
 from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
+from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, sign
 
 _PLANES = {"C0Y": "seen from +Z", "B0Z": "seen from −Y", "A0Z": "seen from +X"}
 _LEANS_TO_MINUS = {"C0Y": 1.0, "B0Z": -1.0, "A0Z": 1.0}

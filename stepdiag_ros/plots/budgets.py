@@ -32,8 +32,8 @@ from stepdiag_ros.plots.style import (
     say_unknown,
     scales,
 )
-from stepdiag_ros.report.budget import figure_groups, short_name, unit_of
 from stepdiag_ros.text.numbers import MICRO
+from stepdiag_ros.words.budget import figure_groups, short_name, unit_of
 
 _LOOKS = dict(
     zip(

@@ -6,11 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stepdiag_ros.compensation.control import Control
-from stepdiag_ros.compensation.remaining import Remainder
+from stepdiag_ros.compensation.remaining import COMPUTED, Remainder
 from stepdiag_ros.metrology.geometry import translation
 from stepdiag_ros.plots.curves import curve_sheet, curve_words
 from stepdiag_ros.plots.style import AFTER, BEFORE, MILLI, panel_title, say_unknown
-from stepdiag_ros.report.compensation import COMPUTED
 from stepdiag_ros.text.numbers import MICRO, plain
 
 _DECIMALS = 3

@@ -24,8 +24,8 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.positioning import cell_below, decimals_of, head_of, written
 from stepdiag_ros.text.numbers import MICRO, UNKNOWN
+from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, written
 
 _WIDTH_OF_BAND = 2.0
 """The standards draw x̄ ± 2 s."""

@@ -25,8 +25,8 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.report.tracker import figure_sentences
 from stepdiag_ros.text.numbers import MICRO
+from stepdiag_ros.words.tracker import figure_sentences
 
 _LINE_COLOURS = dict(zip(SEVEN_LINES, COLOURS, strict=False))
 _COLUMNS = 4

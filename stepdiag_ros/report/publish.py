@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.evaluation.experiment import experiment_of
+from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.documents import report_json
-from stepdiag_ros.report.experiment import experiment_texts
-from stepdiag_ros.report.squareness import SignDefinition
-from stepdiag_ros.report.tables import make_console, print_report
+from stepdiag_ros.report.documents.experiment import experiment_json
+from stepdiag_ros.report.documents.run import report_json
+from stepdiag_ros.report.tables.run import make_console, print_report
+from stepdiag_ros.words.squareness import SignDefinition
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -94,8 +94,8 @@ def publish(
 
     def draw() -> "dict[str, Picture]":
         # matplotlib is slow to import, so it is only here that pictures are asked for.
-        from stepdiag_ros.report.experiment_figures import draw_experiment
-        from stepdiag_ros.report.figures import draw_all
+        from stepdiag_ros.plots.files.experiment import draw_experiment
+        from stepdiag_ros.plots.files.run import draw_all
 
         more = {} if experiment is None else draw_experiment(experiment)
         return draw_all(report, definition) | more
@@ -169,3 +169,13 @@ def without_trailing_blanks(text: str) -> str:
     """Return a text without blanks at the ends of its lines, which line feeds alone end."""
     # Not splitlines(): it would make a line break of a sign within a name or a JSON string.
     return "".join(f"{line.rstrip()}\n" for line in io.StringIO(text))
+
+
+def experiment_texts(experiment: Experiment) -> dict[str, str]:
+    """Return the files ``table_1.txt`` and ``table_1.json`` by their names."""
+    from stepdiag_ros.report.tables.experiment import print_experiment
+    from stepdiag_ros.report.tables.run import make_console
+
+    text = io.StringIO()
+    print_experiment(experiment, make_console(text))
+    return {"table_1.txt": text.getvalue(), "table_1.json": experiment_json(experiment) + "\n"}

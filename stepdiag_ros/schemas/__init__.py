@@ -7,7 +7,8 @@ field changes its meaning or goes; new fields do not change it.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources as package_files
 from typing import Any
 
@@ -92,6 +93,16 @@ def _parts(of: Any) -> Iterator[str]:
 def document(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Return a document: its content, and before it what it is and which software made it."""
     return {"schema": identifier(name), "software_version": __version__, **content}
+
+
+def number(value: float) -> float | None:
+    """Return a number as JSON knows it: ``null`` where it is not known (NaN or infinite)."""
+    return float(value) if math.isfinite(value) else None
+
+
+def numbers(values: Iterable[float]) -> list[float | None]:
+    """Return numbers as JSON knows them; see ``number``."""
+    return [number(value) for value in values]
 
 
 def json_text(made: Mapping[str, Any]) -> str:

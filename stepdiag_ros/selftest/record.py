@@ -106,8 +106,8 @@ class Record:
                     "checks": [
                         {
                             "what": check.what,
-                            "deviation": _number(check.deviation),
-                            "limit": _number(check.limit),
+                            "deviation": schemas.number(check.deviation),
+                            "limit": schemas.number(check.limit),
                             "unit": check.unit,
                             "why": check.why,
                             "passed": check.passed,
@@ -123,10 +123,6 @@ class Record:
     def json(self) -> str:
         """Return the record as JSON text."""
         return schemas.json_text(self.document())
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def now() -> str:

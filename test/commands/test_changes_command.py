@@ -15,14 +15,14 @@ from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import changes as command
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.evaluation.changes import ChangesReport
-from stepdiag_ros.handover import changes_page
 from stepdiag_ros.metrology.agreement import compare
 from stepdiag_ros.metrology.agreement.shared import UNSEEN_ANGLES
-from stepdiag_ros.report.changes import print_changes, remarks_of, uncertainty_words
-from stepdiag_ros.report.changes_words import verdict
-from stepdiag_ros.report.documents import report_json
-from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.report.documents.run import report_json
+from stepdiag_ros.report.pages import changes as changes_page
+from stepdiag_ros.report.tables.changes import print_changes
+from stepdiag_ros.report.tables.run import make_console
 from stepdiag_ros.text.numbers import MICRO, plus_minus
+from stepdiag_ros.words.changes import remarks_of, uncertainty_words, verdict
 
 STEPS = """\
 name: step diagonals
@@ -296,9 +296,9 @@ def test_the_page_is_a_pdf_too(capsys, tmp_path, before, after):
 
 
 def test_angular_errors_have_a_picture_of_their_own():
-    from stepdiag_ros.handover.changes_page import Page
     from stepdiag_ros.metrology.agreement import Measured
     from stepdiag_ros.metrology.solvers import solve
+    from stepdiag_ros.report.pages.changes import Page
 
     text = STEPS.replace("[XYZ]", "[XYZ, YZX, ZXY]")
     made = []

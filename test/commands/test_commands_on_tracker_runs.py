@@ -14,8 +14,8 @@ from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.summary import next_steps
 from stepdiag_ros.session.following import Measured, Outcome
+from stepdiag_ros.words.lead import next_steps
 
 SERVED = {
     "info": ["info", "BAG"],

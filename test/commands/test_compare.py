@@ -9,7 +9,7 @@ import yaml
 
 from stepdiag_ros import cli
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
-from stepdiag_ros.report import experiment_figures
+from stepdiag_ros.plots.files import experiment as experiment_figures
 
 CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
 

@@ -16,10 +16,11 @@ from stepdiag_ros.commands import compensate
 from stepdiag_ros.compensation import CONTROLS, control, identified
 from stepdiag_ros.compensation.generic import correction_from_file, map_from_text
 from stepdiag_ros.evaluation import recorded_run
+from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report import compensation as report
+from stepdiag_ros.plots.files.compensation import draw_compensation
 from stepdiag_ros.text.controls import Comment
 
 STEPS = """\
@@ -182,8 +183,8 @@ def test_the_picture_shows_nine_errors_before_and_after(bag):
     layout = Layout(settings=checked_settings(found, {}))
     files = found.write(identified, layout)
     left = remainder(identified, found.read(files), found.corrects)
-    made = report.CompensationReport(found, identified, layout, files, left)
-    (picture,) = report.draw_compensation(made).values()
+    made = CompensationReport(found, identified, layout, files, left)
+    (picture,) = draw_compensation(made).values()
     titles = [axes.get_title() for axes in picture.axes]
     assert titles[0] == "E_XX: X error as X moves" and len(titles) == 9
     assert "E_YX: Y error as X moves (no table)" in titles

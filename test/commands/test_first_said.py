@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from handover.written_runs import with_backlash_of_x, write_lines
+from report.pages.written_runs import with_backlash_of_x, write_lines
 from standard_runs import cell
 
 from stepdiag_ros import cli

@@ -14,7 +14,8 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.recorded_run import report_of_run
-from stepdiag_ros.report.summary import lead_document, sentences_of
+from stepdiag_ros.report.documents.lead import lead_document
+from stepdiag_ros.words.lead import sentences_of
 
 READING, COMMAND, STOP = "/interferometer/reading", "/machine/command", "/measurement/stop"
 

@@ -12,9 +12,10 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Spread
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
-from stepdiag_ros.report.budget import budget_document, budget_json, print_budget
-from stepdiag_ros.report.budget_figures import draw_budget
-from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.plots.files.budget import draw_budget
+from stepdiag_ros.report.documents.budget import budget_document, budget_json
+from stepdiag_ros.report.tables.budget import print_budget
+from stepdiag_ros.report.tables.run import make_console
 from stepdiag_ros.text.numbers import with_uncertainty
 
 

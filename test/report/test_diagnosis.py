@@ -35,15 +35,15 @@ from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.plan import Line, Volume
+from stepdiag_ros.plots.files.diagnosis import draw_diagnosis
 from stepdiag_ros.plots.saving import png_bytes
-from stepdiag_ros.report.diagnosis import print_diagnosis, rivals_words
-from stepdiag_ros.report.diagnosis_document import diagnosis_document, diagnosis_json
-from stepdiag_ros.report.diagnosis_figures import draw_diagnosis
-from stepdiag_ros.report.diagnosis_page import diagnosis_page
-from stepdiag_ros.report.diagnosis_proposal import proposed_sentences
-from stepdiag_ros.report.diagnosis_words import MEANING, chance, readable, size_words
-from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.report.documents.diagnosis import diagnosis_document, diagnosis_json
+from stepdiag_ros.report.pages.diagnosis import diagnosis_page
+from stepdiag_ros.report.tables.diagnosis import print_diagnosis, rivals_words
+from stepdiag_ros.report.tables.run import make_console
 from stepdiag_ros.text.numbers import two_digits
+from stepdiag_ros.words.diagnosis import MEANING, chance, readable, size_words
+from stepdiag_ros.words.proposal import proposed_sentences
 
 VOLUME = Volume((0.0, 0.0, 0.0), (0.01, 0.01, 0.01), 2)
 

@@ -24,7 +24,7 @@ from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.visibility import visibility
-from stepdiag_ros.report.documents import report_document, report_json
+from stepdiag_ros.report.documents.run import report_document, report_json
 from stepdiag_ros.schemas import schema
 
 

@@ -14,12 +14,13 @@ from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.report import experiment_figures, figures
-from stepdiag_ros.report.experiment import experiment_document, experiment_json
-from stepdiag_ros.report.experiment_figures import draw_experiment
-from stepdiag_ros.report.experiment_tables import print_experiment
+from stepdiag_ros.plots.files import experiment as experiment_figures
+from stepdiag_ros.plots.files import run as figures
+from stepdiag_ros.plots.files.experiment import draw_experiment
+from stepdiag_ros.report.documents.experiment import experiment_document, experiment_json
 from stepdiag_ros.report.publish import publish
-from stepdiag_ros.report.tables import make_console
+from stepdiag_ros.report.tables.experiment import print_experiment
+from stepdiag_ros.report.tables.run import make_console
 
 FIGURES = {
     "figure_7_motion_of_x",

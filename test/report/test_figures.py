@@ -9,7 +9,7 @@ from results_by_hand import make_measurement, make_report, make_result, with_rot
 
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.report.figures import draw_all
+from stepdiag_ros.plots.files.run import draw_all
 from stepdiag_ros.report.publish import publish
 
 

@@ -13,10 +13,11 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_error_of_shift
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.report.positioning import decimals_of, group_tables, parameter_table, written
-from stepdiag_ros.report.positioning_figures import draw_positioning
-from stepdiag_ros.report.volumetric import examples_picture
+from stepdiag_ros.plots.files.positioning import draw_positioning
+from stepdiag_ros.plots.files.volumetric import examples_picture
+from stepdiag_ros.report.tables.positioning import group_tables, parameter_table
 from stepdiag_ros.text.numbers import ARC_SECONDS
+from stepdiag_ros.words.positioning import decimals_of, written
 
 
 def one_test(name, kind, slope, reversal=1e-6, runs=5):

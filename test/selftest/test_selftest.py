@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -28,6 +29,8 @@ from stepdiag_ros.selftest.problems import (
 from stepdiag_ros.selftest.record import Check, Record, Solved, worst
 from stepdiag_ros.selftest.tables import write_problem
 
+solve_by_commands = partial(solve_as_a_user, cli.main)
+
 
 def silent(done, text):
     assert 0.0 <= done <= 1.0
@@ -36,12 +39,12 @@ def silent(done, text):
 
 def solved(kind, seed=11):
     """Solve one problem of a kind as a user does, and judge it."""
-    return session._solved(1, draw(kind, np.random.default_rng(seed)), solve_as_a_user)
+    return session._solved(1, draw(kind, np.random.default_rng(seed)), solve_by_commands)
 
 
 @pytest.fixture(scope="module")
 def record():
-    return session.run_selftest(20240229, len(KINDS), solve_as_a_user, silent)
+    return session.run_selftest(20240229, len(KINDS), solve_by_commands, silent)
 
 
 def test_the_software_passes_and_every_kind_was_judged(record):
@@ -68,7 +71,7 @@ def test_limits_are_small_beside_what_they_guard(record):
 
 
 def test_the_same_seed_draws_the_same_problems(record):
-    again = session.run_selftest(20240229, 2, solve_as_a_user, silent)
+    again = session.run_selftest(20240229, 2, solve_by_commands, silent)
     for one, other in zip(record.problems[:2], again.problems[:2], strict=True):
         assert one.description == other.description
         assert one.checks == other.checks

@@ -487,3 +487,7 @@ def squareness_error_of_shift(shift: float, aspect_ratio: Vector | float) -> Vec
         raise Refusal("an aspect ratio must be more than 0", fault="out_of_range")
     made: Vector = shift * 0.5 * (ratio + 1.0 / ratio)
     return made
+
+
+SHIFTS_OF_RL = (1e-6, 5e-6)
+"""Relative shifts of the laser's reading in the graph of RL."""

@@ -1,0 +1,1 @@
+"""The pictures of each kind of result, by the names of their files."""

@@ -1,0 +1,59 @@
+"""The pictures of a report, by the names of their files."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.plots.angles import squareness
+from stepdiag_ros.plots.curves import error_curves
+from stepdiag_ros.plots.lines import repeatability
+from stepdiag_ros.plots.stamps import stamp
+from stepdiag_ros.words.squareness import SignDefinition
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+
+
+def draw_all(report: Report, definition: SignDefinition = "rotation") -> "dict[str, Picture]":
+    """Return all pictures of a report by the name of their file without ending.
+
+    The conventional result, which setup errors can make a hundred times larger than the rest and
+    which then sets the scale, has a picture of its own.
+    """
+    pictures: dict[str, Picture] = {}
+    results = report.ordered_results()
+    said = stamp(run_id=report.run_id, plan=report.plan)
+    without = [one for one in results if one.method != "conventional"]
+    if without:
+        pictures["error_curves"] = error_curves(without, truth=report.truth, stamp=said)
+    if len(without) < len(results):
+        pictures["error_curves_with_conventional"] = error_curves(
+            results, truth=report.truth, stamp=said
+        )
+    turning = with_rotations(results)
+    if turning:
+        pictures["rotations"] = error_curves(turning, ROTATIONS, truth=report.truth, stamp=said)
+    if results:
+        pictures["squareness"] = squareness(
+            results, truth=report.truth, definition=definition, stamp=said
+        )
+    if report.measurement is not None:
+        passes = repeatability(report.measurement, stamp=said)
+        if passes is not None:
+            pictures["repeatability"] = passes
+    return pictures
+
+
+def with_rotations(results: "tuple[VolumetricErrors, ...]") -> "list[VolumetricErrors]":
+    """Return the results that determine a rotation over the whole travel."""
+    return [
+        one
+        for one in results
+        if any(
+            name in ROTATIONS and np.all(np.isfinite(curve)) for name, curve in one.curves.items()
+        )
+    ]

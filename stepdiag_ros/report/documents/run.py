@@ -1,0 +1,143 @@
+"""The JSON of a report, whose schema is ``result``: SI everywhere, unknown is ``null``."""
+
+from typing import Any
+
+from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.report import Comparison, Report, Truth, compare_with_truth
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.visibility import Visibility
+from stepdiag_ros.report.documents.lead import lead_document
+from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
+
+
+def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
+    """Return one method's entry of the document."""
+    comparison = turns = None
+    if report.truth is not None:
+        found = compare_with_truth(result, report.truth)
+        comparison = _comparison_document(found)
+        turned = compare_with_truth(result, report.truth, rotations=True)
+        if turned.points:
+            turns = _comparison_document(turned)
+    return {
+        "frame": result.frame,
+        "lines": result.lines,
+        "nodes": {
+            axis: schemas.numbers(nodes) for axis, nodes in zip(AXES, result.nodes, strict=True)
+        },
+        "curves": {name: schemas.numbers(curve) for name, curve in result.curves.items()},
+        "standard_uncertainty": {
+            name: schemas.numbers(spread) for name, spread in result.standard_uncertainty.items()
+        },
+        "figures": {
+            figure.name: {
+                "value": schemas.number(figure.value),
+                "standard_uncertainty": schemas.number(figure.standard_uncertainty),
+                "unit": figure.unit,
+            }
+            for figure in result.figures
+        },
+        "chi_squared": schemas.number(result.chi_squared),
+        "degrees_of_freedom": result.degrees_of_freedom,
+        "not_determined": list(result.not_determined),
+        "remarks": list(result.remarks),
+        "equals_recorded": report.equals_recorded.get(result.method),
+        "comparison_with_truth": comparison,
+        "comparison_of_rotations": turns,
+    }
+
+
+def _comparison_document(found: Comparison) -> dict[str, Any]:
+    return {
+        "rms": schemas.number(found.rms),
+        "largest_deviation": schemas.number(found.largest),
+        "points": found.points,
+        "coverage_95": schemas.number(found.coverage),
+        "points_with_uncertainty": found.points_with_uncertainty,
+    }
+
+
+def direct_document(measurement: Measurement | None) -> list[dict[str, Any]]:
+    """Return the files of what was measured directly and went into a solve."""
+    direct = None if measurement is None else measurement.direct
+    return [
+        {"file": file.name, "sha256": file.sha256, "errors": list(file.errors)}
+        for file in (() if direct is None else direct.files)
+    ]
+
+
+def visibility_document(visibility: Visibility) -> dict[str, Any]:
+    """Return a visibility table as a mapping that ``json`` can write."""
+    return {
+        "chain": visibility.chain or None,
+        "stop_uncertainty": schemas.number(visibility.stop_uncertainty),
+        "readings": visibility.readings,
+        "unknowns": visibility.unknowns,
+        "rank": visibility.rank,
+        "condition_number": schemas.number(visibility.condition_number),
+        "errors": {
+            row.name: {
+                "status": row.status,
+                "words": row.words,
+                "part": row.part or None,
+                "confounded_with": list(row.confounded_with),
+                "unit": row.unit,
+                "standard_uncertainty_at_end": schemas.number(row.end),
+                "largest_standard_uncertainty": schemas.number(row.largest),
+                "inflation": schemas.number(row.condition),
+            }
+            for row in visibility.rows
+        },
+    }
+
+
+def _truth_document(truth: Truth) -> dict[str, Any]:
+    return {
+        "curves": {name: schemas.numbers(curve) for name, curve in truth.curves.items()},
+        "figures": {
+            figure.name: {"value": schemas.number(figure.value), "unit": figure.unit}
+            for figure in truth.figures
+        },
+    }
+
+
+def report_document(report: Report, lead: RunLead | None = None) -> dict[str, Any]:
+    """Return the whole report as a mapping that ``json`` can write.
+
+    Args:
+        report: of the run.
+        lead: what is said first of it, where more is known than the report holds.
+
+    Raises:
+        ValueError: the truth does not fit the results.
+    """
+    content = {
+        "run": {
+            "run_id": report.run_id or None,
+            "plan": report.plan or None,
+            "machine": report.machine or None,
+            "chain": report.chain or None,
+            "software_version": report.run_software_version or None,
+            "simulated": report.simulated,
+            "remarks": list(report.remarks),
+        },
+        "bag": None if report.bag is None else str(report.bag),
+        "direct": direct_document(report.measurement),
+        "squareness_sign": SIGN_DEFINITIONS["rotation"],
+        "methods": {
+            result.method: method_document(result, report) for result in report.ordered_results()
+        },
+        "not_solved": dict(report.refused),
+        "lead": lead_document(lead or lead_of(report)),
+        "visibility": None if report.visibility is None else visibility_document(report.visibility),
+        "truth": None if report.truth is None else _truth_document(report.truth),
+    }
+    return schemas.document("result", content)
+
+
+def report_json(report: Report) -> str:
+    """Return the whole report as JSON text; see ``report_document``."""
+    return schemas.json_text(report_document(report))

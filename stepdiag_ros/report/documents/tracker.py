@@ -1,0 +1,162 @@
+"""A test with a tracker as JSON documents."""
+
+from typing import Any
+
+from stepdiag_ros import schemas
+from stepdiag_ros.evaluation.tracker import TrackerReport
+from stepdiag_ros.metrology.forward import RIGHT_HANDED
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
+from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation
+from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
+from stepdiag_ros.metrology.tracker.location import Location
+from stepdiag_ros.metrology.tracker.separation import Separation
+from stepdiag_ros.words.tracker import sentences_of
+
+
+def tracker_json(report: TrackerReport) -> str:
+    """Return the report as JSON text; see ``tracker_document``."""
+    return schemas.json_text(tracker_document(report))
+
+
+def tracker_document(report: TrackerReport) -> dict[str, Any]:
+    """Return the report as a mapping that ``json`` can write; SI, null where not known."""
+    document: dict[str, Any] = {
+        "source": report.source,
+        "station": report.station,
+        "verdict": {"name": report.verdict.name, "sentence": report.verdict.sentence},
+        "equals_recorded": report.equals_recorded,
+        "location": _location_document(report.location),
+    }
+    result = report.result
+    if result is not None:
+        document |= {
+            "squareness_sign": RIGHT_HANDED,
+            "joint": None if result.joint is None else _joint_document(result.joint, report.truth),
+            "lines_with_tracker_from_places": _lines_document(result.located),
+            "lines_with_tracker_from_all_readings": (
+                None if result.corrected is None else _lines_document(result.corrected)
+            ),
+            "separations": {
+                name: {"refused": one} if isinstance(one, str) else _separation_document(one)
+                for name, one in result.separations.items()
+            },
+        }
+    document["sentences"] = sentences_of(report)
+    return schemas.document("tracker_result", document)
+
+
+def figures_json(four: FigureFour, five: FigureFive) -> str:
+    """Return the curves of ATLI Figs. 4 and 5 as JSON text; SI."""
+    curves = {
+        "figure_4": (four.towards, four.away),
+        "figure_5": (five.located, five.true_place),
+    }
+    document: dict[str, Any] = {
+        "location_of_figure_5": _location_document(five.location),
+        "shift_of_figure_5": schemas.numbers(five.shift),
+    }
+    for name, pair in curves.items():
+        document[name] = [
+            {
+                "label": one.label,
+                "distance": schemas.numbers(one.distance),
+                "deviation": schemas.numbers(one.deviation),
+            }
+            for one in pair
+        ]
+    return schemas.json_text(schemas.document("tracker_figures", document))
+
+
+def _location_document(location: Location) -> dict[str, Any]:
+    fit = location.adjustment
+    return {
+        "position": schemas.numbers(location.position),
+        "start_length": schemas.number(location.start_length),
+        "covariance": [schemas.numbers(row) for row in location.covariance],
+        "linear": schemas.numbers(location.linear),
+        "residuals": schemas.numbers(fit.residuals),
+        "standardised_residuals": schemas.numbers(fit.standardised),
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "chi_squared": schemas.number(fit.chi_squared),
+        "coverage_factor": schemas.number(fit.coverage_factor),
+        "condition": schemas.number(fit.condition),
+        "dilution": schemas.number(location.dilution),
+        "warnings": list(location.warnings),
+    }
+
+
+def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any]:
+    return {
+        "names": list(NAMES),
+        "values": schemas.numbers(joint.values),
+        "truth": None if truth is None else schemas.numbers(truth),
+        "covariance": [schemas.numbers(row) for row in joint.covariance],
+        "position": schemas.numbers(joint.position),
+        "start_length": schemas.number(joint.start_length),
+        "sizes": joint.sizes,
+        "chain": joint.machine.chain or None,
+        "quantity": joint.machine.place,
+        "frame": joint.machine.frame,
+        "warnings": list(joint.warnings),
+        "passes": [
+            {
+                "line": one.line,
+                "run": one.run,
+                "direction": one.direction,
+                "chi_squared": schemas.number(one.chi_squared),
+                "degrees_of_freedom": one.degrees_of_freedom,
+                "p_value": schemas.number(one.p_value),
+                "rms": schemas.number(one.rms),
+            }
+            for one in joint.passes
+        ],
+    }
+
+
+def _separation_document(one: Separation) -> dict[str, Any]:
+    return {
+        "scale": one.scale,
+        "lean": one.lean,
+        "covariance": [schemas.numbers(row) for row in one.covariance],
+        "correlation": schemas.number(one.correlation),
+        "towards": schemas.numbers(one.towards),
+        "offset": one.offset,
+        "along": one.along,
+        "residuals": schemas.numbers(one.residuals),
+    }
+
+
+def _lines_document(lines: LineEvaluation) -> dict[str, Any]:
+    return {
+        "tests": [
+            {
+                "name": test.name,
+                "standard": test.standard,
+                "target": schemas.numbers(test.target),
+                "mean_forward": schemas.numbers(test.mean_forward),
+                "mean_backward": schemas.numbers(test.mean_backward),
+                "parameters": {name: schemas.number(v) for name, v in test.parameters.items()},
+                "expanded_uncertainty": {
+                    name: schemas.number(v) for name, v in test.expanded_uncertainty.items()
+                },
+            }
+            for test in lines.tests
+        ],
+        "slopes": {
+            slope.name: {
+                "value": schemas.number(slope.slope),
+                "standard_uncertainty": schemas.number(slope.standard_uncertainty),
+            }
+            for slope in lines.slopes
+        },
+        "squareness": {
+            one.name: {
+                "value": schemas.number(one.value),
+                "standard_uncertainty": schemas.number(one.standard_uncertainty),
+            }
+            for one in lines.squareness
+        },
+        "closure": schemas.number(lines.closure),
+        "closure_standard_uncertainty": schemas.number(lines.closure_uncertainty),
+    }

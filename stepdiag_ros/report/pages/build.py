@@ -1,0 +1,180 @@
+"""From the material to the files of the report: HTML page, PDF and JSON document."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any, Protocol
+
+from stepdiag_ros import schemas
+from stepdiag_ros.report.pages.lead import judge, lead_of, what_to_do
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import Chapter, Lead, chapter, page
+from stepdiag_ros.report.pages.pictures import Drawn, Studio
+from stepdiag_ros.report.pages.section import Content
+from stepdiag_ros.report.pages.sections import sections
+from stepdiag_ros.report.publish import make_folder, whole_file
+
+TITLE = "Volumetric errors of a machine tool: report of a measurement"
+NAMES = {"html": "report.html", "pdf": "report.pdf", "json": "report.json"}
+"""Format → name of its file."""
+FORMATS = tuple(NAMES)
+
+
+@dataclass(frozen=True)
+class Handover:
+    """A report that is ready to be laid out.
+
+    Attributes:
+        lead: of its first page.
+        contents: section's key → what it tells, or why nothing.
+        pictures: section's key → name → picture.
+        footer: identity of the run.
+        subtitle: what was measured.
+    """
+
+    lead: Lead
+    contents: Mapping[str, Content | str]
+    pictures: Mapping[str, Mapping[str, Drawn]]
+    footer: str
+    subtitle: str
+
+    def html(self, for_print: bool = False) -> str:
+        """Return the page."""
+        return page(
+            TITLE, self.subtitle, self.lead, self._chapters(for_print), self.footer, for_print
+        )
+
+    def _chapters(self, for_print: bool) -> list[Chapter]:
+        made = []
+        for section in sections():
+            told = self.contents[section.key]
+            if isinstance(told, str):
+                template, values = "sections/nothing.html", {"sentence": told}
+            else:
+                template, values = f"sections/{section.key}.html", dict(told.values)
+            drawn = self.pictures.get(section.key, {})
+            made.append(chapter(section.key, section.title, template, values, drawn, for_print))
+        return made
+
+
+def prepare(material: Material, atelier: Studio, tell: Callable[[str], None]) -> Handover:
+    """Let every section tell its part, and have its pictures drawn.
+
+    Args:
+        material: what the report is made of.
+        atelier: where pictures are drawn.
+        tell: told which section is at work.
+
+    Raises:
+        OSError: the process that draws has ended.
+    """
+    contents: dict[str, Content | str] = {}
+    for section in sections():
+        tell(section.title)
+        told = section.tell(material)
+        contents[section.key] = told
+        for name, drawing in () if isinstance(told, str) else told.drawings.items():
+            atelier.ask(f"{section.key}/{name}", drawing)
+    lead = lead_of(material)
+    tell("pictures")
+    pictures: dict[str, dict[str, Drawn]] = {section.key: {} for section in sections()}
+    for place, drawn in atelier.fetch_all().items():
+        key, _, name = place.partition("/")
+        if drawn is not None:
+            pictures[key][name] = drawn
+    run = material.recorded.run_id or material.recorded.path.name
+    plan = material.recorded.plan.name
+    return Handover(
+        lead=lead,
+        contents=contents,
+        pictures=pictures,
+        footer=f"run {run}, bag SHA-256 {material.sha256[:16] or 'unknown'}…",
+        subtitle=", ".join(one for one in (material.report.machine, plan, run) if one),
+    )
+
+
+def _known(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values without a number that is not finite."""
+    return {
+        name: value if isinstance(value, str) or isfinite(value) else None
+        for name, value in values.items()
+    }
+
+
+def report_document_of(material: Material) -> dict[str, Any]:
+    """Return the report as a mapping that ``json`` can write: SI, unknown is null."""
+    lead = lead_of(material)
+    judged = judge(material)
+    content = {
+        "run_id": material.recorded.run_id or None,
+        "summary": {
+            "headline": lead.headline,
+            "sentences": list(lead.sentences),
+            "recording": [flaw.as_dict() for flaw in material.report.recording],
+            **_known(asdict(judged)),
+            "single_errors": [_known(asdict(one)) for one in material.single_errors],
+            "what_to_do": what_to_do(material, judged),
+        },
+        "sections": {
+            section.key: section.document(material)
+            for section in sections()
+            if section.document is not None
+        },
+    }
+    return schemas.document("report", content)
+
+
+class LaidOut(Protocol):
+    """A report that is ready to be laid out."""
+
+    def html(self, for_print: bool = False) -> str:
+        """Return the page, on a screen or for print."""
+        ...
+
+
+def write(
+    document: Callable[[], Mapping[str, Any]],
+    handover: LaidOut | None,
+    folder: Path,
+    formats: Sequence[str],
+    tell: Callable[[str], None],
+) -> list[Path]:
+    """Write the files of the report, in place of earlier ones.
+
+    All of them are made before the first is written.
+
+    Args:
+        document: returns the JSON document; only called if it is wanted.
+        handover: the page; None where only the JSON document is written.
+        folder: made if it is not there.
+        formats: of ``NAMES``.
+        tell: told which file is at work.
+
+    Returns:
+        The files, in the order of ``formats``.
+
+    Raises:
+        ValueError: the folder cannot be made or written to, or PDF cannot be made here.
+        OSError: a file cannot be written.
+    """
+    make_folder(folder)
+    made: dict[str, bytes] = {}
+    for one in formats:
+        tell(NAMES[one])
+        if one == "json":
+            made[one] = (schemas.json_text(document()) + "\n").encode()
+        elif handover is not None:
+            if one == "html":
+                made[one] = handover.html().encode()
+            else:
+                from stepdiag_ros.report.pages.pdf import pdf_of
+
+                made[one] = pdf_of(handover.html(for_print=True))
+    written = []
+    for one, data in made.items():
+        path = folder / NAMES[one]
+        with whole_file(path) as partial:
+            partial.write_bytes(data)
+        written.append(path)
+    return written

@@ -1,0 +1,225 @@
+"""The first page in plain words: is the machine good, its worst error, how sure, what to do."""
+
+import math
+from dataclasses import dataclass
+
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import Fact, Lead
+from stepdiag_ros.report.tables.diagnosis import rivals_words
+from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
+from stepdiag_ros.words.diagnosis import sizes_words
+from stepdiag_ros.words.lead import missing_words, sentences_of
+from stepdiag_ros.words.proposal import proposed_sentences
+
+KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether the longest error vector in the volume is allowed (ISO 14253-1).
+
+    Attributes:
+        verdict: ``keeps``: value + U is within the tolerance; ``exceeds``: value - U is beyond it;
+            ``open``: neither, or value or U is unknown, or more acts than value and U contain;
+            ``not asked``: no tolerance was given.
+        value: longest error vector, m; NaN if unknown.
+        expanded_uncertainty: of it (95 %), m; NaN if unknown.
+        lower_bound: the uncertainty is a lower bound: a source that acts is not known.
+        tolerance: m; NaN if none was given.
+        more_acts: the run itself shows more than the error curves contain.
+        noise: the errors found are no more than noise makes.
+    """
+
+    verdict: str
+    value: float
+    expanded_uncertainty: float
+    lower_bound: bool
+    tolerance: float
+    more_acts: bool
+    noise: bool
+
+    @property
+    def limit(self) -> str:
+        """Write the tolerance as exactly as it was given."""
+        return f"{self.tolerance * MICRO:.10g} µm"
+
+
+def judge(material: Material) -> Judgement:
+    """Judge the longest error vector in the volume."""
+    accuracy, tolerance = material.accuracy, material.given.tolerance
+    value = math.nan if accuracy is None else accuracy.value
+    expanded = material.expanded_uncertainty
+    more_acts, noise = material.lead.verdict.more_acts, material.lead.noise
+    if not math.isfinite(tolerance):
+        verdict = NOT_ASKED
+    elif more_acts:
+        verdict = OPEN
+    elif value + expanded <= tolerance:
+        verdict = KEEPS
+    elif value - expanded > tolerance and not noise:
+        verdict = EXCEEDS
+    else:
+        verdict = OPEN
+    return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise)
+
+
+def lead_of(material: Material) -> Lead:
+    """Return what stands on the first page."""
+    judged = judge(material)
+    tone, headline = _headline(material, judged)
+    if judged.more_acts and tone != "bad":
+        # Whatever the figures are, something is to be done about what acts beside them.
+        tone = "open"
+    if not material.lead.whole and tone == "good":
+        tone = "open"
+    sentences = [*sentences_of(material.lead), *_judged(judged), f"How sure: {_basis(material)}"]
+    sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
+    return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
+
+
+def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
+    limit = judged.limit
+    if material.report.preferred() is None:
+        return "open", "This run does not tell the machine's errors"
+    if not math.isfinite(judged.value):
+        return "open", "This run tells only a part of the machine's errors"
+    if material.lead.verdict.name == UNEXPLAINED:
+        return "bad", "Something acts in this machine that the error curves do not contain"
+    words = {
+        KEEPS: (
+            "open" if judged.lower_bound else "good",
+            f"The machine keeps its limit of {limit} in the measured volume",
+        ),
+        EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
+        OPEN: ("open", f"Whether the machine keeps its limit of {limit} cannot be told"),
+    }
+    if judged.verdict not in words:
+        if judged.noise:
+            return "neutral", "No error of this machine stands out from the noise"
+        size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
+        return "neutral", f"Largest error in the measured volume: {size} µm"
+    tone, text = words[judged.verdict]
+    if judged.lower_bound and judged.verdict != OPEN:
+        text += ", as far as the uncertainty is known"
+    return tone, text
+
+
+def _judged(judged: Judgement) -> list[str]:
+    if not math.isfinite(judged.value):
+        nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
+        return [f"How large the largest error in the volume is these lines do not tell{nor}."]
+    if judged.verdict == NOT_ASKED:
+        return [
+            "Whether the largest error is good enough was not asked: no limit was given"
+            " (--tolerance)."
+        ]
+    limit = judged.limit
+    if judged.more_acts:
+        return [
+            "The run shows more than the error curves, so the largest error by them and its"
+            f" uncertainty allow no decision at {limit} (ISO 14253-1)."
+        ]
+    reason = {
+        KEEPS: f"Even with its uncertainty the largest error is within {limit} (ISO 14253-1).",
+        EXCEEDS: f"Even less its uncertainty the largest error is beyond {limit} (ISO 14253-1).",
+        OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
+        " (ISO 14253-1).",
+    }
+    return [reason[judged.verdict]]
+
+
+def _basis(material: Material) -> str:
+    """Say what the ± hold."""
+    if not any(math.isfinite(one.value) for one in material.single_errors):
+        return "The ± in the sections are those of the readings."
+    known = material.given.instrument_source
+    if not known:
+        basis = (
+            "are those of the readings, of plausible rotations and of the laser's scale: how well"
+            " laser, air and setup are known was not told."
+        )
+    elif material.lower_bound:
+        basis = (
+            f"have what {known} tells of laser, air and setup in them; not all of it is known, so"
+            " they are lower bounds."
+        )
+    else:
+        basis = f"have what {known} tells of laser, air and setup in them."
+    return f"The ± on this page {basis} Tables headed '{OF_READINGS}' have the readings alone."
+
+
+def what_to_do(material: Material, judged: Judgement) -> list[str]:
+    """Return what is to be done, most urgent first, in sentences that go on from a colon."""
+    bag, run = material.recorded.path.name, material.lead
+    said = [] if run.whole else [f"measure what is missing: {missing_words(run)}."]
+    if material.diagnosis is not None:
+        diagnosis = material.diagnosis.diagnosis
+        proposed = proposed_sentences(material.diagnosis)
+        if diagnosis.verdict == UNEXPLAINED:
+            said.append("find the cause of the gap before the machine is corrected by this run.")
+            if diagnosis.where:
+                said[-1] += f" {diagnosis.where[0]}"
+            said += [f"{text[:1].lower()}{text[1:]}" for text in proposed[:1]]
+        if diagnosis.verdict == AMBIGUOUS:
+            said.append(
+                "measure what tells the causes apart; possible are"
+                f" {rivals_words(material.diagnosis)}."
+            )
+            said += [f"measure next: {text}" for text in proposed[:1]]
+            said.append(f"the extra plan as a file: stepdiag diagnose {bag} --propose more.yaml.")
+        for finding in diagnosis.findings if diagnosis.verdict == NAMED else ():
+            said.append(f"see to {finding.label} ({sizes_words(finding)}).")
+        if diagnosis.verdict == NOT_TESTABLE:
+            said.append(
+                "measure lines that test each other, with repeats: nothing in this run could"
+                " contradict its figures."
+            )
+    if not math.isfinite(judged.value) and run.whole:
+        needed = run.remedy or "the lines that the whole volume still needs"
+        said.append(f"measure {needed} as well; the last section names what is unknown.")
+    elif material.compensation is not None and material.compensation.identified.warning:
+        said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
+    elif material.compensation is not None and not said:
+        change = material.compensation.remainder.change("volume, largest")
+        if change.after < change.before:
+            before, after = (plain(one * MICRO, 2) for one in (change.before, change.after))
+            limit = material.compensation.remainder.rms_uncertainty
+            known = f"{two_digits(limit * MICRO)} µm" if math.isfinite(limit) else UNKNOWN
+            said.append(
+                f"compensation could bring the largest error in the volume, with reversal, from"
+                f" {before} µm to {after} µm by computation; how well the errors themselves are"
+                f" known ({known} rms, standard uncertainty) comes on top. Measure again after it."
+            )
+    if judged.verdict == OPEN and math.isfinite(judged.value) and not judged.more_acts:
+        said.append("reduce the uncertainty: more repeats, or a better known instrument.")
+    if not said:
+        said.append("nothing by these figures.")
+    return said
+
+
+def _facts(material: Material, judged: Judgement) -> list[Fact]:
+    accuracy, report = material.accuracy, material.report
+    rms = math.nan if accuracy is None else accuracy.rms
+    size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
+    largest = UNKNOWN if size == UNKNOWN else f"{size} µm"
+    if judged.noise:
+        largest = f"{plain(judged.value * MICRO, 3)} µm, no more than noise makes"
+    facts = [
+        Fact("Largest error in the volume", largest),
+        Fact(
+            "Root mean square over its nodes",
+            f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
+        ),
+        Fact("Model and run", material.lead.verdict.name),
+        Fact("Machine", report.machine or UNKNOWN),
+        Fact("Customer", material.given.customer or UNKNOWN),
+    ]
+    if report.simulated:
+        facts.append(Fact("Measured on", "a simulated machine"))
+    return facts

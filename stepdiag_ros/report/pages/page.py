@@ -1,0 +1,210 @@
+"""The page kit: chapters of tables, sentences and pictures as one HTML page without outside files.
+
+The same page is read on a screen and printed. For print (and for the PDF that is made of it) long
+tables are left to the page and to the JSON document, and it says so.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+from rich.table import Table
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.report.pages.pictures import Drawn
+
+MOST_ROWS_IN_PRINT = 30
+"""A table of more rows is left out of print."""
+MOST_ROWS_TOGETHER = 7
+"""A table of no more rows stands on one page of print; a longer one may go on, under its heads."""
+_GOOD, _BAD, _OPEN, _NEUTRAL = "good", "bad", "open", "neutral"
+_VALUE = re.compile(r"-?[\d.,]+ (?:± [\d.,]+ )?µm\b")
+TONES = (_GOOD, _BAD, _OPEN, _NEUTRAL)
+"""In which a page may open: good, bad, open (something is to be done), neutral."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """The head of a column, and whether numbers stand in it."""
+
+    header: str
+    number: bool
+
+
+@dataclass(frozen=True)
+class TableView:
+    """A table as a template reads it.
+
+    Attributes:
+        title: above it; may be empty.
+        columns: their heads.
+        rows: texts of the cells; a line break in a text stays one.
+        section_ends: numbers of the rows under which a line is drawn.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    section_ends: frozenset[int] = frozenset()
+
+    @property
+    def long(self) -> bool:
+        """Say whether it is left out of print."""
+        return len(self.rows) > MOST_ROWS_IN_PRINT
+
+    @property
+    def short(self) -> bool:
+        """Say whether it stands on one page of print."""
+        return len(self.rows) <= MOST_ROWS_TOGETHER
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A name and what is known under it; unknown is said in words."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A part of a page.
+
+    Attributes:
+        key: identifier in the page, for links.
+        title: its heading.
+        html: its content, safe HTML as templates make it.
+    """
+
+    key: str
+    title: str
+    html: Markup
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What stands on top of a page, for somebody who reads nothing else.
+
+    Attributes:
+        tone: one of ``TONES``.
+        headline: a few words.
+        sentences: what they mean.
+        facts: the figures that they rest on.
+    """
+
+    tone: str
+    headline: str
+    sentences: tuple[str, ...]
+    facts: tuple[Fact, ...] = ()
+
+
+def table_view(table: Table, title: str | None = None) -> TableView:
+    """Return a table for a terminal as a template reads it.
+
+    Args:
+        table: of the ``report`` package.
+        title: instead of its own.
+    """
+    columns = tuple(Column(str(one.header), one.justify == "right") for one in table.columns)
+    rows = tuple(
+        tuple(str(cell) for cell in cells)
+        for cells in zip(*(column.cells for column in table.columns), strict=True)
+    )
+    ends = frozenset(number for number, row in enumerate(table.rows) if row.end_section)
+    own = "" if table.title is None else str(table.title)
+    return TableView(own if title is None else title, columns, rows, ends)
+
+
+def table_views(tables: Iterable[Table | None]) -> list[TableView]:
+    """Return those tables that are there and have rows as templates read them."""
+    return [table_view(table) for table in tables if table is not None and table.row_count]
+
+
+def unbroken(text: str) -> Markup:
+    """Return a text as HTML in which no value is torn from its ± or its unit at a line's end."""
+    return Markup(_VALUE.sub(r'<span class="value">\g<0></span>', str(escape(text))))
+
+
+@cache
+def environment() -> Environment:
+    """Return the templates; whatever is put into them is escaped."""
+    made = Environment(
+        loader=PackageLoader("stepdiag_ros.report.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["unbroken"] = unbroken
+    made.globals["software_version"] = __version__
+    return made
+
+
+def chapter(
+    key: str,
+    title: str,
+    template: str,
+    values: Mapping[str, Any],
+    pictures: Mapping[str, Drawn],
+    for_print: bool = False,
+) -> Chapter:
+    """Return a chapter.
+
+    Args:
+        key: identifier in the page.
+        title: its heading.
+        template: name of the file, such as ``sections/curves.html``; begins with
+            ``{% import "parts.html" as parts with context %}``, whose macros lay out tables,
+            pictures, facts and sentences.
+        values: what the template needs.
+        pictures: name → picture; the template's ``pictures``.
+        for_print: the template's ``for_print``.
+    """
+    html = (
+        environment()
+        .get_template(template)
+        .render(**values, pictures=pictures, for_print=for_print, key=key)
+    )
+    return Chapter(key, title, Markup(html))
+
+
+def page(
+    title: str,
+    subtitle: str,
+    lead: Lead,
+    chapters: Sequence[Chapter],
+    footer: str,
+    for_print: bool = False,
+) -> str:
+    """Return a page as HTML text with everything in it.
+
+    Args:
+        title: what the page is.
+        subtitle: of what.
+        lead: what stands on top.
+        chapters: numbered in this order.
+        footer: identity of the run, at the foot of every printed page.
+        for_print: lay it out on pages of paper (A4) alone.
+
+    Raises:
+        ValueError: the lead's tone is none.
+    """
+    if lead.tone not in TONES:
+        raise Refusal(f"there is no tone '{lead.tone}'; use {', '.join(TONES)}", fault="unknown")
+    return (
+        environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            subtitle=subtitle,
+            lead=lead,
+            chapters=chapters,
+            footer=footer,
+            for_print=for_print,
+        )
+    )

@@ -1,0 +1,97 @@
+"""The nine error curves with their uncertainty, by the methods beside each other."""
+
+from typing import Any
+
+from stepdiag_ros.evaluation.report import Report, frame_sentences, method_title, short_title
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.documents.run import report_document
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import table_views
+from stepdiag_ros.report.pages.pictures import Drawing
+from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.tables.run import curve_tables, fit_table, setup_table, translation_tables
+from stepdiag_ros.text.numbers import OF_READINGS
+
+_BESIDE = ("conventional", "setup_robust")
+"""Methods that are drawn beside the one to rely on."""
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.report
+    preferred = report.preferred()
+    if preferred is None:
+        methods: dict[str, list[str]] = {}
+        for method, why in report.refused.items():
+            methods.setdefault(why.rstrip("."), []).append(method_title(method))
+        reasons = [f"{', '.join(names)}: {why}." for why, names in methods.items()]
+        return " ".join(["The measured lines are not enough for any method.", *reasons])
+    results = report.ordered_results()
+    robust = [one for one in results if one.method != "conventional" and one is not preferred]
+    shown = [*(one for one in robust if one.method in _BESIDE), preferred]
+    drawings = {
+        "curves": Drawing(
+            "error_curves",
+            (shown,),
+            f"Error curves by {' and '.join(short_title(one.method) for one in shown)}; bands: 95 %"
+            f"{'; dotted: the truth of the simulated machine' if report.truth else ''}.",
+            {"title": "", "truth": report.truth},
+        )
+    }
+    both = [one for one in results if one.method in _BESIDE]
+    if len(both) == len(_BESIDE):
+        drawings["methods"] = Drawing(
+            "error_curves",
+            (both,),
+            "The conventional formulation (Wang), which takes laser and mirror as perfectly"
+            " aligned, beside the setup-robust one (Ibaraki & Hata). Where they differ, setup"
+            " errors look like errors of the machine.",
+            {"title": ""},
+        )
+    tables = [
+        *translation_tables(report),
+        fit_table(report),
+    ]
+    return Content(
+        {
+            "tables": table_views(tables),
+            "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
+            "nodes_title": f"All nodes, {method_title(preferred.method)}, {OF_READINGS}",
+            "setups": table_views([setup_table(preferred)]),
+            "frames": _frames(report, material.recorded.plan.tracker is not None),
+            "remarks": _remarks(report),
+        },
+        drawings,
+    )
+
+
+def _frames(report: Report, by_tracker: bool) -> list[str]:
+    of_what = (
+        "of the readings."
+        if by_tracker
+        else "of the readings, of plausible rotations and of the laser's scale; the budget has all"
+        " known sources, and the first page the larger of the two."
+    )
+    return [
+        "Errors are motions of the tool relative to the workpiece; E_YX is the error in Y as X"
+        f" moves (ISO 230-1). ±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties"
+        f" (95 %), {of_what}",
+        *frame_sentences(report.ordered_results()),
+    ]
+
+
+def _remarks(report: Report) -> list[str]:
+    said = []
+    for result in report.ordered_results():
+        said += [f"{method_title(result.method)}: {text.rstrip('.')}." for text in result.remarks]
+    said += [
+        f"{method_title(method)}: not solved, {reason.rstrip('.')}."
+        for method, reason in report.refused.items()
+    ]
+    return said
+
+
+def _document(material: Material) -> dict[str, Any]:
+    return report_document(material.report, material.lead)
+
+
+SECTION = Section("curves", "Error curves", _tell, _document)

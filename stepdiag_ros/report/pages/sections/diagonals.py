@@ -1,0 +1,40 @@
+"""Displacement along body and face diagonals by ISO 230-6."""
+
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import table_view, table_views
+from stepdiag_ros.report.pages.pictures import Drawing
+from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.sections.axes import remarks_of
+from stepdiag_ros.report.tables.positioning import group_tables, target_table
+from stepdiag_ros.words.positioning import decimals_of
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.positioning
+    if report is None:
+        return material.why_not("positioning")
+    if not report.groups:
+        return "No diagonal was measured completely, so there is nothing to say by ISO 230-6."
+    decimals = decimals_of(report.tests)
+    groups = [
+        {
+            "place": group.place,
+            "tables": table_views(group_tables(group, decimals)),
+            "targets": [table_view(target_table(test, decimals)) for test in group.tests],
+            "sentences": [f"{remark}." for remark in group.remarks],
+            "picture": f"group_{number}",
+        }
+        for number, group in enumerate(report.groups)
+    ]
+    drawings = {
+        f"group_{number}": Drawing(
+            "iso230_6_graphs", (group,), f"ISO 230-6, {group.place}.", {"title": ""}
+        )
+        for number, group in enumerate(report.groups)
+    }
+    tests = [test for group in report.groups for test in group.tests]
+    said = [*remarks_of(tests), *report.warnings]
+    return Content({"groups": groups, "sentences": said}, drawings)
+
+
+SECTION = Section("diagonals", "Displacement along diagonals (ISO 230-6)", _tell)

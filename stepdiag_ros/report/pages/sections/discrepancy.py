@@ -1,0 +1,99 @@
+"""The story of model and run: do they agree, where not, what closes the gap, what is left."""
+
+from typing import Any
+
+from stepdiag_ros.evaluation.not_testable import not_testable_sentences
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NOT_TESTABLE, UNEXPLAINED
+from stepdiag_ros.report.documents.diagnosis import diagnosis_document
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import table_views
+from stepdiag_ros.report.pages.pictures import Drawing
+from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.tables.diagnosis import (
+    extension_sentences,
+    findings_table,
+    findings_title,
+    gap_table,
+    group_sentences,
+    known_sentences,
+    limits_table,
+    model_words,
+    noise_sentence,
+    physics_sentences,
+    rivals_words,
+    runners_up_tables,
+)
+from stepdiag_ros.report.tables.proposal import pairs_table
+from stepdiag_ros.words.diagnosis import MEANING
+from stepdiag_ros.words.proposal import proposed_sentences
+
+_CLOSES = {AMBIGUOUS: "What would close it", UNEXPLAINED: "What closes a part of it"}
+"""Heading above the effects that were found, where they are not simply named."""
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.diagnosis
+    if report is None:
+        return material.why_not("diagnosis")
+    diagnosis, found = report.diagnosis, report.findings
+    drawings = {}
+    if diagnosis.verdict != NOT_TESTABLE:
+        drawings["gap"] = Drawing(
+            "gap_map",
+            (diagnosis,),
+            "The gap at every stop: what the run measured less what the model gives there.",
+            {"title": ""},
+        )
+    if diagnosis.map and drawings:
+        drawings["where"] = Drawing(
+            "gap_where",
+            (diagnosis,),
+            "The gap split in several ways; the dashed line is the noise of a reading.",
+            {"title": ""},
+        )
+    if found:
+        drawings["candidates"] = Drawing(
+            "gap_candidates", (diagnosis,), "What each candidate closes of the gap.", {"title": ""}
+        )
+    if report.held_out is not None:
+        drawings["held_out"] = Drawing(
+            "held_out",
+            (report.held_out,),
+            "Readings that took no part in the fit, predicted without and with the effects.",
+            {"title": ""},
+        )
+    return Content(
+        {
+            "verdict": diagnosis.verdict,
+            # What the free values of the model take up whole is no gap that could be looked at.
+            "testable": diagnosis.verdict != NOT_TESTABLE,
+            "sentence": diagnosis.sentence,
+            "meaning": MEANING.get(diagnosis.verdict, ""),
+            "noise": noise_sentence(diagnosis),
+            "known": known_sentences(diagnosis),
+            "rivals": rivals_words(report),
+            "next": proposed_sentences(report),
+            "pairs": table_views([pairs_table(report.proposal)]),
+            "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
+            "model": f"Compared with: {model_words(report)}.",
+            "where": list(diagnosis.where),
+            "findings": table_views(
+                [findings_table(found, findings_title(diagnosis))] if found else []
+            ),
+            "physics": [*physics_sentences(found), *group_sentences(found)],
+            "runners_up": table_views(runners_up_tables(found)),
+            "gap": table_views([gap_table(report)]),
+            "where_after": list(diagnosis.where_after),
+            "proof": extension_sentences(report),
+            "limits": table_views([limits_table(report)]),
+            "not_testable": not_testable_sentences(report),
+        },
+        drawings,
+    )
+
+
+def _document(material: Material) -> dict[str, Any] | None:
+    return None if material.diagnosis is None else diagnosis_document(material.diagnosis)
+
+
+SECTION = Section("discrepancy", "Does the model explain the run?", _tell, _document)

@@ -1,0 +1,266 @@
+"""What was measured, with what, when and by whom, and in what weather."""
+
+from collections import Counter
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import Column, Fact, TableView
+from stepdiag_ros.report.pages.pictures import Drawing
+from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.tracker_facts import tracker_facts
+from stepdiag_ros.text.intake import parse_yaml
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
+
+_ANY_DATE = 1e8
+"""s since 1970: a run that is said to be older tells no date."""
+_KINDS = {
+    LINEAR: "lines along an axis",
+    STEP_DIAGONAL: "step diagonals",
+    DIAGONAL: "diagonals, all axes at once",
+}
+_WEATHER = {
+    "air_temperature": ("air temperature", "°C", 1.0, 2),
+    "material_temperature": ("material temperature", "°C", 1.0, 2),
+    "air_pressure": ("air pressure", "hPa", 0.01, 2),
+    "relative_humidity": ("relative humidity", "%", 100.0, 1),
+}
+"""Field of an environment → in words, unit that people read, factor, decimals."""
+
+
+def _date(nanoseconds: int) -> datetime | None:
+    seconds = nanoseconds * 1e-9
+    return datetime.fromtimestamp(seconds, timezone.utc) if seconds > _ANY_DATE else None
+
+
+def _words_of(date: datetime | None, simulated: bool | None) -> str:
+    if date is None:
+        return UNKNOWN
+    # A simulated cell may run faster than time goes by, and its clock then ahead of any other.
+    return f"{date:%Y-%m-%d %H:%M:%S} UTC{' (simulated clock)' if simulated else ''}"
+
+
+def _end(material: Material) -> int:
+    """Return when the last line ended, ns; 0 if there is none."""
+    return max((line.end_time for line in material.measurement.lines), default=0)
+
+
+def _parameters(material: Material, node: str) -> Mapping[str, Any]:
+    """Return the parameters of a node in the run; empty where the bag does not tell them."""
+    text = "" if material.header is None else material.header.parameters
+    parsed = parse_yaml(text, f"{material.recorded.path}: parameters") if text else None
+    found = parsed.get(f"/{node}") if isinstance(parsed, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def _instrument(material: Material) -> str:
+    known = _parameters(material, "interferometer")
+    if not known:
+        return UNKNOWN
+    parts = [f"driver {known.get('device', UNKNOWN)}"]
+    if identity := known.get("hardware_id"):
+        parts.append(f"number {identity}")
+    if "wavelength" in known:
+        parts.append(f"vacuum wavelength {float(known['wavelength']) * 1e9:.4f} nm")
+    if "compensation" in known:
+        words = {"instrument": "by the instrument", "own": "by stepdiag_ros", "off": "none"}
+        how = str(known["compensation"])
+        parts.append(f"compensation for the air: {words.get(how, how)}")
+    return ", ".join(parts)
+
+
+def _instrument_words(material: Material) -> str:
+    """Return what was given of the instrument; a tracker is described by the plan."""
+    return "" if material.recorded.plan.tracker is not None else material.given.instrument.name
+
+
+def _controller(material: Material) -> str:
+    known = _parameters(material, "cnc_bridge")
+    identity = known.get("hardware_id")
+    return f"driver {known['device']}{f', number {identity}' if identity else ''}" if known else ""
+
+
+def _run_facts(material: Material) -> list[Fact]:
+    given, report, recorded = material.given, material.report, material.recorded
+    begin, end = _date(recorded.start_time), _date(_end(material))
+    duration = ""
+    if begin is not None and end is not None:
+        duration = f"{(end - begin).total_seconds() / 60.0:.0f} min"
+        duration += " (simulated clock)" if report.simulated else ""
+    simulated = "a simulated machine" if report.simulated else ""
+    facts = [
+        ("Customer", given.customer or UNKNOWN),
+        ("Machine", ", ".join(one for one in (report.machine, simulated) if one) or UNKNOWN),
+        ("Machine number", given.serial or UNKNOWN),
+        ("Order of the axes", f"{report.chain} (workpiece to tool)" if report.chain else UNKNOWN),
+        ("Controller", _controller(material) or UNKNOWN),
+        ("Instrument", _instrument(material)),
+        ("Uncertainty of the instrument", _instrument_words(material)),
+        ("Place", given.place or UNKNOWN),
+        ("Measured by", given.operator or UNKNOWN),
+        ("Begun", _words_of(begin, report.simulated)),
+        ("Last line ended", _words_of(end, report.simulated)),
+        ("Duration", duration or UNKNOWN),
+        ("End of the run", (report.passes and report.passes.end) or UNKNOWN),
+        ("Remark", given.remark),
+    ]
+    return [Fact(name, text) for name, text in facts if text]
+
+
+def _plan_facts(material: Material) -> list[Fact]:
+    plan = material.recorded.plan
+    volume = plan.volume
+    corner = ", ".join(plain(one * 1e3, 1) for one in volume.origin)
+    size = " × ".join(plain(step * volume.blocks * 1e3, 1) for step in volume.step)
+    feed = f"{plan.feed * 60e3:.0f} mm/min" if plan.feed > 0.0 else UNKNOWN
+    sampling = plan.sampling
+    return [
+        Fact("Plan", plan.name or UNKNOWN),
+        Fact("Measured box", f"{size} mm ({', '.join(AXES)}), first corner at {corner} mm"),
+        *(_line_facts(plan) if plan.tracker is None else tracker_facts(plan, plan.tracker)),
+        Fact("Feed", feed),
+        Fact(
+            "A stop",
+            f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
+            f" {sampling.settle:g} s after arrival, which must scatter less than"
+            f" {sampling.standard_deviation_limit * MICRO:g} µm",
+        ),
+    ]
+
+
+def _line_facts(plan: Plan) -> list[Fact]:
+    kinds: dict[str, Counter[str]] = {}
+    for line in plan.lines:
+        kinds.setdefault(line.kind, Counter())[line.name] += 1
+    lines = "; ".join(
+        f"{_KINDS.get(kind, kind)} {', '.join(names)} ({sum(names.values())} passes)"
+        for kind, names in kinds.items()
+    )
+    return [Fact("Blocks", f"{plan.volume.blocks} on every axis"), Fact("Lines", lines)]
+
+
+def _origin_facts(material: Material) -> list[Fact]:
+    recorded, header = material.recorded, material.header
+    return [
+        Fact("Run", recorded.run_id or UNKNOWN),
+        Fact("Bag", recorded.path.name),
+        Fact("SHA-256", material.sha256 or "unknown, the recording is a folder"),
+        Fact("Seal", "none" if material.seal is None else material.seal.text),
+        Fact("Recorded by", f"stepdiag_ros {recorded.software_version}"),
+        Fact("Messages", f"schema version {recorded.schema_version}"),
+        Fact("Middleware", header.middleware if header and header.middleware else UNKNOWN),
+        *_source_facts(material),
+    ]
+
+
+def _source_facts(material: Material) -> list[Fact]:
+    """Return what an imported bag's source tells, and which file that is."""
+    files = {} if material.header is None else material.header.facts
+    named = (("Imported from", "source_file"), ("Its SHA-256", "source_sha256"))
+    return [
+        *(Fact(words, files[key]) for words, key in named if key in files),
+        *(
+            Fact(f"Source: {name.replace('_', ' ')}", text)
+            for name, text in material.recorded.told_by_source.items()
+        ),
+    ]
+
+
+def _weather_figures(material: Material) -> dict[str, tuple[float, float, float, int]]:
+    """Return what of the weather was recorded: name → mean, smallest, largest, how many values."""
+    found = {}
+    for name in _WEATHER:
+        values = np.array([one.value for one in material.weather if one.name == name])
+        values = values[np.isfinite(values)]
+        if values.size:
+            found[name] = (
+                float(np.mean(values)),
+                float(np.min(values)),
+                float(np.max(values)),
+                int(values.size),
+            )
+    return found
+
+
+def _weather_table(material: Material) -> TableView:
+    rows = []
+    for name, (mean, low, high, count) in _weather_figures(material).items():
+        words, unit, factor, decimals = _WEATHER[name]
+        numbers = (plain(value * factor, decimals) for value in (mean, low, high))
+        rows.append((words, unit, *numbers, str(count)))
+    heads = ("", "unit", "mean", "lowest", "highest", "values")
+    # The heading above it says what it is.
+    return TableView(
+        "", tuple(Column(head, place > 1) for place, head in enumerate(heads)), tuple(rows)
+    )
+
+
+def _tell(material: Material) -> Content:
+    drawings = {
+        "plan": Drawing(
+            "plan",
+            (material.recorded.plan, material.machine),
+            "The measured lines in the box.",
+            {"title": ""},
+        )
+    }
+    if material.weather:
+        drawings["weather"] = Drawing(
+            "weather", (list(material.weather),), "Weather during the run.", {"title": ""}
+        )
+    return Content(
+        {
+            "run": _run_facts(material),
+            "plan": _plan_facts(material),
+            "origin": _origin_facts(material),
+            "remarks": [f"Run: {remark}." for remark in _ended(material.report.remarks)],
+            "weather": _weather_table(material) if _weather_figures(material) else None,
+            "no_weather": material.why_not("weather"),
+        },
+        drawings,
+    )
+
+
+def _ended(texts: tuple[str, ...]) -> list[str]:
+    return [text.rstrip(".") for text in texts]
+
+
+def _document(material: Material) -> dict[str, Any]:
+    given, recorded = material.given, material.recorded
+    begin, end = _date(recorded.start_time), _date(_end(material))
+    volume = recorded.plan.volume
+    return {
+        "customer": given.customer or None,
+        "operator": given.operator or None,
+        "place": given.place or None,
+        "machine_number": given.serial or None,
+        "remark": given.remark or None,
+        "instrument": _instrument(material),
+        "controller": _controller(material) or None,
+        "begun": None if begin is None else begin.isoformat(),
+        "last_line_ended": None if end is None else end.isoformat(),
+        "bag": recorded.path.name,
+        "sha256": material.sha256 or None,
+        "seal": None if material.seal is None else material.seal.as_dict(),
+        "run_software_version": recorded.software_version or None,
+        "schema_version": recorded.schema_version,
+        "told_by_source": dict(recorded.told_by_source),
+        "box": {
+            "origin": list(volume.origin),
+            "step": list(volume.step),
+            "blocks": volume.blocks,
+        },
+        "feed": recorded.plan.feed if recorded.plan.feed > 0.0 else None,
+        "weather": {
+            name: {"mean": mean, "lowest": low, "highest": high, "values": count}
+            for name, (mean, low, high, count) in _weather_figures(material).items()
+        },
+    }
+
+
+SECTION = Section("measurement", "What was measured, and how", _tell, _document)

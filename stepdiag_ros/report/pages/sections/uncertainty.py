@@ -1,0 +1,69 @@
+"""The uncertainty budget by its sources."""
+
+from dataclasses import replace
+from typing import Any
+
+from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.report.documents.budget import budget_document
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import TableView, table_view, table_views
+from stepdiag_ros.report.pages.pictures import Drawing
+from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.tables.budget import budget_table, curves_table, sources_table
+from stepdiag_ros.text.numbers import UNKNOWN
+from stepdiag_ros.words.budget import figure_groups
+
+
+def _tell(material: Material) -> Content | str:
+    report = material.budget
+    if report is None:
+        return material.why_not("budget")
+    budget = report.budget
+    groups = figure_groups(budget)
+    known = material.given.instrument_source
+    said = [
+        f"By the GUM (JCGM 100), {method_title(budget.method)}, with all correlations. Each number"
+        " is what one source alone would do to the result; they add in squares. Sources that are"
+        " not known, or do not act, are in the list of the inputs alone.",
+        f"Laser, air, material and setup: as described in {known}."
+        if known
+        else "Nothing was told of laser, air, material and setup (--instrument), so only what the"
+        " readings tell of themselves is in the sums; every U is a lower bound.",
+    ]
+    drawings = {}
+    if groups:
+        drawings["budget"] = Drawing(
+            "budget",
+            (budget,),
+            "Combined standard uncertainty of each result; a colour's share of a bar is its share"
+            " of the variance.",
+            {"title": ""},
+        )
+    return Content(
+        {
+            "sources": table_views([sources_table(budget)]),
+            "tables": [
+                _without_idle_rows(table_view(budget_table(budget, title, rows)))
+                for title, rows in groups.items()
+            ],
+            "nodes": table_views(curves_table(budget)),
+            "sentences": said,
+            "remarks": list(budget.remarks),
+        },
+        drawings,
+    )
+
+
+def _without_idle_rows(view: TableView) -> TableView:
+    """Return a table without the sources that are not known, or act on nothing in it."""
+    idle = {UNKNOWN, "-"}
+    kept = [number for number, row in enumerate(view.rows) if not set(row[1:]) <= idle]
+    ends = frozenset(place for place, number in enumerate(kept) if number in view.section_ends)
+    return replace(view, rows=tuple(view.rows[number] for number in kept), section_ends=ends)
+
+
+def _document(material: Material) -> dict[str, Any] | None:
+    return None if material.budget is None else budget_document(material.budget)
+
+
+SECTION = Section("uncertainty", "Uncertainty budget", _tell, _document)

@@ -1,0 +1,94 @@
+"""Compensation tables as a person and a program read them: what they correct and leave."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from stepdiag_ros.compensation.remaining import COMPUTED, Change
+from stepdiag_ros.evaluation.compensation import CompensationReport
+from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.numbers import UNKNOWN, plain
+from stepdiag_ros.words.compensation import figure_name, size_words, uncorrected
+
+if TYPE_CHECKING:
+    pass
+
+NOT_INSTALLED = (
+    "Nothing was installed: load the files by hand, measure again, and keep what was there before."
+)
+
+
+def print_compensation(report: CompensationReport, console: PlainConsole) -> None:
+    """Print what was written and what it leaves."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    sentence(f"Compensation tables for {report.control.title}")
+    overruled = report.identified.origin.despite_verdict
+    if overruled:
+        sentence(
+            f"Made despite the verdict {overruled}. What acts stays, and part of it is in these"
+            " tables."
+        )
+    for line in report.identified.origin.lines():
+        sentence(f"  {line}")
+    sentence(f"  files: {', '.join(report.files)}")
+    warning = report.identified.warning
+    if warning:
+        console.print()
+        sentence(f"Do not install these tables: {warning}.")
+    console.print()
+    console.print(change_table("What the tables change", report.remainder.changes))
+    console.print()
+    remainder = report.remainder
+    sentence(COMPUTED)
+    if remainder.known < remainder.places:
+        sentence(
+            f"Of {remainder.places} places in the volume {remainder.known} have a known error;"
+            " the others are not in the figures."
+        )
+    if math.isfinite(remainder.rms_uncertainty) and not warning:
+        sentence(
+            "The errors in the volume are known to"
+            f" {size_words(remainder.rms_uncertainty, 'm')} (rms standard uncertainty): no"
+            " compensation made from them is better than that."
+        )
+    for title, sentences in (
+        ("Not corrected:", uncorrected(report)),
+        ("To know:", report.control.says),
+        ("About the result:", [one for one in report.identified.remarks if one != warning]),
+    ):
+        if sentences:
+            console.print()
+            sentence(title)
+            for text in sentences:
+                sentence(f"- {text}")
+    console.print()
+    sentence(f"Format by: {report.control.source}.")
+    sentence(NOT_INSTALLED)
+
+
+def change_table(title: str, changes: Sequence[Change], with_tables: bool = True) -> Table:
+    """Return figures before and after.
+
+    Args:
+        title: of the table.
+        changes: the figures.
+        with_tables: say of each whether the control has a table for it.
+    """
+    more = ["corrected by a table"] if with_tables else []
+    table = new_table(title, "", "before", "after", "times smaller", *more)
+    for one in changes:
+        told = ["yes" if one.corrected else "no"] if with_tables else []
+        before, after = size_words(one.before, one.unit), size_words(one.after, one.unit)
+        table.add_row(figure_name(one), before, after, _times(one), *told)
+    return table
+
+
+def _times(one: Change) -> str:
+    if math.isnan(one.factor) or not math.isfinite(one.after):
+        return UNKNOWN if math.isnan(one.before) or math.isnan(one.after) else "-"
+    return "> 1000" if one.factor > 1000 else plain(one.factor, 1)

@@ -1,0 +1,333 @@
+"""A diagnosis in words and tables; the physics is in ``metrology.discrepancy``."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from rich.table import Table
+
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.not_testable import (
+    _MOST_SETTINGS,
+    by_effect,
+    not_testable_sentences,
+    settings_words,
+)
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    UNEXPLAINED,
+    Diagnosis,
+    Finding,
+)
+from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
+from stepdiag_ros.report.tables.proposal import pairs_table
+from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, two_digits
+from stepdiag_ros.words.diagnosis import chance, readable, size_rows
+from stepdiag_ros.words.proposal import proposed_sentences
+
+_LIMIT_COLUMNS = ("effect", "smallest size", "unit", "of")
+_MOST_LABELS = 4
+_MOST_RUNNERS_UP = 5
+_NARROW, _WIDE = 80, 120
+"""Fewest and most columns of a terminal that the tables are made for."""
+
+
+def known_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Say how large an unexplained gap is beside the noise, and how much of it names would take.
+
+    Returns:
+        Nothing unless the verdict is UNEXPLAINED and the noise is known.
+    """
+    rms, largest = gap_figures(diagnosis.residual_before)
+    if diagnosis.verdict != UNEXPLAINED or not diagnosis.noise > 0.0 or not math.isfinite(rms):
+        return []
+    said = [
+        f"Known: the gap is {two_digits(rms * MICRO)} µm (rms), {two_digits(rms / diagnosis.noise)}"
+        f" times the noise of a reading, and {two_digits(largest * MICRO)} µm where it is largest."
+    ]
+    if diagnosis.partial:
+        left = gap_figures(diagnosis.residual_after)[0]
+        said.append(
+            f"Effects that close a part of it leave {two_digits(left * MICRO)} µm (rms); as long as"
+            " that has no cause, they may only look like the cause."
+        )
+    return said
+
+
+def findings_title(diagnosis: Diagnosis) -> str:
+    """Say what the effects are that a diagnosis tells of: named, possible, or only a part."""
+    if diagnosis.verdict == AMBIGUOUS:
+        return "One of those that would close the gap"
+    if diagnosis.findings:
+        return "What is missing in the model"
+    return "Closes a part of the gap; not to be believed alone"
+
+
+def findings_table(findings: Sequence[Finding], title: str) -> Table:
+    """Return what is missing in the model, strongest first."""
+    table = new_table(title, "effect", "size ± U (95 %)", "Δχ²", "p", "probability")
+    table.columns[0].no_wrap = False
+    for finding in findings:
+        table.add_row(
+            finding.label,
+            "\n".join(size_rows(finding)),
+            f"{finding.gain:,.1f}",
+            chance(finding.p_value),
+            chance(finding.probability),
+        )
+    return table
+
+
+def physics_sentences(findings: Sequence[Finding]) -> list[str]:
+    """Say what each effect does in the machine, once for each kind, and where that is described."""
+    effects = {one.candidate.effect.name: one.candidate.effect for one in findings}
+    return [
+        f"{name[0].upper()}{name[1:]}: {effect.sentence.rstrip('.')} ({effect.source})."
+        for name, effect in effects.items()
+    ]
+
+
+def runners_up_tables(findings: Sequence[Finding]) -> list[Table]:
+    """Return what else was tried and why it lost, a table for each finding."""
+    tables = []
+    for finding in findings:
+        table = new_table(
+            f"Instead of '{finding.label}' these were tried",
+            "candidate",
+            "Δχ²",
+            "probability",
+            "why it lost",
+        )
+        table.columns[0].no_wrap = table.columns[3].no_wrap = False
+        table.columns[3].justify = "left"
+        for other in finding.runners_up[:_MOST_RUNNERS_UP]:
+            table.add_row(
+                other.label,
+                f"{other.gain:,.1f}",
+                chance(other.probability),
+                f"NOT RULED OUT: {other.why}" if other.ambiguous else other.why,
+            )
+        if table.row_count:
+            tables.append(table)
+    return tables
+
+
+def gap_table(report: DiagnosisReport) -> Table:
+    """Return the gap before and after: of the run, and of what took no part in the fit."""
+    diagnosis = report.diagnosis
+    columns = ["", "run before" if report.findings else "run"]
+    cells = [_gap_column(diagnosis, after=False)]
+    if report.findings:
+        columns.append("run after")
+        cells.append(_gap_column(diagnosis, after=True))
+    for number, again in enumerate(report.rounds, 1):
+        columns.append("extended model" if number == 1 else f"extended again ({number})")
+        cells.append(_gap_column(again, after=False))
+    if report.held_out is not None:
+        columns += ["held out before", "held out after"]
+        cells += [_held_out_column(report.held_out, after) for after in (False, True)]
+    table = new_table("The gap, measured minus simulated", *columns)
+    names = (
+        "χ²",
+        "degrees of freedom",
+        "χ² per degree of freedom",
+        "p of the fit",
+        "rms / µm",
+        "largest / µm",
+    )
+    for column in table.columns:
+        column.no_wrap = False
+    for row, name in enumerate(names):
+        table.add_row(name, *(column[row] for column in cells))
+    return table
+
+
+def _gap_column(diagnosis: Diagnosis, after: bool) -> tuple[str, ...]:
+    if after:
+        squares, freedom = diagnosis.chi_squared_after, diagnosis.degrees_of_freedom_after
+        fit, gap = diagnosis.lack_of_fit_p_after, diagnosis.residual_after
+    else:
+        squares, freedom = diagnosis.chi_squared_before, diagnosis.degrees_of_freedom_before
+        fit, gap = diagnosis.lack_of_fit_p_before, diagnosis.residual_before
+    return _cells(squares, freedom, fit, *gap_figures(gap))
+
+
+def _held_out_column(proof: HeldOut, after: bool) -> tuple[str, ...]:
+    part = proof.after if after else proof.before
+    return _cells(
+        part.chi_squared, part.degrees_of_freedom, part.p_value, *gap_figures(part.residual)
+    )
+
+
+def _cells(squares: float, freedom: int, fit: float, rms: float, largest: float) -> tuple[str, ...]:
+    each = squares / freedom if freedom > 0 else math.nan
+    return (
+        f"{squares:,.1f}" if math.isfinite(squares) else UNKNOWN,
+        f"{freedom:,}",
+        plain(each, 3),
+        chance(fit),
+        plain(rms * MICRO, 3),
+        plain(largest * MICRO, 3),
+    )
+
+
+def limits_table(report: DiagnosisReport) -> Table | None:
+    """Return the smallest sizes that this run would have shown, 19 times in 20, one row a kind."""
+    limits = report.diagnosis.detection_limits
+    table = new_table("Smallest size that would have been seen (95 % power)", *_LIMIT_COLUMNS)
+    table.columns[2].justify = table.columns[3].justify = "left"
+    for column in table.columns:
+        column.no_wrap = column.header == "unit"
+    for name, labels in by_effect(report, limits).items():
+        first = report.catalogue[name].sizes[0]
+        unit, factor = readable(first)
+        sizes = [two_digits(abs(limits[label]) * factor) for label in labels]
+        if len(set(sizes)) == 1:
+            text = sizes[0]
+        elif len(labels) > _MOST_SETTINGS:
+            ordered = sorted(abs(limits[label]) * factor for label in labels)
+            text = f"{two_digits(ordered[0])} .. {two_digits(ordered[-1])}"
+        else:
+            text = ", ".join(sizes)
+        table.add_row(settings_words(name, labels), text, unit, first.meaning)
+    return table if table.row_count else None
+
+
+def noise_sentence(diagnosis: Diagnosis) -> str:
+    """Say how large the noise of a reading is, how that is known, and what scatters beside it."""
+    if not math.isfinite(diagnosis.noise):
+        return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
+    text = (
+        f"Noise of a reading: {two_digits(diagnosis.noise * MICRO)} µm"
+        f" ({diagnosis.noise_degrees_of_freedom:,.0f} degrees of freedom;"
+        f" {diagnosis.noise_source.rstrip('.')})"
+    )
+    if abs(diagnosis.noise_correlation) >= 0.005:
+        text += f", correlation of neighbouring stops {diagnosis.noise_correlation:.2f}"
+    if diagnosis.loose.zero > 0.0:
+        text += (
+            ". Beside it the zero scatters from pass to pass by"
+            f" {two_digits(diagnosis.loose.zero * MICRO)} µm (standard deviation, estimated from"
+            " passes over the same places)"
+        )
+    return f"{text}."
+
+
+def group_sentences(findings: Sequence[Finding]) -> list[str]:
+    """Say which names this run cannot tell from those found."""
+    sentences = []
+    for finding in findings:
+        if finding.ambiguous:
+            sentences.append(
+                f"'{finding.label}' cannot be told from {_listed(finding.ambiguous)} by this run."
+            )
+    return sentences
+
+
+def rivals_words(report: DiagnosisReport) -> str:
+    """Name, kind by kind, what this run cannot choose between; empty unless something is open."""
+    parts = []
+    for finding in report.diagnosis.findings:
+        if finding.ambiguous:
+            labels = [finding.label, *finding.ambiguous]
+            kinds = by_effect(report, labels)
+            # A label may be of no setting here, as one that belongs to another run.
+            others = set(labels).difference(*kinds.values())
+            words = [settings_words(name, own) for name, own in kinds.items()]
+            parts.append(", ".join([*words, *(label for label in labels if label in others)]))
+    return "; and between ".join(parts)
+
+
+def _listed(labels: Sequence[str]) -> str:
+    more = len(labels) - 2 * _MOST_LABELS
+    shown = [f"'{label}'" for label in labels[: 2 * _MOST_LABELS]]
+    if more > 0:
+        return ", ".join(shown) + f" and {more:,} more"
+    return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+
+def extension_sentences(report: DiagnosisReport) -> list[str]:
+    """Say what became of the model, and what the proof on held-out data says."""
+    words = []
+    proof = report.held_out
+    if proof is not None:
+        words.append(proof.sentence)
+    if report.extended_path is not None and report.extended is not None:
+        added = _listed([finding.label for finding in report.diagnosis.findings])
+        words.append(f"The extended model is in {report.extended_path}: it now has {added}.")
+    if report.rounds:
+        last = report.rounds[-1]
+        words.append(f"The run under the extended model: {last.verdict}. {last.sentence}")
+    return words
+
+
+def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
+    """Print a diagnosis: the verdict first, then where, what, and how well that is known."""
+    diagnosis = report.diagnosis
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    # Wide terminals get no wider tables than can be read, narrow ones wrap the words in them.
+    width = min(max(console.text_width or _WIDE, _NARROW), _WIDE)
+
+    def table(one: Table | None) -> None:
+        if one is not None:
+            console.print()
+            console.print(one, width=width)
+
+    sentence(f"{diagnosis.verdict}: {diagnosis.sentence}")
+    console.print()
+    for name, text in (
+        ("Run", report.run_id),
+        ("Bag", "" if report.bag is None else str(report.bag)),
+        *((f"Run {number}", str(one.path)) for number, one in enumerate(report.further, 2)),
+        ("Model", model_words(report)),
+    ):
+        if text:
+            sentence(f"{name + ':':<7}{text}")
+    sentence(noise_sentence(diagnosis))
+    for text in known_sentences(diagnosis):
+        sentence(text)
+    _list(sentence, console, "Where the gap is", diagnosis.where)
+    if report.findings:
+        table(findings_table(report.findings, findings_title(diagnosis)))
+        for text in (*physics_sentences(report.findings), *group_sentences(report.findings)):
+            sentence(text)
+        for one in runners_up_tables(report.findings):
+            table(one)
+    _list(sentence, console, "What to measure next", proposed_sentences(report))
+    table(pairs_table(report.proposal))
+    table(gap_table(report))
+    for text in extension_sentences(report):
+        sentence(text)
+    _list(sentence, console, "Where the gap is that is left", diagnosis.where_after)
+    table(limits_table(report))
+    _list(sentence, console, "Not testable by this run", not_testable_sentences(report))
+    _list(sentence, console, "Remarks", report.remarks)
+
+
+def _list(
+    sentence: Callable[[str], None], console: PlainConsole, title: str, texts: Sequence[str]
+) -> None:
+    if not texts:
+        return
+    console.print()
+    sentence(f"{title}:")
+    for text in texts:
+        sentence(f"- {text}")
+
+
+def model_words(report: DiagnosisReport) -> str:
+    """Say what the model takes as known."""
+    model = report.model
+    curves = f"{', '.join(model.curves)} fixed" if model.curves else "all error curves free"
+    effects = ", ".join(f"{effect.label} ({effect.status})" for effect in model.effects)
+    parts = [
+        report.model_source,
+        f"chain {model.chain or UNKNOWN}",
+        curves,
+        f"effects: {effects}" if effects else "no further effects",
+        f"{report.diagnosis.tested:,} candidates tried",
+    ]
+    return "; ".join(part for part in parts if part)

@@ -1,0 +1,114 @@
+"""Squareness from diagonals as a person and a program read it: tables, JSON, the graph of RL."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepdiag_ros.evaluation.squareness import SquarenessReport
+from stepdiag_ros.metrology.forward import AXES_OF
+from stepdiag_ros.metrology.standards.diagonal_squareness import (
+    SHIFTS_OF_RL,
+    SquarenessResult,
+    squareness_error_of_shift,
+)
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
+from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, sign
+
+if TYPE_CHECKING:
+    pass
+
+_RATIOS = (1.0, 1.5, 2.0, 3.0, 5.0)
+_THETA = "positive where the angle is smaller than 90° (RL: D0 (D1 - D2) / (2XY))"
+_SLOPES = (
+    "Straight lines through the end points of the axes' motions; least-squares lines of curved axes"
+    " give other values."
+)
+
+
+def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
+    """Print the values in both sign definitions, the check that is left over, and the graph."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    result = report.result
+    sentence(f"Source: {report.source}")
+    console.print()
+    table = new_table("Squareness from diagonals", "", "from", "unit", *SIGN_DEFINITIONS, "θ of RL")
+    table.columns[1].justify = "left"
+    for one in result.values:
+        reference, other = AXES_OF[one.name]
+        for unit, scale in (("µm/m", MICRO), ("arcsec", ARC_SECONDS)):
+            first = unit == "µm/m"
+            table.add_row(
+                f"{one.name}  {other} to {reference}" if first else "",
+                ", ".join(one.diagonals) if first else "",
+                unit,
+                *(
+                    plus_minus(
+                        sign(one.name, definition) * one.value, one.standard_uncertainty, scale
+                    )
+                    for definition in SIGN_DEFINITIONS
+                ),
+                plus_minus(one.theta, one.standard_uncertainty, scale),
+            )
+    console.print(table)
+    console.print()
+    if math.isfinite(result.mean_length_error):
+        check = new_table("Body diagonals: the check that is left over", "", "unit", "value ± U")
+        check.add_row(
+            "mean length error",
+            "µm",
+            plus_minus(result.mean_length_error, result.mean_length_uncertainty, MICRO),
+        )
+        check.add_row(
+            "the same less that of the linear tests",
+            "µm",
+            plus_minus(result.closure, result.closure_uncertainty, MICRO),
+        )
+        console.print(check)
+        console.print()
+    console.print(sensitivity_table())
+    console.print()
+    for definition, words in SIGN_DEFINITIONS.items():
+        sentence(f"{definition}: {words}.")
+    sentence(f"θ of RL: {_THETA}.")
+    sentence(f"{_SLOPES} ±: {COVERAGE_FACTOR:g} standard uncertainties (95 %).")
+    if math.isfinite(result.closure):
+        sentence(closure_sentence(result))
+    elif math.isfinite(result.mean_length_error):
+        sentence(
+            "Four body diagonals tell three angles and the mean length: nothing checks them as long"
+            " as the linear tests of X, Y and Z are missing."
+        )
+    for remark in result.remarks:
+        sentence(f"{remark}.")
+    sentence(report.warning)
+
+
+def closure_sentence(result: SquarenessResult) -> str:
+    """Say whether the body diagonals agree with the linear tests."""
+    if not math.isfinite(result.closure_uncertainty) or result.closure_uncertainty == 0:
+        return "How far body diagonals and linear tests should agree is unknown."
+    ratio = abs(result.closure) / (COVERAGE_FACTOR * result.closure_uncertainty)
+    words = "agree" if ratio <= 1 else "do NOT agree"
+    return (
+        f"Body diagonals and linear tests {words} in the mean length (difference {plain(ratio)} of"
+        " its expanded uncertainty; drift, angular errors or the laser's scale make it larger)."
+    )
+
+
+def sensitivity_table() -> Any:
+    """Return how far a shift of the laser's reading between two diagonals falsifies squareness."""
+    table = new_table(
+        "Squareness error of a shift of the reading between two diagonals, arcsec",
+        "shift",
+        *(f"X : Y = {ratio:g} : 1" for ratio in _RATIOS),
+    )
+    for shift in SHIFTS_OF_RL:
+        errors = squareness_error_of_shift(shift, np.array(_RATIOS)) * ARC_SECONDS
+        table.add_row(f"±{shift * 1e6:g} ppm", *(f"±{plain(float(error))}" for error in errors))
+    return table

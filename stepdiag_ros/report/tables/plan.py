@@ -1,0 +1,218 @@
+"""A plan before it is run as text tables: what it costs, what it will tell and what not."""
+
+from itertools import groupby
+
+from rich.table import Table
+
+from stepdiag_ros import __version__
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.planning.assessment import Assessment
+from stepdiag_ros.planning.candidates import PURPOSES
+from stepdiag_ros.planning.duration import LineDuration, PlanDuration
+from stepdiag_ros.planning.proposal import Candidate, Proposal, hours, size_words
+from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
+
+_MILLI = 1e3
+
+
+def box_table(assessment: Assessment) -> Table:
+    """Return the measured box and its grid beside the machine's travel, in mm."""
+    table = new_table("Measured box / mm", "axis", "from", "to", "step", "travel from", "to")
+    volume, machine = assessment.plan.volume, assessment.machine
+    for axis, letter in enumerate(AXES):
+        nodes = volume.nodes(axis)
+        values = (
+            nodes[0],
+            nodes[-1],
+            volume.step[axis],
+            machine.travel_low_m[axis],
+            machine.travel_high_m[axis],
+        )
+        table.add_row(letter, *(f"{value * _MILLI:.6g}" for value in values))
+    return table
+
+
+def duration_table(duration: PlanDuration) -> Table:
+    """Return the duration by setup, and in all."""
+    table = new_table(
+        "Duration", "setup", "passes", "stops", "alignment", "moves", "dwells", "together"
+    )
+    for setup, lines in groupby(duration.lines, key=lambda line: line.setup):
+        table.add_row(setup, *_duration_cells(list(lines)))
+    table.add_section()
+    table.add_row("in all", *_duration_cells(list(duration.lines)))
+    return table
+
+
+def _duration_cells(lines: list[LineDuration]) -> list[str]:
+    return [
+        str(len(lines)),
+        str(sum(line.stops for line in lines)),
+        _minutes(sum(line.alignment for line in lines)),
+        _minutes(sum(line.moves + line.positioning for line in lines)),
+        _minutes(sum(line.dwells for line in lines)),
+        _minutes(sum(line.total for line in lines)),
+    ]
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60.0:.1f} min"
+
+
+def uncertainty_table(assessment: Assessment) -> Table:
+    """Return the expected expanded uncertainties, without and with rotations in the model."""
+    table = new_table(
+        "Expected uncertainty U (95 %) by the readings' noise; what rotations do that no line tells"
+        " comes on top",
+        *("", "unit", "least_squares", "rigid_body"),
+    )
+    plain_model, rotating = assessment.expectation, assessment.rotating
+    for words, group, unit in (
+        ("positioning, largest over the nodes", "positioning", "µm"),
+        ("straightness, largest deviation from its line", "straightness", "µm"),
+        ("squareness", "squareness", "µm/m"),
+        ("angular error, largest over the nodes", "angular", "µm/m"),
+    ):
+        without = getattr(plain_model, group)
+        within = {} if rotating is None else getattr(rotating, group)
+        for number, name in enumerate(within or without):
+            table.add_row(
+                f"{name}  {words}" if number == 0 else name,
+                unit,
+                _expanded(without[name]) if name in without else "not estimated",
+                _expanded(within[name]) if name in within else UNKNOWN,
+            )
+    table.add_row(
+        "mirror's point, anywhere in the box, each direction",
+        "µm",
+        _expanded(plain_model.volumetric),
+        "",
+    )
+    return table
+
+
+def _expanded(standard_uncertainty: float) -> str:
+    return plain(COVERAGE_FACTOR * standard_uncertainty * MICRO, 3)
+
+
+def visibility_table(assessment: Assessment) -> Table:
+    """Return what the plan tells of each error, without and with rotations in the model."""
+    chain = assessment.machine.chain
+    table = new_table(
+        "Visibility", "error", "without rotations", f"with rotations ({chain or '?'})"
+    )
+    table.columns[1].justify = table.columns[2].justify = "left"
+    table.columns[1].no_wrap = table.columns[2].no_wrap = False
+    without = {row.name: row.words for row in assessment.seen.rows}
+    if assessment.seen_rotating is None:
+        for name, words in without.items():
+            table.add_row(name, words, "the chain is not known")
+        return table
+    for row in assessment.seen_rotating.rows:
+        table.add_row(row.name, without.get(row.name, "taken as 0"), row.words)
+    return table
+
+
+def alternatives_table(proposal: Proposal) -> Table:
+    """Return the candidates that are worth a thought, the chosen one marked."""
+    purpose = PURPOSES[proposal.request.purpose]
+    table = new_table(
+        "Quicker or better plans", "lines", "blocks", "repeats", "align", "duration", "U (95 %)"
+    )
+    shown = list(proposal.front)
+    if all(one is not proposal.chosen for one in shown):
+        shown.append(proposal.chosen)
+    for one in sorted(shown, key=lambda one: one.duration.total):
+        mark = "  <- chosen" if one is proposal.chosen else ""
+        table.add_row(
+            one.scheme.words + mark,
+            str(one.plan.volume.blocks),
+            str(_repeats(one)),
+            str(one.duration.alignments),
+            hours(one.duration.total),
+            size_words(one.uncertainty, purpose.unit),
+        )
+    return table
+
+
+def _repeats(candidate: Candidate) -> int:
+    return max(line.repeat for line in candidate.plan.lines) + 1
+
+
+def summary_sentences(assessment: Assessment, proposal: Proposal | None) -> list[str]:
+    """Return what comes first: how long, how many, how well, and why this plan."""
+    duration = assessment.duration
+    repeats = "each line one way"
+    if len({line.direction for line in assessment.plan.lines}) > 1:
+        repeats = "both ways"
+    sentences = [
+        f"{len(assessment.plan.lines)} passes, {repeats}, with {duration.stops} stops and "
+        f"{duration.alignments} alignments take {hours(duration.total)}: "
+        f"{hours(duration.running)} of machine time and {hours(duration.alignment)} of "
+        f"alignment."
+        if duration.alignments
+        else f"{len(assessment.plan.lines)} passes, {repeats}, with {duration.stops} stops take "
+        f"{hours(duration.total)}; the plan waits for no alignment.",
+    ]
+    assumed = duration.assumptions
+    sentences.append(
+        f"Assumed: alignment {assumed.linear_alignment_s / 60.0:g} min for a linear line, "
+        f"{assumed.diagonal_alignment_s / 60.0:g} min for a diagonal; in position "
+        f"{assessment.machine.position_hold_s + assumed.settling_s:g} s after a move; every stop "
+        f"settles at once; standard uncertainty of a stop "
+        f"{assessment.stop_uncertainty * MICRO:g} µm."
+    )
+    if proposal is not None:
+        purpose = PURPOSES[proposal.request.purpose]
+        sentences.append(
+            f"For {purpose.words}: expected uncertainty (95 %) of {purpose.target} "
+            f"{size_words(proposal.chosen.uncertainty, purpose.unit)}. This plan is "
+            f"{proposal.reason}."
+        )
+        sentences += [f"Not taken: {words}." for words in proposal.discarded]
+    return sentences
+
+
+def print_assessment(
+    assessment: Assessment, console: PlainConsole, proposal: Proposal | None = None
+) -> None:
+    """Print all that is known of a plan before it is run.
+
+    Args:
+        assessment: of the plan.
+        console: where to.
+        proposal: how the plan was found; None for a plan that was there.
+    """
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    sentence(assessment.plan.name)
+    for text in summary_sentences(assessment, proposal):
+        sentence(text)
+    console.print()
+    tables = [box_table(assessment), duration_table(assessment.duration)]
+    if proposal is not None and proposal.considered > 1:
+        tables.append(alternatives_table(proposal))
+    for table in (*tables, uncertainty_table(assessment), visibility_table(assessment)):
+        console.print(table)
+    if assessment.warnings:
+        console.print("Better change", style="bold")
+        for text in assessment.warnings:
+            sentence(f"- {text}")
+        console.print()
+    console.print("What this plan will not tell", style="bold")
+    for text in assessment.limits:
+        sentence(f"- {text}")
+
+
+def head_of_plan(assessment: Assessment, proposal: Proposal) -> list[str]:
+    """Return the sentences that stand at the head of a proposed plan's file."""
+    return [
+        f"Proposed by stepdiag {__version__} for {assessment.machine.name}.",
+        *summary_sentences(assessment, proposal),
+        *assessment.limits,
+        "The keys are explained in config/plans/demo.yaml.",
+    ]

@@ -1,0 +1,140 @@
+"""Tests by ISO 230-2 and ISO 230-6 as a person and a program read them: text and JSON.
+
+The JSON is SI; what is not known is ``null``. The text gives µm, with U for k = 2 as the standards
+state it.
+"""
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from stepdiag_ros.evaluation.positioning import PositioningReport, Published
+from stepdiag_ros.metrology.standards.axis_test import is_diagonal
+from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
+from stepdiag_ros.metrology.standards.iso230_6 import (
+    DiagonalGroup,
+)
+from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, sentences, subject_of
+
+if TYPE_CHECKING:
+    pass
+
+MEANINGS = {
+    "A": "bidirectional accuracy of positioning",
+    "A↑": "unidirectional accuracy, forward",
+    "A↓": "unidirectional accuracy, backward",
+    "R": "bidirectional repeatability",
+    "R↑": "unidirectional repeatability, forward",
+    "R↓": "unidirectional repeatability, backward",
+    "E": "bidirectional systematic error",
+    "E↑": "unidirectional systematic error, forward",
+    "E↓": "unidirectional systematic error, backward",
+    "M": "mean bidirectional error",
+    "B": "reversal error",
+    "mean B": "mean reversal error",
+}
+
+
+def parameter_table(test: PositioningTest, published: Published | None, decimals: int) -> Table:
+    """Return the parameters of a test; beside published figures, if there are any."""
+    head = head_of(test.expanded_uncertainty.values())
+    more = () if published is None else ("published / µm", "")
+    table = new_table(
+        f"{test.standard}, {subject_of(test)}: {test.runs[0]} runs forward,"
+        f" {test.runs[1]} backward",
+        "",
+        "",
+        head,
+        *more,
+    )
+    table.columns[1].justify = "left"
+    for name in PARAMETERS:
+        value = test.parameters[name]
+        shown = cell_below(value, test.expanded_uncertainty[name], decimals, head)
+        cells = [name, MEANINGS[name], shown]
+        if published is not None and name in published.values:
+            cells.append(plain(published.values[name] * MICRO, decimals))
+            cells.append("agrees" if published.agrees(name, value) else "DIFFERS")
+        table.add_row(*cells)
+    return table
+
+
+def target_table(test: PositioningTest, decimals: int) -> Table:
+    """Return what was found at each target, in µm."""
+    table = new_table(
+        f"{subject_of(test)}: at the targets, µm",
+        "target / mm",
+        "mean ↑",
+        "mean ↓",
+        "reversal B_i",
+        "s ↑",
+        "s ↓",
+        "R_i",
+    )
+    table.columns[0].justify = "right"
+    columns = (
+        test.mean_forward,
+        test.mean_backward,
+        test.reversal,
+        test.deviation_forward,
+        test.deviation_backward,
+        test.repeatability,
+    )
+    for row, target in enumerate(test.target):
+        table.add_row(
+            plain(target * 1e3, 3), *(plain(column[row] * MICRO, decimals) for column in columns)
+        )
+    return table
+
+
+def group_tables(group: DiagonalGroup, decimals: int) -> list[Table]:
+    """Return the two tables of the ISO 230-6 report page (RL, "final report")."""
+    head = head_of([group.systematic_uncertainty, group.reversal_uncertainty])
+    result = new_table(f"ISO 230-6: {group.place}", "Name", head)
+    result.add_row(
+        "Sys dev (E_d)",
+        cell_below(group.systematic_deviation, group.systematic_uncertainty, decimals, head),
+    )
+    result.add_row(
+        "Reversal (B_d)",
+        cell_below(group.reversal_value, group.reversal_uncertainty, decimals, head),
+    )
+    each = new_table("", "Test", "Reversal (B) / µm", "Sys dev (E) / µm")
+    every = head_of(test.expanded_uncertainty[name] for test in group.tests for name in ("B", "E"))
+    for label, test in zip(group.labels, group.tests, strict=True):
+        each.add_row(
+            f"{test.setup or test.name} ({label})",
+            *(
+                cell_below(test.parameters[name], test.expanded_uncertainty[name], decimals, every)
+                for name in ("B", "E")
+            ),
+        )
+    return [result, each]
+
+
+def print_positioning(report: PositioningReport, console: PlainConsole) -> None:
+    """Print a report: tables, then sentences."""
+
+    def sentence(text: str) -> None:
+        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+
+    sentence(f"Source: {report.source}" + (f" (run {report.run_id})" if report.run_id else ""))
+    console.print()
+    tables: list[Table] = []
+    decimals = decimals_of(report.tests)
+    for group in report.groups:
+        tables.extend(group_tables(group, decimals))
+    for test in report.tests:
+        if not is_diagonal(test.kind):
+            tables.append(parameter_table(test, report.published, decimals))
+        tables.append(target_table(test, decimals))
+    for table in tables:
+        console.print(table)
+        console.print()
+    for setup, same in report.equals_recorded.items():
+        if not same:
+            sentence(f"{setup}: NOT the same numbers as the result recorded in the bag.")
+    for text in sentences(report):
+        sentence(text)

@@ -1,0 +1,1 @@
+"""Sentences about results: what terminal, page, report and pictures say in the same words."""

@@ -1,0 +1,53 @@
+"""What compensation tables leave, in sentences."""
+
+import math
+
+from stepdiag_ros.compensation.remaining import Change
+from stepdiag_ros.evaluation.compensation import CompensationReport
+from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
+
+_DECIMALS = 3
+
+
+def uncorrected(report: CompensationReport) -> list[str]:
+    """Say what the tables do not correct, sentence by sentence, in numbers where known."""
+    said = [
+        f"{figure_name(one)} stays: {size_words(one.after, one.unit)}"
+        for one in report.remainder.changes
+        if not one.corrected and not one.name.startswith("volume")
+    ]
+    error_map = report.identified.error_map
+    turning = [name for name in ROTATIONS if name in error_map.curves]
+    volume = report.remainder.change("volume, rms")
+    if turning and report.control.name != "generic":
+        said.append(
+            f"angular errors ({', '.join(turning)}) act by levers and stay; with them"
+            f" {size_words(volume.after, 'm')} rms are left in the volume"
+        )
+    if error_map.left_out:
+        said.append(
+            f"{', '.join(error_map.left_out)} were not estimated: what they do in the volume is"
+            " neither corrected nor in these figures"
+        )
+    if error_map.unknown_curves:
+        said.append(f"not determined by these lines: {', '.join(error_map.unknown_curves)}")
+    return said
+
+
+def figure_name(one: Change) -> str:
+    """Return what a figure is; that of positioning is not the error at the end of the travel."""
+    return (
+        f"{one.name}, peak to peak with reversal"
+        if one.name.startswith("positioning ")
+        else one.name
+    )
+
+
+def size_words(value: float, unit: str) -> str:
+    """Write an error in µm, or an angle (unit ``rad``) in µrad and arc-seconds."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if unit == "rad":
+        return f'{plain(value * MICRO, 2)} µrad ({plain(value * ARC_SECONDS, 2)}")'
+    return f"{plain(value * MICRO, _DECIMALS)} µm"

@@ -1,0 +1,245 @@
+"""The lead of a run in words: what decides, how large the errors are, what to do next."""
+
+import shlex
+from dataclasses import dataclass
+
+from stepdiag_ros.bags.passes import incomplete_sentences
+from stepdiag_ros.compensation.permission import held_by_any
+from stepdiag_ros.evaluation.lead import RunLead
+from stepdiag_ros.metrology.credibility import Misfit
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
+from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
+from stepdiag_ros.text.numbers import MICRO, plain, with_expanded
+
+_MOST_ERRORS = 3
+_MOST_MISSING = 6
+_REPORT = ("report {}", "the whole measurement as one page to hand over")
+_SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
+_MONITOR = ("monitor {}", "the run as it was, in a browser")
+_TESTED = {
+    CONSISTENT: "",
+    NOT_TESTABLE: " Nothing in the run could contradict the errors below: they are untested.",
+    NOT_DIAGNOSED: "",
+}
+_NOT_CONTAINED = " The errors below do not contain that."
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do next.
+
+    Attributes:
+        command: to be run; empty where it is not a command that does it.
+        why: what it is for, in words.
+    """
+
+    command: str
+    why: str
+
+
+def sentences_of(lead: RunLead) -> list[str]:
+    """Return the lead in sentences, in the order in which they decide."""
+    return [*deciding_sentences(lead), *size_sentences(lead)]
+
+
+def deciding_sentences(lead: RunLead) -> list[str]:
+    """Say what decides whether errors may be used: recording, run, verdict, misfit, unknown."""
+    said = [flaw.sentence for flaw in lead.recording]
+    said += [] if lead.passes is None else incomplete_sentences(lead.passes)
+    said.append(_verdict(lead))
+    return [*said, *_misfit(lead), *_unknown(lead)]
+
+
+def size_sentences(lead: RunLead) -> list[str]:
+    """Say the worst place, the largest single errors, and which errors were taken as zero."""
+    if lead.noise and lead.volume is not None:
+        return [_noise(lead, lead.volume), *_taken_as_zero(lead)]
+    said = [] if lead.volume is None else [_worst(lead.volume, lead.expanded_uncertainty)]
+    if lead.errors:
+        # Next to what is not known, nothing is the largest.
+        what = (
+            "Of the single errors that are known, the largest"
+            if lead.unknown
+            else ("The largest single errors")
+        )
+        words = "; ".join(
+            f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, MICRO)} µm over"
+            f" {one.travel * 1e3:.0f} mm"
+            for one in lead.errors[:_MOST_ERRORS]
+        )
+        said.append(f"{what}, peak to peak over the travel{_directions(lead)}: {words}.")
+    return said + _taken_as_zero(lead)
+
+
+def next_steps(lead: RunLead) -> list[Step]:
+    """Return what to do next, most urgent first; what comes after it only where it may."""
+    if lead.bag is None:
+        return []
+    more_acts = lead.verdict.more_acts
+    named = [
+        *_complete_first(lead),
+        *([_SOLVE] if lead.solved is None else []),
+        *(_after_verdict(lead) if more_acts else []),
+        *_for_unknown(lead),
+        *([] if more_acts else _after_verdict(lead)),
+        _REPORT,
+        _MONITOR,
+        *_compensation(lead),
+    ]
+    bag = shlex.quote(str(lead.bag))
+    return [Step(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
+
+
+def next_lines(lead: RunLead) -> list[str]:
+    """Return what to do next for the terminal, a line each; nothing without a recording."""
+    steps = next_steps(lead)
+    width = max((len(one.command) for one in steps), default=0)
+    lines = [
+        f"  {one.command:<{width}}  {one.why}" if one.command else f"  {one.why}" for one in steps
+    ]
+    return ["Next:", *lines] if lines else []
+
+
+def missing_words(lead: RunLead) -> str:
+    """Return the lines of which a pass is missing."""
+    missing = () if lead.passes is None else lead.passes.missing
+    words = ", ".join(missing[:_MOST_MISSING])
+    more = len(missing) - _MOST_MISSING
+    return f"{words} and {more} lines more" if more > 0 else words or "the rest of the plan"
+
+
+def _verdict(lead: RunLead) -> str:
+    """Return the verdict of the diagnosis, and what that means for errors that were solved."""
+    verdict = lead.verdict
+    meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    return f"{verdict.name}: {verdict.sentence}{meaning}"
+
+
+def _misfit(lead: RunLead) -> list[str]:
+    """Say that errors do not explain the readings, where they do not."""
+    if lead.misfit is Misfit.NONE:
+        return []
+    ratio = plain(lead.reduced_chi_squared, 1)
+    if lead.misfit is Misfit.SHOWN:
+        return [
+            f"These errors do not explain the readings (χ²/dof = {ratio}, and the readings repeat"
+            " better than that): something acts that they do not contain, and no ± covers it."
+        ]
+    return [
+        f"The readings disagree with these errors (χ²/dof = {ratio}): either they repeat worse than"
+        " their windows tell, which every ± has in it, or something acts that these errors do not"
+        " contain, which none has; passes that are repeated would tell."
+    ]
+
+
+def _unknown(lead: RunLead) -> list[str]:
+    if not lead.unknown:
+        return []
+    told = f"; {lead.remedy}, measured as well, would tell them" if lead.remedy else ""
+    what = ", ".join(lead.unknown) if lead.solved else "all errors, no method could be used"
+    return [f"Unknown, because the measured lines do not tell them: {what}{told}."]
+
+
+def _directions(lead: RunLead) -> str:
+    """Say in which directions of the lines errors were measured; nothing where it is not known."""
+    if len(lead.directions) == 1:
+        return f", {lead.directions[0]} alone (no reversal in them)"
+    return ", mean of both directions" if lead.directions else ""
+
+
+def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
+    return (
+        "No error of this machine stands out from the noise of this"
+        f" measurement{_directions(lead)}: the largest error vector found,"
+        f" {plain(volume.value * MICRO, 3)} µm, is no more than noise makes."
+    )
+
+
+def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
+    place = ", ".join(
+        f"{letter} {plain(value * 1e3, 1)}"
+        for letter, value in zip("XYZ", accuracy.position, strict=True)
+    )
+    vector = ", ".join(
+        f"{plain(value * MICRO, 2)} in {letter}"
+        for letter, value in zip("XYZ", accuracy.vector, strict=True)
+    )
+    size = with_expanded(accuracy.value, expanded_uncertainty, MICRO)
+    return (
+        f"At its worst place in the measured box, {place} mm, the tool stands {size} µm from where"
+        f" it should ({vector} µm, counted from the box's first corner)."
+    )
+
+
+def _taken_as_zero(lead: RunLead) -> list[str]:
+    if not lead.as_zero:
+        return []
+    missing = [name for name in lead.as_zero if name not in lead.told_elsewhere]
+    words = "the measured lines cannot tell them"
+    if not missing:
+        words = "another method tells them from these lines, see its tables"
+    elif lead.told_elsewhere:
+        words = (
+            f"another method tells {', '.join(lead.told_elsewhere)} from these lines, see its"
+            f" tables; the lines cannot tell {', '.join(missing)}"
+        )
+    return [f"Not in these values, but in their ±: pitch, yaw and roll of all axes; {words}."]
+
+
+def _complete_first(lead: RunLead) -> list[tuple[str, str]]:
+    return [] if lead.whole else [("", f"Measure what is missing: {missing_words(lead)}.")]
+
+
+def _after_verdict(lead: RunLead) -> list[tuple[str, str]]:
+    """Return what the diagnosis asks for."""
+    plan = "plan --for volumetric --machine MACHINE"
+    if lead.tracked:
+        plan = "tracker plan --machine MACHINE --station X Y Z"
+    asked: dict[str, list[tuple[str, str]]] = {
+        CONSISTENT: [("diagnose {}", "how large an effect would have to be to show")],
+        NAMED: [
+            ("diagnose {} --extend MODEL.yaml", "what acts, how large, and the errors without it")
+        ],
+        AMBIGUOUS: [
+            ("diagnose {} --propose MORE.yaml", "what to measure to tell the causes apart")
+        ],
+        UNEXPLAINED: [("diagnose {}", "where the gap is, and what to measure to find its cause")],
+        NOT_TESTABLE: [
+            ("diagnose {}", "why nothing could contradict these errors"),
+            (plan, "a plan whose lines test each other"),
+        ],
+    }
+    otherwise = [("diagnose {}", "whether anything acts that these errors do not contain")]
+    return asked.get(lead.verdict.name, otherwise)
+
+
+def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:
+    if not lead.remedy:
+        return []
+    return [("", f"Measure {lead.remedy} as well: they tell {', '.join(lead.unknown)}.")]
+
+
+def _compensation(lead: RunLead) -> list[tuple[str, str]]:
+    """Propose tables only where the run is complete and nothing acts that they do not hold."""
+    trusted = (
+        lead.whole
+        and not lead.recording
+        and not lead.unknown
+        and not lead.noise
+        and lead.misfit is Misfit.NONE
+    )
+    if not lead.solved or not trusted:
+        return []
+    if lead.verdict.name == CONSISTENT:
+        return [("compensate {} --for generic", "tables; --for names the control")]
+    if lead.verdict.name == NAMED and held_by_any(lead.verdict):
+        what = ", ".join(lead.verdict.effects)
+        return [("compensate {} --for linuxcnc", f"tables; this control's hold {what}")]
+    return []

@@ -1,0 +1,422 @@
+"""``stepdiag report``: what is in its files is what the evaluation returns."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from report.pages.page_reading import ReadPage
+from standard_runs import RUN_ID, write_bag
+
+from stepdiag_ros import open_run, schemas
+from stepdiag_ros.cli import main
+from stepdiag_ros.commands.solve import report_of
+from stepdiag_ros.configuration import load_instrument
+from stepdiag_ros.evaluation.single_errors import single_errors
+from stepdiag_ros.metrology.solvers import limits
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.pages import pictures
+from stepdiag_ros.report.pages.sections import sections
+from stepdiag_ros.report.pages.sections.measurement import _words_of
+from stepdiag_ros.report.pages.sections.readings import _few_stops
+from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plus_minus, with_expanded
+
+PLAN = """\
+name: small run
+step_m: [0.03, 0.02, 0.025]
+blocks: 4
+repeats: 2
+directions: [forward, backward]
+overrun_m: 0.002
+feed_m_per_s: 0.05
+lines:
+  - {kind: linear, names: [x, y, z]}
+  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn]}
+"""
+RUN_WITH_READINGS = Path(__file__).parents[3] / "docs" / "examples" / "small_run.mcap"
+GIVEN = ("--customer", "Mill & <Sons>", "--operator", "A. Turner", "--tolerance", "50")
+needs_poppler = pytest.mark.skipif(
+    shutil.which("pdftotext") is None, reason="poppler's pdftotext is not installed here"
+)
+
+
+@contextmanager
+def here(beside=True):
+    """Draw in this process: the tests share what it imports."""
+    del beside
+    yield pictures.Studio()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_here():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "studio", here)
+        yield
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "small.mcap"
+    write_bag(path, PLAN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(bag):
+    assert main(["report", str(bag), *GIVEN, "--instrument", "demo"]) == 0
+    return bag.parent / "small_report"
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return ReadPage((folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def document(folder):
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def solved(bag):
+    return report_of(bag, with_visibility=True)
+
+
+def test_three_files_and_no_other(folder):
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "report.html",
+        "report.json",
+        "report.pdf",
+    ]
+
+
+def test_what_a_large_run_is_not_evaluated_for_is_said_first_and_in_the_report(
+    bag, tmp_path, capsys, monkeypatch
+):
+    large = tmp_path / "large.mcap"
+    shutil.copy(bag, large)
+    monkeypatch.setattr(limits, "MOST_VALUES", 30)
+    assert main(["report", str(large)]) == 0
+    first = capsys.readouterr().err.splitlines()[0]
+    for name in ("conventional", "rigid_body", limits.DIAGNOSIS, limits.BUDGET, limits.VISIBILITY):
+        assert name in first
+    text = (tmp_path / "large_report" / "report.json").read_text(encoding="utf-8")
+    for name in (limits.DIAGNOSIS, limits.BUDGET):
+        assert f"The {name} is left out for its size" in text
+
+
+def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
+    titles = [section.title for section in sections()]
+    numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
+    assert numbered == [f"{number} {title}" for number, title in enumerate(titles, 1)]
+    assert len(page.sources) >= 15
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert page.links == [f"#{section.key}" for section in sections()]
+
+
+def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
+    rows = page.tables["Squareness, ± of the readings"]
+    heads, first, second = rows[:3]
+    for result in solved.results:
+        short = {"setup_robust": "Setup-robust", "least_squares": "Least squares"}
+        if result.method in short:
+            column = heads.index(short[result.method])
+            found = result.figure("C0Y")
+            micro = plus_minus(found.value, found.standard_uncertainty, MICRO)
+            arc = plus_minus(found.value, found.standard_uncertainty, ARC_SECONDS)
+            assert (first[column], second[column]) == (micro, arc)
+
+
+def test_table_one_is_that_of_the_result(page, solved):
+    rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings"]
+    found = solved.preferred().figure("positioning E_XX")
+    expected = plus_minus(found.value, found.standard_uncertainty, MICRO)
+    assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
+    assert rows[1][0] == "Positioning X, at end"
+    assert len(rows) == 1 + 12
+
+
+def uncertainty_of_the_worst_point(solved, worst):
+    """Return U of its length by the sources in the demo instrument."""
+    instrument = load_instrument("demo")[0]
+    budget = make_budget(solved.measurement, instrument, "least_squares")
+    direction = np.array(worst.vector) / worst.value
+    weights = np.zeros(len(budget.sensitivity.quantities))
+    for row, quantity in enumerate(budget.sensitivity.quantities):
+        if quantity.curve:
+            axis = "XYZ".index(quantity.curve[3])
+            nodes = solved.preferred().nodes[axis]
+            if np.isclose(nodes[quantity.node], worst.position[axis]):
+                weights[row] = direction["XYZ".index(quantity.curve[2])]
+    curves = [bool(one.curve) for one in budget.sensitivity.quantities]
+    factor = float(np.max(budget.coverage_factor[curves]))
+    return factor * float(np.sqrt(weights @ budget.covariance @ weights))
+
+
+def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
+    worst = of_result(solved.preferred(), solved.chain)
+    expanded = document["summary"]["expanded_uncertainty"]
+    # Left-out rotations act at the worst point itself, together with what they do to the curves.
+    assert expanded == pytest.approx(uncertainty_of_the_worst_point(solved, worst), rel=0.1)
+    assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
+    size = with_expanded(worst.value, expanded, MICRO)
+    assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
+    assert f"the tool stands {size} µm from where it should" in page.text
+    assert page.facts()["Largest error in the volume"] == f"{size} µm"
+    assert "What to do: compensation could bring the largest error" in page.text
+    assert document["summary"]["lower_bound"] is False
+    volume = document["sections"]["volume"]
+    assert volume["expanded_uncertainty"] == document["summary"]["expanded_uncertainty"]
+    in_json = {one["name"]: one for one in document["summary"]["single_errors"]}
+    assert len(in_json) == 12
+    assert in_json["E_XX"]["value"] == np.ptp(solved.preferred().curves["E_XX"])
+
+
+def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertainty(page, solved):
+    budget = make_budget(solved.measurement, load_instrument("demo")[0], "least_squares")
+    found = single_errors(solved.preferred(), budget)
+    largest = max(found, key=lambda one: one.value)
+    size = with_expanded(largest.value, largest.expanded_uncertainty, MICRO)
+    said = page.text.split("The largest single errors")[1]
+    assert said.split(": ", 1)[1].startswith(f"{largest.words} {size} µm over")
+    for name in ("E_XX", "E_YY", "E_ZZ"):
+        (one,) = [one for one in found if one.name == name]
+        curve = solved.preferred().curves[name]
+        assert one.value == np.ptp(curve)
+    rows = page.tables["Positioning error, peak to peak over the travel, ± of the readings"]
+    of_readings = single_errors(solved.preferred())[0]
+    assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
+        of_readings.value, of_readings.expanded_uncertainty, MICRO
+    )
+    assert "Not in these values, but in their ±: pitch, yaw and roll of all axes" in page.text
+
+
+def test_a_simulated_clock_is_called_one():
+    told = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
+    assert _words_of(told, True) == "2026-01-02 03:04:05 UTC (simulated clock)"
+    assert _words_of(told, None) == "2026-01-02 03:04:05 UTC"
+    assert _words_of(None, True) == "unknown"
+
+
+def _child_that_draws(process):
+    """Wait for the process that draws; None if the command ends before."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None:
+        for child in children.read_text().split():
+            with suppress(OSError):
+                if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
+        time.sleep(0.002)
+    return None
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+def test_ctrl_c_ends_the_command_in_one_line_and_leaves_nothing(tmp_path):
+    """A terminal sends it to all processes of the command, here while the second one begins."""
+    command = [sys.executable, "-m", "stepdiag_ros.cli", "report", str(RUN_WITH_READINGS)]
+    process = subprocess.Popen(
+        [*command, "--output", str(tmp_path / "new")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    child = _child_that_draws(process)
+    assert child is not None, process.communicate()
+    os.killpg(process.pid, signal.SIGINT)
+    said, complaint = process.communicate(timeout=60)
+    assert (said, complaint) == ("", "stepdiag: stopped\n")
+    assert process.returncode == 130
+    assert not Path(f"/proc/{child}").exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_waits_until_the_process_that_draws_is_begun():
+    """A thread that does not block it, as numerical libraries have them, takes the signal."""
+    over = threading.Event()
+    other = threading.Thread(target=over.wait)
+    other.start()
+    begun = False
+    try:
+        with pytest.raises(KeyboardInterrupt), pictures.interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.05)
+            begun = True
+    finally:
+        over.set()
+        other.join()
+    assert begun
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="looks for masks in /proc")
+def test_the_process_that_draws_never_gets_ctrl_c(tmp_path):
+    """From its first instruction on: in an interpreter that has started no other process before."""
+    asked = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from stepdiag_ros.report.pages.pictures import studio\n"
+        "def blocked(child):\n"
+        "    lines = Path(f'/proc/{child}/status').read_text().splitlines()\n"
+        "    return int(next(line for line in lines if line.startswith('SigBlk')).split()[1], 16)\n"
+        "if __name__ == '__main__':\n"
+        "    with studio():\n"
+        "        children = Path('/proc/self/task').glob('*/children')\n"
+        "        found = [c for path in children for c in path.read_text().split()]\n"
+        "        drawing = [c for c in found\n"
+        "                   if b'spawn_main' in Path(f'/proc/{c}/cmdline').read_bytes()]\n"
+        "        print(len(drawing), all(blocked(c) & 2 for c in drawing))\n"
+    )
+    (tmp_path / "asked.py").write_text(asked, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "asked.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "1 True\n", done.stderr
+
+
+def test_what_the_user_told_is_text_never_markup(page, folder):
+    assert page.facts()["Measured by"] == "A. Turner"
+    assert page.facts()["Customer"] == "Mill & <Sons>"
+    assert "<Sons>" not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_nodes_are_in_the_page_with_the_uncertainty_of_each(page, solved):
+    rows = page.tables["Errors as X moves, Least squares"]
+    result = solved.preferred()
+    assert [row[0] for row in rows[1:]] == ["0.000", "30.000", "60.000", "90.000", "120.000"]
+    last = plus_minus(result.curves["E_XX"][-1], result.standard_uncertainty["E_XX"][-1], MICRO)
+    assert rows[-1][1] == last
+
+
+def test_the_document_has_the_numbers_of_the_page_in_si(document, solved, bag):
+    assert document["schema"] == schemas.identifier("report")
+    worst = of_result(solved.preferred(), solved.chain)
+    summary = document["summary"]
+    assert summary["value"] == worst.value
+    assert summary["verdict"] == "keeps"
+    assert summary["tolerance"] == pytest.approx(50e-6)
+    told = document["sections"]
+    curves = told["curves"]["methods"]["least_squares"]["curves"]
+    assert curves["E_XX"] == list(solved.preferred().curves["E_XX"])
+    assert told["measurement"]["bag"] == bag.name
+    assert len(told["measurement"]["sha256"]) == 64
+    assert told["measurement"]["place"] is None
+    assert told["measurement"]["weather"] == {}
+    assert {one["name"]: one["passes_complete"] for one in told["readings"]["lines"]} == {
+        **dict.fromkeys(("x", "y", "z"), 4),
+        **dict.fromkeys(("ppp XYZ", "npp XYZ", "pnp XYZ", "ppn XYZ"), 4),
+    }
+    assert told["uncertainty"]["instrument"] == "laser interferometer in a good workshop"
+    assert told["compensation"]["control"] == "generic"
+    assert {test["name"] for test in told["axes"]["tests"] if test["kind"] == "linear"} == set(
+        "XYZ"
+    )
+
+
+def test_the_document_fits_its_schema_with_the_documents_in_it(document, validators):
+    """Made before the check of all tests begins, so asked for here."""
+    assert not list(validators[document["schema"]].iter_errors(document))
+    document["sections"]["curves"]["methods"]["least_squares"]["lines"] = "many"
+    faults = list(validators[document["schema"]].iter_errors(document))
+    assert [fault.json_path for fault in faults] == [
+        "$.sections.curves.methods.least_squares.lines"
+    ]
+    document["sections"]["curves"]["methods"]["least_squares"]["lines"] = 28
+
+
+def test_what_is_not_known_is_gathered(document, page):
+    unknown = document["sections"]["unknown"]
+    assert unknown["Not told"] == [
+        "Where it was measured (--place).",
+        "The number of the machine (--serial).",
+    ]
+    assert "No weather sensor was recorded." in unknown["Parts that this report lacks"]
+    assert page.headings[-len(unknown) :] == list(unknown)
+    assert page.facts()["Place"] == "unknown"
+
+
+@needs_poppler
+def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder):
+    pages = _text(folder / "report.pdf").split("\f")[:-1]
+    assert 5 <= len(pages) <= 25
+    for number, text in enumerate(pages, 1):
+        assert f"{number} / {len(pages)}" in text, f"page {number}"
+        assert f"run {RUN_ID}" in text, f"page {number}"
+    whole = " ".join(" ".join(pages).split())
+    for number, section in enumerate(sections(), 1):
+        assert f"{number} {section.title}" in whole
+    assert "keeps its limit of 50 µm" in whole
+
+
+@needs_poppler
+def test_nothing_in_the_pdf_runs_off_the_paper(folder):
+    boxes = subprocess.run(
+        ["pdftotext", "-bbox", folder / "report.pdf", "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    width = float(re.search(r'<page width="([\d.]+)"', boxes).group(1))
+    ends = [float(end) for end in re.findall(r'<word xMin="[\d.]+".*? xMax="([\d.]+)"', boxes)]
+    assert len(ends) > 1000
+    assert max(ends) < width - 20.0
+
+
+def _text(path):
+    return subprocess.run(
+        ["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True
+    ).stdout
+
+
+@pytest.mark.parametrize("wanted", ["html", "json", "pdf"])
+def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
+    monkeypatch.setattr(pictures.Studio, "fetch_all", lambda _: {})
+    assert main(["report", str(bag), f"--{wanted}", "--output", str(tmp_path / "new")]) == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [f"report.{wanted}"]
+    said = capsys.readouterr()
+    assert "Largest error in the measured volume" in said.out
+    assert f"report in {tmp_path / 'new'}: report.{wanted}" in said.err
+
+
+@needs_poppler
+def test_no_page_parts_a_table_from_its_title_or_from_its_first_rows(folder):
+    titles = (
+        "Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings",
+        "What is known of the inputs",
+        "Volumetric accuracy, ± of the readings",
+        "Methods",
+    )
+    found = 0
+    for text in _text(folder / "report.pdf").split("\f"):
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        for place, line in enumerate(lines):
+            if line in titles:
+                found += 1
+                # Its heads, two rows at least, and the foot of the page.
+                assert len(lines) - place >= 5, line
+    assert found == len(titles)
+
+
+def test_readings_of_a_few_stops_are_drawn_where_the_bag_holds_them(bag):
+    run = open_run(RUN_WITH_READINGS)
+    shown, stops = _few_stops(SimpleNamespace(recorded=run))
+    assert [one.command.stop for one in stops] == [1, 2, 3]
+    assert len({one.line for one in stops}) == 1
+    for one in stops:
+        inside = [got for got in shown if one.window_start <= got.time <= one.window_end]
+        mean = sum(got.compensated_displacement for got in inside) / len(inside)
+        assert mean == pytest.approx(one.displacement, abs=1e-12)
+    assert len(shown) < sum(1 for _ in run.readings()), "only those around the stops"
+    assert _few_stops(SimpleNamespace(recorded=open_run(bag))) is None

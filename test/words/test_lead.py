@@ -1,0 +1,209 @@
+"""What is said in short: the largest errors by one definition, what was zero, what comes next."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
+
+from stepdiag_ros.evaluation import lead as leads
+from stepdiag_ros.evaluation.lead import lead_of
+from stepdiag_ros.evaluation.single_errors import single_errors, with_ranges
+from stepdiag_ros.metrology.credibility import Misfit
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.solvers.result import Figure
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.report.documents.run import report_json
+from stepdiag_ros.report.tables.run import make_console, print_report
+from stepdiag_ros.text.numbers import plus_minus
+from stepdiag_ros.words.lead import next_lines, sentences_of, size_sentences
+
+U_NODE = 5e-8
+COMMON = 3e-8
+"""Standard uncertainty, m, that all nodes of a curve but the first share."""
+
+
+def returning(size=4e-6):
+    """Return a result whose Z goes to -size and comes back to nothing at the end."""
+    there_and_back = np.zeros(BLOCKS + 1)
+    there_and_back[1], there_and_back[2] = 0.25 * size, -0.75 * size
+    result = make_result()
+    values = BLOCKS + 1
+    free = np.tile(np.r_[0.0, np.ones(BLOCKS)], len(TRANSLATIONS))
+    blocks = np.kron(np.eye(len(TRANSLATIONS)), np.ones((values, values)))
+    covariance = np.diag(free * (U_NODE**2 - COMMON**2)) + COMMON**2 * blocks * np.outer(free, free)
+    return replace(result, curves={**result.curves, "E_ZZ": there_and_back}, covariance=covariance)
+
+
+def in_short(report):
+    """Return what is said of the sizes; what decides is told by ``test_lead.py``."""
+    return size_sentences(lead_of(report))
+
+
+def named(errors):
+    return {one.name: one for one in errors}
+
+
+def test_positioning_is_peak_to_peak_though_it_ends_at_nothing():
+    found = named(single_errors(returning()))["E_ZZ"]
+    assert found.value == pytest.approx(4e-6)
+    assert found.travel == pytest.approx(0.03 * BLOCKS)
+    # What both nodes share leaves their difference.
+    expected = COVERAGE_FACTOR * np.sqrt(2.0 * (U_NODE**2 - COMMON**2))
+    assert found.expanded_uncertainty == pytest.approx(expected)
+
+
+def test_straightness_is_the_figure_and_squareness_what_it_makes_over_the_travel():
+    result = make_result()
+    found = named(single_errors(result))
+    straight = result.figure("straightness E_YX")
+    assert found["E_YX"].value == straight.value
+    assert np.isnan(found["E_YX"].expanded_uncertainty)
+    square = result.figure("C0Y")
+    assert found["C0Y"].value == pytest.approx(square.value * 0.02 * BLOCKS)
+    assert found["C0Y"].expanded_uncertainty == pytest.approx(
+        COVERAGE_FACTOR * square.standard_uncertainty * 0.02 * BLOCKS
+    )
+    turned = replace(result, figures=(Figure("C0Y", -square.value, 2.5e-7, "rad"),))
+    assert named(single_errors(turned))["C0Y"].value == found["C0Y"].value
+
+
+def test_a_curve_with_a_gap_tells_no_range():
+    result = returning()
+    curve = result.curves["E_ZZ"].copy()
+    curve[-1] = np.nan
+    gap = replace(result, curves={**result.curves, "E_ZZ": curve})
+    assert np.isnan(named(single_errors(gap))["E_ZZ"].value)
+    assert "E_ZZ" not in " ".join(in_short(make_report(results=(gap,))))
+
+
+def _budget(u, factor):
+    """Return a budget of node 1 and 2 of E_ZZ, independent, and of C0Y."""
+    quantities = (
+        SimpleNamespace(name="E_ZZ at 1", curve="E_ZZ", node=1),
+        SimpleNamespace(name="E_ZZ at 2", curve="E_ZZ", node=2),
+        SimpleNamespace(name="C0Y", curve="", node=-1),
+    )
+    factors = np.array([1.96, factor, factor])
+    return SimpleNamespace(
+        sensitivity=SimpleNamespace(quantities=quantities),
+        covariance=np.eye(3) * u**2,
+        coverage_factor=factors,
+        expanded=factors * u,
+    )
+
+
+def test_of_two_uncertainties_the_larger_one_counts():
+    result = returning()
+    alone = named(single_errors(result))
+    wide = named(single_errors(result, _budget(1e-6, 2.5)))
+    assert wide["E_ZZ"].expanded_uncertainty == pytest.approx(2.5 * np.sqrt(2.0) * 1e-6)
+    assert wide["C0Y"].expanded_uncertainty == pytest.approx(2.5e-6 * 0.02 * BLOCKS)
+    narrow = named(single_errors(result, _budget(1e-9, 2.5)))
+    for name in ("E_ZZ", "C0Y"):
+        assert narrow[name].expanded_uncertainty == alone[name].expanded_uncertainty
+
+
+def test_the_largest_come_first_and_three_are_named():
+    said = in_short(make_report(results=(returning(),)))
+    (largest,) = [text for text in said if "largest single errors" in text]
+    size = plus_minus(4e-6, np.sqrt(2.0 * (U_NODE**2 - COMMON**2)), 1e6)
+    first, second, third = largest.split(": ", 1)[1].split("; ")
+    travel = 0.03 * BLOCKS * 1e3
+    assert first == f"positioning E_ZZ of Z {size} µm over {travel:.0f} mm"
+    assert second.startswith("squareness B0Z of Z to X") or second.startswith("squareness A0Z")
+    assert third.startswith("squareness")
+    assert "peak to peak over the travel" in largest
+
+
+def test_the_worst_place_is_that_of_the_volume():
+    report = make_report(results=(returning(),))
+    found = of_result(report.preferred(), report.chain)
+    size = plus_minus(found.value, found.standard_uncertainty, 1e6)
+    assert f"the tool stands {size} µm from where it should" in in_short(report)[0]
+
+
+def zero_words(*results):
+    return [
+        text for text in in_short(make_report(results=results)) if "Not in these values" in text
+    ]
+
+
+def test_what_was_taken_as_zero_is_said_and_whether_it_could_be_told():
+    result = make_result()
+    assert "the measured lines cannot tell them" in zero_words(result)[0]
+    part = with_rotations(result, unknown=("E_BY",))
+    assert zero_words(part, result)[0].endswith("cannot tell E_BY.")
+    assert "another method tells E_AX, E_BX, E_CX, E_AY, E_CY" in zero_words(part, result)[0]
+    whole = with_rotations(result, unknown=())
+    assert set(true_rotations()) == set(ROTATIONS)
+    assert "another method tells them" in zero_words(whole, result)[0]
+    assert not zero_words(whole), "it holds them itself"
+
+
+@pytest.mark.parametrize("found", Misfit)
+def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_before_any_size(
+    monkeypatch, found
+):
+    result = replace(make_result(), degrees_of_freedom=20, chi_squared=20 * 590.0)
+    monkeypatch.setattr(leads, "misfit", lambda *_: found)
+    lead = lead_of(make_report(results=(result,), bag=Path("run.mcap")))
+    assert lead.misfit is found and lead.reduced_chi_squared == pytest.approx(590.0)
+    said = sentences_of(lead)
+    told = [place for place, text in enumerate(said) if "590.0" in text]
+    assert bool(told) == (found is not Misfit.NONE)
+    assert told in ([], [len(said) - len(size_sentences(lead)) - 1])
+    # Nothing is proposed to be made of errors that something else is in.
+    consistent = replace(lead, verdict=Verdict("CONSISTENT", "They agree."))
+    proposed = any("compensate" in line for line in next_lines(consistent))
+    assert proposed == (found is Misfit.NONE)
+
+
+def test_of_a_run_that_no_method_could_solve_everything_is_unknown():
+    lead = lead_of(make_report(results=(), bag=Path("run.mcap")))
+    assert lead.solved is False and set(lead.unknown) == {*TRANSLATIONS, *SQUARENESS}
+    assert not lead.errors and lead.volume is None
+    assert not any("compensate" in line for line in next_lines(lead))
+
+
+def test_noise_is_no_size_of_an_error(monkeypatch):
+    monkeypatch.setattr(leads, "is_noise", lambda _: True)
+    said = in_short(make_report(results=(make_result(),)))
+    assert len(said) == 2 and said[0].startswith("No error of this machine") and "±" not in said[0]
+    assert said[1].startswith("Not in these values")
+
+
+def test_the_last_lines_say_it_in_short_and_what_to_run_next():
+    report = make_report(bag=Path("my runs/one.mcap"), refused={"soons": "too little"})
+    stream = io.StringIO()
+    print_report(report, make_console(stream))
+    lines = [line.rstrip() for line in stream.getvalue().splitlines()]
+    place = lines.index("In short:")
+    lead = lead_of(report)
+    assert lines[place + 1 :] == [*sentences_of(lead), *next_lines(lead)]
+    assert any("not solved, too little" in line for line in lines[:place])
+    commands = [line.split("  ")[1] for line in lines[-3:]]
+    assert commands == [
+        "stepdiag diagnose 'my runs/one.mcap'",
+        "stepdiag report 'my runs/one.mcap'",
+        "stepdiag monitor 'my runs/one.mcap'",
+    ]
+
+
+def test_both_quantities_called_positioning_have_tables_of_their_own():
+    report = make_report(results=(returning(),))
+    stream = io.StringIO()
+    print_report(report, make_console(stream))
+    text = " ".join(stream.getvalue().split())
+    ranges = text[text.index("Positioning error, peak to peak") :]
+    size = plus_minus(4e-6, np.sqrt(2.0 * (U_NODE**2 - COMMON**2)), 1e6)
+    assert f"E_ZZ of Z µm {size}" in ranges.split("Straightness")[0]
+    assert "E_ZZ of Z µm -1.20 ± 0.12" in ranges[ranges.index("at the end of the travel") :]
+    truth = with_ranges(report).truth
+    assert truth.figures[-1].value == pytest.approx(np.ptp(report.truth.curves["E_ZZ"]))
+    assert "positioning-range" not in report_json(report), "results.json is that of the solvers"
