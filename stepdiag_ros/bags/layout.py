@@ -268,17 +268,20 @@ def chunk_records(content: bytes) -> list[tuple[int, int, int]]:
     Raises:
         Damaged: the chunk's inner frame is broken.
     """
-    found = []
+    # Local names: a run has hundreds of thousands of records.
+    found: list[tuple[int, int, int]] = []
+    frame_at, put = _FRAME.unpack_from, found.append
     position, size = 0, len(content)
-    while position < size:
-        if position + FRAME > size:
-            raise Damaged("the records of a chunk do not fill it")
-        opcode, length = _FRAME.unpack_from(content, position)
-        start = position + FRAME
-        position = start + length
-        if position > size:
-            raise Damaged("the records of a chunk do not fit into it")
-        found.append((opcode, start, position))
+    try:
+        while position < size:
+            opcode, length = frame_at(content, position)
+            start = position + FRAME
+            position = start + length
+            put((opcode, start, position))
+    except struct.error:
+        raise Damaged("the records of a chunk do not fill it") from None
+    if position > size:
+        raise Damaged("the records of a chunk do not fit into it")
     return found
 
 
@@ -291,7 +294,7 @@ def chunk_definitions(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 def chunk_heads(content: bytes) -> list[MessageHead]:
     """Return the heads of a chunk's messages, without their bytes; raises ``Damaged``."""
-    return [_head_of(content, start, end) for start, end in _messages(content)]
+    return [head for head, _, _ in _messages(content)]
 
 
 def chunk_messages(content: bytes, wanted: Collection[int] | None = None) -> list[RawMessage]:
@@ -304,30 +307,43 @@ def chunk_messages(content: bytes, wanted: Collection[int] | None = None) -> lis
     Raises:
         Damaged: the chunk's inner frame is broken, or a message is too short.
     """
-    found = []
-    for start, end in _messages(content):
-        head = _head_of(content, start, end)
-        if wanted is None or head[0] in wanted:
-            found.append(RawMessage(*head, content[start + _MESSAGE.size : end]))
+    return [
+        RawMessage(*head, content[start:end])
+        for head, start, end in _messages(content)
+        if wanted is None or head[0] in wanted
+    ]
+
+
+def chunk_payloads(content: bytes, wanted: Collection[int]) -> tuple[list[int], list[bytes]]:
+    """Return log times and serialised content of a chunk's messages on some channels.
+
+    Raises:
+        Damaged: as ``chunk_messages``.
+    """
+    found = [message for message in _messages(content) if message[0][0] in wanted]
+    times = [head[2] for head, _, _ in found]
+    return times, [content[start:end] for _, start, end in found]
+
+
+def _messages(content: bytes) -> list[tuple[MessageHead, int, int]]:
+    """Return head of each message of a chunk, and where its serialised content begins and ends."""
+    message, size = int(Opcode.MESSAGE), _MESSAGE.size
+    found: list[tuple[MessageHead, int, int]] = []
+    head_at, put = _MESSAGE.unpack_from, found.append
+    for opcode, start, end in chunk_records(content):
+        if opcode == message:
+            if end - start < size:
+                raise Damaged("a message is too short")
+            put((head_at(content, start), start + size, end))
     return found
-
-
-def _messages(content: bytes) -> list[tuple[int, int]]:
-    # A local name: looking up a member of an enumeration costs as much as parsing a head.
-    message = int(Opcode.MESSAGE)
-    return [(start, end) for opcode, start, end in chunk_records(content) if opcode == message]
 
 
 def message_of(content: bytes) -> RawMessage:
     """Parse a message record that stands outside of chunks; raises ``Damaged``."""
-    return RawMessage(*_head_of(content, 0, len(content)), content[_MESSAGE.size :])
-
-
-def _head_of(content: bytes, start: int, end: int) -> MessageHead:
-    if end - start < _MESSAGE.size:
+    if len(content) < _MESSAGE.size:
         raise Damaged("a message is too short")
-    head: MessageHead = _MESSAGE.unpack_from(content, start)
-    return head
+    head: MessageHead = _MESSAGE.unpack_from(content)
+    return RawMessage(*head, content[_MESSAGE.size :])
 
 
 def next_chunk(data: Any, offset: int) -> RawRecord | None:
