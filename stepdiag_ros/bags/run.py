@@ -39,6 +39,7 @@ from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.positioning_conversion import to_positioning_test
 from stepdiag_ros.topics import Topic
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 Event = StopCommand | Arrival | Reading
 
@@ -293,7 +294,7 @@ def _parts(bag: Bag, run: FoundRun, plan: Plan, readings: RunReadings) -> dict[s
         topics.STOP: ("stops", conversion.to_settled_stop),
         topics.BLOCK: ("blocks", conversion.to_block),
         topics.LINE: ("lines", conversion.to_measured_line),
-        topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
+        topics.VOLUMETRIC_ERRORS: ("results", to_volumetric_errors),
         topics.POSITIONING_TEST: ("tests", to_positioning_test),
         topics.DIAGNOSIS: ("diagnoses", to_diagnosis),
         topics.RUN_STATE: ("states", _state_change),
