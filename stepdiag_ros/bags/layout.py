@@ -31,6 +31,8 @@ _KEPT = 2**22
 _FRAME = struct.Struct("<BQ")
 _LENGTH = struct.Struct("<Q")
 _MESSAGE = struct.Struct("<HIQQ")
+_FRAMED_MESSAGE = struct.Struct("<BQHIQQ")
+"""Frame and head of a message; of other records, the frame and whatever stands behind it."""
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _COMPRESSIONS = (b"", b"zstd", b"lz4")
 
@@ -262,34 +264,19 @@ def _bound(chunk: Chunk) -> None:
         raise Damaged(f"a chunk of {max(sizes)} bytes; at most {LARGEST_CHUNK} are taken in")
 
 
-def chunk_records(content: bytes) -> list[tuple[int, int, int]]:
-    """Return the records of a chunk: opcode of each, and where its body begins and ends.
-
-    Raises:
-        Damaged: the chunk's inner frame is broken.
-    """
-    # Local names: a run has hundreds of thousands of records.
-    found: list[tuple[int, int, int]] = []
-    frame_at, put = _FRAME.unpack_from, found.append
-    position, size = 0, len(content)
-    try:
-        while position < size:
-            opcode, length = frame_at(content, position)
-            start = position + FRAME
-            position = start + length
-            put((opcode, start, position))
-    except struct.error:
-        raise Damaged("the records of a chunk do not fill it") from None
-    if position > size:
-        raise Damaged("the records of a chunk do not fit into it")
-    return found
-
-
 def chunk_definitions(content: bytes) -> Iterator[tuple[int, bytes]]:
     """Go through what is no message in a chunk: opcode and body of each; raises ``Damaged``."""
-    for opcode, start, end in chunk_records(content):
+    position, size = 0, len(content)
+    while position < size:
+        if position + FRAME > size:
+            raise Damaged("the records of a chunk do not fill it")
+        opcode, length = _FRAME.unpack_from(content, position)
+        start = position + FRAME
+        position = start + length
+        if position > size:
+            raise Damaged("the records of a chunk do not fit into it")
         if opcode != Opcode.MESSAGE:
-            yield opcode, content[start:end]
+            yield opcode, content[start:position]
 
 
 def chunk_heads(content: bytes) -> list[MessageHead]:
@@ -308,9 +295,7 @@ def chunk_messages(content: bytes, wanted: Collection[int] | None = None) -> lis
         Damaged: the chunk's inner frame is broken, or a message is too short.
     """
     return [
-        RawMessage(*head, content[start:end])
-        for head, start, end in _messages(content)
-        if wanted is None or head[0] in wanted
+        RawMessage(*head, content[start:end]) for head, start, end in _messages(content, wanted)
     ]
 
 
@@ -320,21 +305,40 @@ def chunk_payloads(content: bytes, wanted: Collection[int]) -> tuple[list[int], 
     Raises:
         Damaged: as ``chunk_messages``.
     """
-    found = [message for message in _messages(content) if message[0][0] in wanted]
+    found = _messages(content, wanted)
     times = [head[2] for head, _, _ in found]
     return times, [content[start:end] for _, start, end in found]
 
 
-def _messages(content: bytes) -> list[tuple[MessageHead, int, int]]:
-    """Return head of each message of a chunk, and where its serialised content begins and ends."""
-    message, size = int(Opcode.MESSAGE), _MESSAGE.size
+def _messages(
+    content: bytes, wanted: Collection[int] | None = None
+) -> list[tuple[MessageHead, int, int]]:
+    """Return head of each wanted message, and where its serialised content begins and ends.
+
+    A run has hundreds of thousands of records, and this goes through them all: frame and head are
+    unpacked together, so that each record costs one call.
+    """
     found: list[tuple[MessageHead, int, int]] = []
-    head_at, put = _MESSAGE.unpack_from, found.append
-    for opcode, start, end in chunk_records(content):
-        if opcode == message:
-            if end - start < size:
+    message, head_size = int(Opcode.MESSAGE), _MESSAGE.size
+    framed_at, put = _FRAMED_MESSAGE.unpack_from, found.append
+    # Behind a last record that is no message there must be something to unpack as a head.
+    padded = content + bytes(head_size)
+    position, size = 0, len(content)
+    try:
+        while position < size:
+            opcode, length, channel, sequence, logged, published = framed_at(padded, position)
+            start = position + FRAME
+            position = start + length
+            if opcode != message:
+                continue
+            if length < head_size:
                 raise Damaged("a message is too short")
-            put((head_at(content, start), start + size, end))
+            if wanted is None or channel in wanted:
+                put(((channel, sequence, logged, published), start + head_size, position))
+    except struct.error:
+        raise Damaged("the records of a chunk do not fill it") from None
+    if position > size:
+        raise Damaged("the records of a chunk do not fit into it")
     return found
 
 
