@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.monitor.items import RunBegin, RunStatus
 from stepdiag_ros.run.sequence import State as RunState
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 SECOND = 1_000_000_000
 MACHINE = load_machine("demo")[1]
@@ -148,7 +149,7 @@ def _messages(run):
                 yield now, topics.JOINT_STATES, joints
         yield now, topics.LINE, conversion.from_measured_line(line, RUN_ID)
     for result in run.results.values():
-        made = conversion.from_volumetric_errors(result, RUN_ID, now)
+        made = from_volumetric_errors(result, RUN_ID, now)
         yield now, topics.VOLUMETRIC_ERRORS, made
     now += SECOND
     yield now, topics.RUN_STATE, _state(now, RunState.FINISHED, index)

@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors, to_volumetric_errors
 
 TIME = 1_700_000_000_123_456_789
 AIR = Environment(20.1, 101325.5, 0.51, 19.9)
@@ -120,8 +121,8 @@ CASES = {
     ),
     "VolumetricErrors": (
         RESULT,
-        conversion.to_volumetric_errors,
-        conversion.from_volumetric_errors,
+        to_volumetric_errors,
+        from_volumetric_errors,
         ("run", TIME),
     ),
 }
@@ -229,10 +230,10 @@ def test_lines_with_infinite_values_are_refused(name):
 
 
 def test_results_with_arrays_of_different_length_are_refused():
-    message = conversion.from_volumetric_errors(RESULT, "run", TIME, new=embedded)
+    message = from_volumetric_errors(RESULT, "run", TIME, new=embedded)
     message.e_zy = message.e_zy[:-1]
     with refused(Refusal, "mismatch", "E_ZY"):
-        conversion.to_volumetric_errors(message)
+        to_volumetric_errors(message)
 
 
 def test_an_unknown_message_is_an_import_error():

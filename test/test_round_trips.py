@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINE_NAMES, STEP_DIAG
 from stepdiag_ros.metrology.samples import SampleBlock
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.topics import RUN_DESCRIPTION
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors, to_volumetric_errors
 
 TIMES = st.integers(0, (2**31 - 1) * 10**9)
 COUNTS = st.integers(0, 2**31 - 1)
@@ -211,8 +212,8 @@ def test_lines(line):
 
 @given(volumetric_errors(), TIMES)
 def test_results(result, time):
-    message = conversion.from_volumetric_errors(result, "run", time, NEW)
-    check("VolumetricErrors", result, conversion.to_volumetric_errors, message)
+    message = from_volumetric_errors(result, "run", time, NEW)
+    check("VolumetricErrors", result, to_volumetric_errors, message)
 
 
 @given(sample_blocks())

@@ -12,7 +12,7 @@ from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
-from stepdiag_ros.bags.readings import ReadingBatch, reading_batches
+from stepdiag_ros.bags.readings import ReadingBatch, RunReadings
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
@@ -39,6 +39,7 @@ from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.positioning_conversion import to_positioning_test
 from stepdiag_ros.topics import Topic
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 Event = StopCommand | Arrival | Reading
 
@@ -79,6 +80,7 @@ class RecordedRun:
     Attributes:
         bag: open as long as the run is in use, so that what is read later is of the same recording.
         found: what in the bag belongs to the run.
+        all_readings: of the run.
         namespace: that the run's topics were in.
         run_id: identity of the run.
         software_version: of stepdiag_ros that made the run.
@@ -108,6 +110,7 @@ class RecordedRun:
 
     bag: Bag
     found: FoundRun
+    all_readings: RunReadings
     namespace: str
     run_id: str
     software_version: str
@@ -189,7 +192,7 @@ class RecordedRun:
 
     def reading_batches(self) -> Iterator[ReadingBatch]:
         """Go through the readings in the order in which they were recorded, many at a time."""
-        return reading_batches(self.bag, self.found)
+        return self.all_readings.batches()
 
     def weather(self) -> list[SensorValue]:
         """Return what the weather sensors told, in order of time."""
@@ -237,9 +240,11 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         plan = plan_from_text(description.plan, f"{bag.path}: plan")
     except ValueError as error:
         raise BagError(str(error), **fields_of(error)) from None
+    readings = RunReadings(bag, found)
     return RecordedRun(
         bag=bag,
         found=found,
+        all_readings=readings,
         namespace=found.namespace,
         run_id=description.run_id,
         software_version=description.software_version,
@@ -250,7 +255,7 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         cell_text=description.simulated_cell,
         told_by_source=_told_by_source(bag),
         plan=plan,
-        **_parts(bag, found, plan),
+        **_parts(bag, found, plan, readings),
     )
 
 
@@ -282,14 +287,14 @@ def check_version(path: Path, version: int, software_version: str) -> None:
         raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
 
 
-def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
+def _parts(bag: Bag, run: FoundRun, plan: Plan, readings: RunReadings) -> dict[str, Any]:
     converters: dict[Topic, tuple[str, Callable[[Any], Any]]] = {
         topics.MACHINE_COMMAND: ("commands", conversion.to_stop_command),
         topics.COMMAND_STATUS: ("arrivals", conversion.to_arrival),
         topics.STOP: ("stops", conversion.to_settled_stop),
         topics.BLOCK: ("blocks", conversion.to_block),
         topics.LINE: ("lines", conversion.to_measured_line),
-        topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
+        topics.VOLUMETRIC_ERRORS: ("results", to_volumetric_errors),
         topics.POSITIONING_TEST: ("tests", to_positioning_test),
         topics.DIAGNOSIS: ("diagnoses", to_diagnosis),
         topics.RUN_STATE: ("states", _state_change),
@@ -319,7 +324,7 @@ def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
         blocks=parts["blocks"],
         lines=parts["lines"],
         last_state=parts["states"][-1].state if parts["states"] else None,
-        readings=numbers_of_readings(bag, run),
+        readings=numbers_of_readings(readings.batches()),
     )
     return {
         **{name: tuple(found) for name, found in parts.items()},

@@ -9,12 +9,12 @@ from stepdiag_ros.conversion import (
     axis_positions,
     to_measured_line,
     to_nanoseconds,
-    to_volumetric_errors,
 )
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.scene.run_picture import RunPicture, View
 from stepdiag_ros.scene_conversion import from_placements, from_shapes
 from stepdiag_ros.topics import Topic
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 SOURCES = (
     topics.RUN_STATE,

@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.topics import Topic
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ SOURCES: tuple[Source, ...] = (
     Source(topics.STOP, _one(conversion.to_settled_stop)),
     Source(topics.BLOCK, _one(conversion.to_block)),
     Source(topics.LINE, _one(conversion.to_measured_line)),
-    Source(topics.VOLUMETRIC_ERRORS, _one(conversion.to_volumetric_errors)),
+    Source(topics.VOLUMETRIC_ERRORS, _one(to_volumetric_errors)),
     Source(topics.DIAGNOSIS, _one(to_diagnosis)),
     Source(topics.DIAGNOSTICS, _said),
     *(

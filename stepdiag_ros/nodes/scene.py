@@ -9,13 +9,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
-from stepdiag_ros.conversion import axis_positions, to_nanoseconds, to_volumetric_errors
+from stepdiag_ros.conversion import axis_positions, to_nanoseconds
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.scene.run_picture import Part, RunPicture, View
 from stepdiag_ros.scene_conversion import from_placements, from_shapes
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 DRAW_PERIOD = 0.5
 """Real seconds between two pictures, at least; many results in a row make one."""

@@ -9,7 +9,6 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
-from stepdiag_ros.conversion import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
@@ -20,6 +19,7 @@ from stepdiag_ros.run.health import Finding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
 from stepdiag_ros.solving import Solved, solve_run
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 PUBLISH_PERIOD = 0.01
 """Real seconds between two looks at what has been solved."""

@@ -34,6 +34,7 @@ from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.positioning_conversion import from_positioning_test
 from stepdiag_ros.samples_conversion import from_sample_block
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 NEW = own_types().new
 AIR = Environment(20.0, 101325.0, 0.5, 20.5)
@@ -165,7 +166,7 @@ def messages():
         chi_squared=1.0,
         degrees_of_freedom=2,
     )
-    made[topics.VOLUMETRIC_ERRORS] = conversion.from_volumetric_errors(result, RUN_ID, START, NEW)
+    made[topics.VOLUMETRIC_ERRORS] = from_volumetric_errors(result, RUN_ID, START, NEW)
     test = PositioningTest(
         name="X",
         kind="linear",

@@ -26,6 +26,7 @@ from stepdiag_ros.diagnosis_conversion import from_diagnosis
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 NEW = own_types().new
 
@@ -64,7 +65,7 @@ def bag(tmp_path):
             ("conventional", 5e-6),
             ("least_squares", 2e-6),
         ):
-            message = conversion.from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
+            message = from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
             put(writer, topics.VOLUMETRIC_ERRORS, message, START)
     return path
 

@@ -32,6 +32,7 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.plan import moved_axes
 from stepdiag_ros.schemas import schema
 from stepdiag_ros.solving import solve_reproducibly
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 START = 1_000_000_000
 RUN_ID = "20260102T030405-abcd"
@@ -114,7 +115,7 @@ def write_bag(path, damage=None):
     for result in results.values():
         recorded = result if damage is None else damage(result)
         end = readings[-1].time
-        message = conversion.from_volumetric_errors(recorded, RUN_ID, end, new=new)
+        message = from_volumetric_errors(recorded, RUN_ID, end, new=new)
         messages.append((end, topics.VOLUMETRIC_ERRORS, message))
     header = RunHeader(
         RUN_ID, plan.name, __version__, 1, "none", START, plan_text, machine_text, cell_text

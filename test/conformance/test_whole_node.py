@@ -90,9 +90,9 @@ def test_what_it_solves_is_what_its_method_gives(
     from stepdiag_ros import topics
     from stepdiag_ros.bags.reader import BagReader
     from stepdiag_ros.bags.run import load_run
-    from stepdiag_ros.conversion import from_volumetric_errors
     from stepdiag_ros.nodes.links import message_class, quality
     from stepdiag_ros.solving import solve_reproducibly
+    from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
     bag = recorded(tmp_path)
     run = load_run(bag)

@@ -28,6 +28,7 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.plan import moved_axes
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.report.build import build_report
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 RUN_ID = "20260203T040506Z-abcdef"
 START = 1_700_000_000_000_000_000
@@ -93,7 +94,7 @@ def _messages(machine):
         yield _derived(event)
     end = readings[-1].time + _PERIOD
     for result in build_report(Measurement(plan.volume, lines, "YXZ")).results:
-        message = conversion.from_volumetric_errors(result, RUN_ID, end, _NEW)
+        message = from_volumetric_errors(result, RUN_ID, end, _NEW)
         yield end, topics.VOLUMETRIC_ERRORS, message
     for line in lines:
         yield line.end_time + 2, topics.RUN_STATE, _state(line.end_time + 2, _RUNNING, line)

@@ -16,6 +16,7 @@ from stepdiag_ros import conversion, topics
 from stepdiag_ros.diagnosis_conversion import from_diagnosis, to_diagnosis
 from stepdiag_ros.message_types import message_type
 from stepdiag_ros.positioning_conversion import from_positioning_test, to_positioning_test
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors, to_volumetric_errors
 
 LONG = 50
 """Times as many trials with ``--hypothesis-profile long``."""
@@ -105,8 +106,8 @@ CONVERSIONS = {
     ),
     "result": (
         topics.VOLUMETRIC_ERRORS,
-        conversion.to_volumetric_errors,
-        lambda d: conversion.from_volumetric_errors(d, RUN_ID, 0),
+        to_volumetric_errors,
+        lambda d: from_volumetric_errors(d, RUN_ID, 0),
     ),
     "test": (
         topics.POSITIONING_TEST,

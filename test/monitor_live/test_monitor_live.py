@@ -11,12 +11,12 @@ import pytest
 from patience import PATIENCE
 
 from stepdiag_ros import topics
-from stepdiag_ros.conversion import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.monitor.measured import micrometres
 from stepdiag_ros.monitor.section import measured
 from stepdiag_ros.report.numbers import plus_minus
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 RESULTS = ("curves", "squareness", "verdict", "volume")
 

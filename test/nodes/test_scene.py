@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.volumetric_conversion import from_volumetric_errors
 
 RUN_ID = "20260102T030405-abcd"
 PLAN = """\
@@ -117,7 +118,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
 
             # A result that comes before the description of its run is not lost.
             least_squares = results["least_squares"]
-            message = conversion.from_volumetric_errors(least_squares, RUN_ID, 2_000_000_000)
+            message = from_volumetric_errors(least_squares, RUN_ID, 2_000_000_000)
             outlets[topics.VOLUMETRIC_ERRORS].publish(message)
             machine = load_machine("demo")[1]
             say(topics.RUN_DESCRIPTION, run_id=RUN_ID, plan=PLAN, machine=machine)
@@ -144,7 +145,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
             request = SetParameters.Request()
             request.parameters = [filled_parameter("method", "conventional")]
             outlets[topics.VOLUMETRIC_ERRORS].publish(
-                conversion.from_volumetric_errors(results["conventional"], RUN_ID, 2_000_000_000)
+                from_volumetric_errors(results["conventional"], RUN_ID, 2_000_000_000)
             )
             answer = client.call_async(request)
             seen(answer.done)

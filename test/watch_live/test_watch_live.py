@@ -8,10 +8,10 @@ import signal
 from patience import PATIENCE
 
 from stepdiag_ros import topics
-from stepdiag_ros.conversion import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.monitor.section import micrometres
 from stepdiag_ros.report.numbers import plus_minus
+from stepdiag_ros.volumetric_conversion import to_volumetric_errors
 
 
 def squareness(result):
