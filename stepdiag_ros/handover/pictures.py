@@ -6,6 +6,7 @@ own while this one goes on.
 """
 
 import base64
+import gc
 import signal
 import threading
 from collections.abc import Iterator, Mapping
@@ -72,10 +73,14 @@ def draw(drawing: Drawing) -> Drawn | None:
 
 def _get_ready() -> None:
     """Import what drawing needs, while the other process reads and computes."""
+    # What is imported stays until the end: looking through it for unused cycles is in vain.
+    gc.disable()
     from stepdiag_ros import plots
 
     for name in plots.__all__:
         getattr(plots, name)
+    gc.freeze()
+    gc.enable()
 
 
 class Studio:
