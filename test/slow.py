@@ -43,6 +43,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "linuxcnc/test_closed_loop.py*": (*CELL, "compensation", "metrology"),
     "metrology/test_agreement.py::test_rotations_that_stay_the_same*::setup_robust": (),
     "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::[XZ]*": (),
+    "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::YZX": (),
     "metrology/test_discrepancy.py::test_the_hidden_effect_of_each_case*::effect_[bcdf]": (),
     "metrology/test_large_runs.py::test_memory_of_five_thousand_stops*": (),
     "metrology/test_locate.py::test_the_words_tell_the_place_of_the_gap::whole passes*": (),
