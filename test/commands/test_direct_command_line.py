@@ -10,12 +10,12 @@ import pytest
 from stepdiag_ros import cli, notebook
 from stepdiag_ros.metrology.geometry import ROTATIONS
 
-CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "null_rich"
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    target = tmp_path_factory.mktemp("direct") / "paper.mcap"
+    target = tmp_path_factory.mktemp("direct") / "run.mcap"
     assert cli.main(["import", str(CASE / "run.csv"), str(target)]) == 0
     return target
 
