@@ -22,6 +22,7 @@ CELL = ("bags", "devices", "embedded", "nodes", "run", "session")
 SLOW: dict[str, tuple[str, ...]] = {
     "*::many": (),  # machines, runs or moments; "few" of them are quick
     "*::many-*": (),
+    "bags/test_table.py::*::effect_[bcdf]": (),
     "bands/test_bands.py::test_no_band_is_too_narrow*": ("metrology",),
     "blind/test_blind.py::test_every_case*": ("metrology",),
     "blind/test_blind.py::test_no_*": ("metrology",),
