@@ -1,5 +1,6 @@
 """Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -106,6 +107,12 @@ def pytest_collection_modifyitems(config, items):
     others = [path for path in modules if not is_in(path, LIVE)]
     place = {path: n / len(kind) for kind in (live, others) for n, path in enumerate(kind)}
     items.sort(key=lambda item: place[item.path])
+
+
+def pytest_collection_finish():
+    """Look for garbage in what tests make alone: what was collected stays to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_sessionfinish(session, exitstatus):
