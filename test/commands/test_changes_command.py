@@ -23,6 +23,8 @@ from stepdiag_ros.report.documents import report_json
 from stepdiag_ros.report.numbers import MICRO, plus_minus
 from stepdiag_ros.report.tables import make_console
 
+pytestmark = pytest.mark.usefixtures("kept_results")
+
 STEPS = """\
 name: step diagonals
 step_m: [0.03, 0.02, 0.025]

@@ -22,6 +22,8 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report import compensation as report
 from stepdiag_ros.report import recorded_run
 
+pytestmark = pytest.mark.usefixtures("kept_results")
+
 STEPS = """\
 name: step diagonals
 step_m: [0.03, 0.02, 0.025]
