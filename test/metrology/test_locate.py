@@ -23,7 +23,7 @@ WARMING = WeatherModel(air_temperature_wave=0.5, wave_period=150.0)
 @pytest.fixture(scope="module")
 def quiet():
     """A run that lacks nothing: linear lines and four diagonals, both ways, twice."""
-    plan = make_plan(repeats=2, directions=("forward", "backward"))
+    plan = make_plan(repeats=2, directions=("forward", "backward"), orders=("XYZ", "YZX"))
     run = simulate(plan, replace(make_cell(noise=NOISE), weather=WARMING), seed=4)
     return replace(run, lines=tuple(_warmed(line) for line in run.lines))
 
@@ -64,8 +64,8 @@ def _passed(stops):
 
 JUMPED = "npp XYZ backward, repeat 0"
 GAPS = {
-    "the X moves of pnp and ppn, growing with time": lambda s: (
-        20e-6 * np.isin(_names(s), ["pnp", "ppn"]) * _way(s, 0) * _passed(s)
+    "the Y moves of pnp and ppn, growing with time": lambda s: (
+        20e-6 * np.isin(_names(s), ["pnp", "ppn"]) * _way(s, 1) * _passed(s)
     ),
     "the Z moves of ppp, growing with time": lambda s: (
         20e-6 * (_names(s) == "ppp") * _way(s, 2) * _passed(s)
