@@ -72,6 +72,7 @@ setup(
         "matplotlib>=3.7,<4",
         "mcap>=1.5,<2",
         "numpy>=1.26,<3",
+        "pillow>=10,<14",
         "pyserial>=3.5,<4",
         "pyyaml>=6.0,<7",
         "rich>=13,<16",

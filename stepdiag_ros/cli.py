@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 refused or failed (one sentence on standard error says why
 """
 
 import argparse
+import gc
 import os
 import signal
 import sys
@@ -57,6 +58,12 @@ squareness errors of all axes from one laser interferometer, along step diagonal
 axes (diagonals alone do not tell positioning). A measurement is recorded in one
 file, a bag (.mcap), from which every result can be had again."""
 
+_COLLECTED_AT = 50_000
+"""New objects after which Python looks for unused cycles.
+
+Nearly all that a command imports, reads and computes lives until it ends. At Python's own threshold
+(700 to 2,000 objects) looking through it again and again takes a tenth of a command's time.
+"""
 _EXIT_REFUSED = 1
 _EXIT_INTERRUPTED = 128 + signal.SIGINT
 _EXIT_BROKEN_PIPE = 141
@@ -114,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments without the program's name; those of the process if not given.
     """
+    gc.set_threshold(_COLLECTED_AT)
     # A caller may have closed what is written to; there is still work to be done.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115

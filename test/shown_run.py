@@ -11,6 +11,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.conversion import new_message
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -149,7 +150,7 @@ def _messages(run):
                 yield now, topics.JOINT_STATES, joints
         yield now, topics.LINE, conversion.from_measured_line(line, RUN_ID)
     for result in run.results.values():
-        made = conversion.from_volumetric_errors(result, RUN_ID, now)
+        made = from_volumetric_errors(result, RUN_ID, now)
         yield now, topics.VOLUMETRIC_ERRORS, made
     now += SECOND
     yield now, topics.RUN_STATE, _state(now, RunState.FINISHED, index)

@@ -22,6 +22,7 @@ CELL = ("bags", "devices", "embedded", "nodes", "run", "session")
 SLOW: dict[str, tuple[str, ...]] = {
     "*::many": (),  # machines, runs or moments; "few" of them are quick
     "*::many-*": (),
+    "bags/test_table.py::*::effect_[bcdf]": (),
     "bands/test_bands.py::test_no_band_is_too_narrow*": ("metrology",),
     "blind/test_blind.py::test_every_case*": ("metrology",),
     "blind/test_blind.py::test_no_*": ("metrology",),
@@ -43,6 +44,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "linuxcnc/test_closed_loop.py*": (*CELL, "compensation", "metrology"),
     "metrology/test_agreement.py::test_rotations_that_stay_the_same*::setup_robust": (),
     "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::[XZ]*": (),
+    "metrology/test_diagonal_squareness.py::test_rotations_that_no_length*::YZX": (),
     "metrology/test_discrepancy.py::test_the_hidden_effect_of_each_case*::effect_[bcdf]": (),
     "metrology/test_large_runs.py::test_memory_of_five_thousand_stops*": (),
     "metrology/test_locate.py::test_the_words_tell_the_place_of_the_gap::whole passes*": (),

@@ -176,8 +176,7 @@ class BagReader(Bag):
             return
         (type_name,) = types
         for chunk in self._chunks_with(wanted.keys()):
-            found = self._messages_of(chunk, wanted.keys())
-            yield Payloads(type_name, [one.log_time for one in found], [one.cdr for one in found])
+            yield Payloads(type_name, *self._payloads_of(chunk, wanted.keys()))
 
     @cached_property
     def tally(self) -> Tally:
@@ -326,6 +325,15 @@ class BagReader(Bag):
                 return layout.chunk_messages(self._content(chunk), wanted)
         message = _lone_message(chunk, self._data)
         return [message] if wanted is None or message.channel in wanted else []
+
+    def _payloads_of(
+        self, chunk: layout.RawRecord, wanted: Collection[int]
+    ) -> tuple[list[int], list[bytes]]:
+        if chunk.opcode == Opcode.CHUNK:
+            with self._refusing_damage(chunk):
+                return layout.chunk_payloads(self._content(chunk), wanted)
+        message = _lone_message(chunk, self._data)
+        return [message.log_time], [message.cdr]
 
     def _all_messages(self) -> Iterator[layout.RawMessage]:
         for chunk in self._chunks:

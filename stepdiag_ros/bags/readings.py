@@ -16,6 +16,8 @@ from stepdiag_ros.metrology.measurement import Environment, Reading
 
 _AT_ONCE = 4096
 """Readings in a batch: enough that a batch costs little, few enough that memory does not count."""
+_MOST_KEPT = 250_000
+"""Readings of a run that stay in memory once they were read, 86 bytes each."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,38 @@ class ReadingBatch:
         return chain.from_iterable(map(repeat, shared, counts))
 
 
+class RunReadings:
+    """The readings of a run, for who goes through them more than once.
+
+    Those of a short run stay in memory; those of a long one are read from the bag each time.
+
+    Args:
+        bag: open as long as the readings are in use.
+        run: which in it.
+    """
+
+    def __init__(self, bag: Bag, run: FoundRun) -> None:
+        self._bag, self._run = bag, run
+        self._kept: tuple[ReadingBatch, ...] | None = None
+
+    def batches(self) -> Iterator[ReadingBatch]:
+        """Go through the readings as ``reading_batches`` does."""
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[ReadingBatch] = []
+        count = 0
+        for batch in reading_batches(self._bag, self._run):
+            count += len(batch.time)
+            if count <= _MOST_KEPT:
+                kept.append(batch)
+            else:
+                kept.clear()
+            yield batch
+        if count <= _MOST_KEPT:
+            self._kept = tuple(kept)
+
+
 def reading_batches(bag: Bag, run: FoundRun) -> Iterator[ReadingBatch]:
     """Go through the readings of a run in the order in which they were recorded.
 
@@ -119,10 +153,10 @@ def _batch_of(bag: Bag, topic: str, some: Payloads) -> ReadingBatch:
     lengths = ("raw_displacement", "compensated_displacement", "signal_strength")
     return ReadingBatch(
         time=seconds * conversion.NANOSECONDS + found["header.stamp.nanosec"],
-        sequence=found["sequence"],
+        sequence=found["sequence"].copy(),  # not a view, which would keep all the messages
         values=np.stack([found[name] for name in lengths]),
-        status=found["status"],
+        status=found["status"].copy(),
         environment=np.column_stack([found[name] for name in Environment._fields]),
         # Bags from before this was recorded do not tell it.
-        trigger=found.get("trigger", np.zeros(len(some.data), np.uint64)),
+        trigger=found.get("trigger", np.zeros(len(some.data), np.uint64)).copy(),
     )

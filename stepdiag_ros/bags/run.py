@@ -12,7 +12,7 @@ from stepdiag_ros.bags.bag import Bag
 from stepdiag_ros.bags.case import SIMULATED_CELL
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
-from stepdiag_ros.bags.readings import ReadingBatch, reading_batches
+from stepdiag_ros.bags.readings import ReadingBatch, RunReadings
 from stepdiag_ros.bags.runs import FoundRun, choose_run, messages_of
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.bags.types import own_types
@@ -21,6 +21,7 @@ from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausibl
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.messages.positioning import to_positioning_test
+from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary
@@ -80,6 +81,7 @@ class RecordedRun:
     Attributes:
         bag: open as long as the run is in use, so that what is read later is of the same recording.
         found: what in the bag belongs to the run.
+        all_readings: of the run.
         namespace: that the run's topics were in.
         run_id: identity of the run.
         software_version: of stepdiag_ros that made the run.
@@ -109,6 +111,7 @@ class RecordedRun:
 
     bag: Bag
     found: FoundRun
+    all_readings: RunReadings
     namespace: str
     run_id: str
     software_version: str
@@ -190,7 +193,7 @@ class RecordedRun:
 
     def reading_batches(self) -> Iterator[ReadingBatch]:
         """Go through the readings in the order in which they were recorded, many at a time."""
-        return reading_batches(self.bag, self.found)
+        return self.all_readings.batches()
 
     def weather(self) -> list[SensorValue]:
         """Return what the weather sensors told, in order of time."""
@@ -238,9 +241,11 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         plan = plan_from_text(description.plan, f"{bag.path}: plan")
     except ValueError as error:
         raise BagError(str(error), **fields_of(error)) from None
+    readings = RunReadings(bag, found)
     return RecordedRun(
         bag=bag,
         found=found,
+        all_readings=readings,
         namespace=found.namespace,
         run_id=description.run_id,
         software_version=description.software_version,
@@ -251,7 +256,7 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         cell_text=description.simulated_cell,
         told_by_source=_told_by_source(bag),
         plan=plan,
-        **_parts(bag, found, plan),
+        **_parts(bag, found, plan, readings),
     )
 
 
@@ -283,14 +288,14 @@ def check_version(path: Path, version: int, software_version: str) -> None:
         raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
 
 
-def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
+def _parts(bag: Bag, run: FoundRun, plan: Plan, readings: RunReadings) -> dict[str, Any]:
     converters: dict[Topic, tuple[str, Callable[[Any], Any]]] = {
         topics.MACHINE_COMMAND: ("commands", conversion.to_stop_command),
         topics.COMMAND_STATUS: ("arrivals", conversion.to_arrival),
         topics.STOP: ("stops", conversion.to_settled_stop),
         topics.BLOCK: ("blocks", conversion.to_block),
         topics.LINE: ("lines", conversion.to_measured_line),
-        topics.VOLUMETRIC_ERRORS: ("results", conversion.to_volumetric_errors),
+        topics.VOLUMETRIC_ERRORS: ("results", to_volumetric_errors),
         topics.POSITIONING_TEST: ("tests", to_positioning_test),
         topics.DIAGNOSIS: ("diagnoses", to_diagnosis),
         topics.RUN_STATE: ("states", _state_change),
@@ -320,7 +325,7 @@ def _parts(bag: Bag, run: FoundRun, plan: Plan) -> dict[str, Any]:
         blocks=parts["blocks"],
         lines=parts["lines"],
         last_state=parts["states"][-1].state if parts["states"] else None,
-        readings=numbers_of_readings(bag, run),
+        readings=numbers_of_readings(readings.batches()),
     )
     return {
         **{name: tuple(found) for name, found in parts.items()},

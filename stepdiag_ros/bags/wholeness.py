@@ -5,16 +5,14 @@ which readings it was made of, a line which stops, and a stop which command led 
 """
 
 from array import array
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Bag
-from stepdiag_ros.bags.readings import reading_batches
-from stepdiag_ros.bags.runs import FoundRun
+from stepdiag_ros.bags.readings import ReadingBatch
 from stepdiag_ros.bags.tally import Flaw, Kind
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -100,14 +98,10 @@ class ReadingNumbers:
         return lacking
 
 
-def numbers_of_readings(bag: Bag, run: FoundRun) -> ReadingNumbers:
-    """Return the numbers of a run's readings.
-
-    Raises:
-        BagError: a message is no reading; the text names topic and time.
-    """
+def numbers_of_readings(batches: Iterable[ReadingBatch]) -> ReadingNumbers:
+    """Return the numbers of a run's readings, which come in the order of the file."""
     numbers = ReadingNumbers()
-    for batch in reading_batches(bag, run):
+    for batch in batches:
         numbers.take(batch.time, batch.sequence)
     return numbers
 

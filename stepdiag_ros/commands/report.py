@@ -106,6 +106,7 @@ def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
     from stepdiag_ros.report.pages.build import FORMATS, prepare, report_document_of, write
     from stepdiag_ros.report.pages.lead import lead_of
+    from stepdiag_ros.report.pages.pdf import get_ready
     from stepdiag_ros.report.pages.pictures import studio
 
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
@@ -129,8 +130,12 @@ def run(arguments: Namespace) -> int:
                     material.draw(atelier)
                 handover: LaidOut | None = material
             else:
+                # Pictures are asked for before all else, to be drawn while this process computes.
+                handover = None
+                if atelier is not None:
+                    meanwhile = get_ready if "pdf" in formats else None
+                    handover = prepare(material, atelier, tell, meanwhile)
                 document, lead = partial(report_document_of, material), lead_of(material)
-                handover = None if atelier is None else prepare(material, atelier, tell)
             files = write(document, handover, folder, formats, tell)
     for text in (lead.headline, *lead.sentences):
         print(text)

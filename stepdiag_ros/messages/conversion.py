@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.frames import MACHINE
-from stepdiag_ros.metrology.geometry import AXES, CURVES, Vector, moving_axis
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import (
     Arrival,
     BlockDisplacement,
@@ -25,7 +25,6 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 NANOSECONDS = 1_000_000_000
 _STAMPED = 2**31 * NANOSECONDS
@@ -95,7 +94,8 @@ def doubles(values: Any) -> "array[float]":
     return array("d", np.asarray(values, dtype=np.float64).ravel().tolist())
 
 
-def _vector(values: Any) -> Vector:
+def vector(values: Any) -> Vector:
+    """Return the numbers of a message's field as an array."""
     # A copy: arrays of a received message may be read-only and share the receive buffer.
     return np.array(values, dtype=np.float64)
 
@@ -358,10 +358,10 @@ def to_measured_line(message: Any) -> MeasuredLine:
     """
     stops = len(message.time)
     columns = {
-        name: _vector(getattr(message, name))
+        name: vector(getattr(message, name))
         for name in ("time", "displacement", "standard_uncertainty", *Environment._fields)
     }
-    target = _vector(message.target)
+    target = vector(message.target)
     lengths = {name: len(values) for name, values in columns.items()}
     lengths["target"] = len(target) // 3 if len(target) % 3 == 0 else -1
     wrong = [name for name, length in lengths.items() if length != stops]
@@ -402,75 +402,4 @@ def from_measured_line(line: MeasuredLine, run_id: str, new: NewMessage = new_me
     message.standard_uncertainty = doubles(line.standard_uncertainty)
     for column, name in enumerate(Environment._fields):
         setattr(message, name, doubles(np.asarray(line.environment)[:, column]))
-    return message
-
-
-# -- results ------------------------------------------------------------------
-
-
-def to_volumetric_errors(message: Any) -> VolumetricErrors:
-    """Convert a ``VolumetricErrors`` message; the covariance is not in the message and stays empty.
-
-    Raises:
-        ValueError: a curve does not have one value a node, or the figures' arrays differ in length.
-    """
-    nodes = (_vector(message.x), _vector(message.y), _vector(message.z))
-    curves: dict[str, Vector] = {}
-    uncertainties: dict[str, Vector] = {}
-    for name in CURVES:
-        values = _vector(getattr(message, name.lower()))
-        spread = _vector(getattr(message, f"u_{name.lower()}"))
-        if len(values) == 0 and len(spread) == 0:
-            continue
-        count = len(nodes[moving_axis(name)])
-        if not len(values) == len(spread) == count:
-            raise Refusal(
-                f"VolumetricErrors: {name} does not have one value at each node", fault="mismatch"
-            )
-        curves[name], uncertainties[name] = values, spread
-    columns = (message.parameter, message.value, message.standard_uncertainty, message.unit)
-    if len({len(column) for column in columns}) > 1:
-        raise ValueError("VolumetricErrors: the arrays of its figures differ in length")
-    return VolumetricErrors(
-        method=str(message.method),
-        nodes=nodes,
-        curves=curves,
-        standard_uncertainty=uncertainties,
-        figures=tuple(
-            Figure(str(name), float(value), float(uncertainty), str(unit))
-            for name, value, uncertainty, unit in zip(*columns, strict=True)
-        ),
-        lines=int(message.lines),
-        chi_squared=float(message.chi_squared),
-        degrees_of_freedom=int(message.degrees_of_freedom),
-        not_determined=tuple(str(text) for text in message.not_determined),
-        remarks=tuple(str(text) for text in message.remarks),
-        frame=str(message.frame),
-    )
-
-
-def from_volumetric_errors(
-    result: VolumetricErrors, run_id: str, time: int, new: NewMessage = new_message
-) -> Any:
-    """Make a ``VolumetricErrors`` message; time: of the last line that was used, ns."""
-    message = new("stepdiag_ros/msg/VolumetricErrors")
-    set_header(message, time)
-    message.run_id = run_id
-    message.method = result.method
-    message.lines = int(result.lines)
-    message.frame = result.frame
-    message.x, message.y, message.z = (doubles(nodes) for nodes in result.nodes)
-    for name in result.curves:
-        setattr(message, name.lower(), doubles(result.curves[name]))
-        setattr(message, f"u_{name.lower()}", doubles(result.standard_uncertainty[name]))
-    message.parameter = [figure.name for figure in result.figures]
-    message.value = doubles([figure.value for figure in result.figures])
-    message.standard_uncertainty = doubles(
-        [figure.standard_uncertainty for figure in result.figures]
-    )
-    message.unit = [figure.unit for figure in result.figures]
-    message.chi_squared = float(result.chi_squared)
-    message.degrees_of_freedom = int(result.degrees_of_freedom)
-    message.not_determined = list(result.not_determined)
-    message.remarks = list(result.remarks)
     return message

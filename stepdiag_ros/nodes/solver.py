@@ -10,8 +10,8 @@ from typing import Any
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.evaluation.solving import Solved, solve_run
-from stepdiag_ros.messages.conversion import from_volumetric_errors
 from stepdiag_ros.messages.positioning import from_positioning_test
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.style import DOTS_PER_INCH
@@ -32,14 +34,25 @@ def save(figure: Figure, path: Path | str) -> None:
 
 
 def png_bytes(figure: Figure, dpi: float = DOTS_PER_INCH) -> bytes:
-    """Return a figure as PNG.
+    """Return an opaque figure as PNG.
+
+    There is no transparency channel: a PDF would hold a second image of it, packed once more.
 
     Args:
-        figure: any.
+        figure: with an opaque background.
         dpi: dots per inch.
     """
+    before, dots = figure.canvas, figure.dpi
+    try:
+        figure.dpi = dpi
+        canvas: Any = FigureCanvasAgg(figure)
+        pixels, size = canvas.print_to_buffer()
+    finally:
+        figure.dpi = dots
+        figure.set_canvas(before)
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, pil_kwargs=_QUICK)
+    image = Image.frombuffer("RGBA", size, pixels).convert("RGB")
+    image.save(stream, format="png", dpi=(dpi, dpi), **_QUICK)
     return stream.getvalue()
 
 

@@ -13,6 +13,7 @@ from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import from_diagnosis
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.messages.samples import from_sample_block
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
 from stepdiag_ros.metrology.discrepancy.summary import (
     DiagnosisSummary,
@@ -166,7 +167,7 @@ def messages():
         chi_squared=1.0,
         degrees_of_freedom=2,
     )
-    made[topics.VOLUMETRIC_ERRORS] = conversion.from_volumetric_errors(result, RUN_ID, START, NEW)
+    made[topics.VOLUMETRIC_ERRORS] = from_volumetric_errors(result, RUN_ID, START, NEW)
     test = PositioningTest(
         name="X",
         kind="linear",

@@ -24,6 +24,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import from_diagnosis
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -65,7 +66,7 @@ def bag(tmp_path):
             ("conventional", 5e-6),
             ("least_squares", 2e-6),
         ):
-            message = conversion.from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
+            message = from_volumetric_errors(result(method, scale), RUN_ID, START, NEW)
             put(writer, topics.VOLUMETRIC_ERRORS, message, START)
     return path
 

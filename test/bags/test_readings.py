@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.folder import open_bag
-from stepdiag_ros.bags.readings import reading_batches
+from stepdiag_ros.bags.readings import RunReadings, reading_batches
 from stepdiag_ros.bags.runs import choose_run
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.wholeness import ReadingNumbers
@@ -77,3 +77,23 @@ def test_missing_and_misplaced_readings_are_counted_however_they_are_taken(pairs
     if not fallen.any():
         gaps = np.maximum(np.diff(sequences) - 1, 0)
         assert numbers.missing() == (gaps.sum(), np.count_nonzero(gaps))
+
+
+@pytest.mark.parametrize("most", [0, COUNT - 1, COUNT])
+def test_readings_of_a_run_are_the_same_each_time(tmp_path, monkeypatch, most):
+    monkeypatch.setattr("stepdiag_ros.bags.readings._MOST_KEPT", most)
+    write(tmp_path / "run.mcap", (message(number, "laser") for number in range(COUNT)))
+    with open_bag(tmp_path / "run.mcap") as bag:
+        readings = RunReadings(bag, choose_run(bag))
+        next(readings.batches())  # whoever stops early leaves nothing half kept
+        first, second = (list(chain.from_iterable(readings.batches())) for _ in range(2))
+    assert first == second == [reading(number) for number in range(COUNT)]
+
+
+def test_a_long_run_is_not_kept_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("stepdiag_ros.bags.readings._MOST_KEPT", COUNT - 1)
+    write(tmp_path / "run.mcap", (message(number, "laser") for number in range(COUNT)))
+    with open_bag(tmp_path / "run.mcap") as bag:
+        readings = RunReadings(bag, choose_run(bag))
+        one, other = (list(readings.batches()) for _ in range(2))
+    assert not any(np.shares_memory(a.time, b.time) for a, b in zip(one, other, strict=True))

@@ -4,7 +4,7 @@ from collections import Counter, defaultdict
 from statistics import median
 
 from blind_judging import GOOD, NO_PLAN, OUTCOMES, covered, of_the_machine, told_to_stay_open
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 AT_MOST, AT_LEAST = "at most", "at least"
 MUST_BE = {
@@ -25,8 +25,8 @@ FROM, TO = 1500, 2500
 def clopper_pearson(hits, runs, confidence=0.95):
     """Exact two-sided bounds of a share."""
     tail = 0.5 * (1.0 - confidence)
-    low = float(beta.ppf(tail, hits, runs - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1.0 - tail, hits + 1, runs - hits)) if hits < runs else 1.0
+    low = float(betaincinv(hits, runs - hits + 1, tail)) if hits else 0.0
+    high = float(betaincinv(hits + 1, runs - hits, 1.0 - tail)) if hits < runs else 1.0
     return low, high
 
 

@@ -1,5 +1,5 @@
 """What the tests of all commands share."""
 
-from kept_verdicts import kept_verdicts
+from kept_verdicts import kept_results, kept_verdicts
 
-__all__ = ["kept_verdicts"]
+__all__ = ["kept_results", "kept_verdicts"]

@@ -24,6 +24,8 @@ from stepdiag_ros.report.tables.run import make_console
 from stepdiag_ros.text.numbers import MICRO, plus_minus
 from stepdiag_ros.words.changes import remarks_of, uncertainty_words, verdict
 
+pytestmark = pytest.mark.usefixtures("kept_results")
+
 STEPS = """\
 name: step diagonals
 step_m: [0.03, 0.02, 0.025]

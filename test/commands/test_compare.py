@@ -11,12 +11,12 @@ from stepdiag_ros import cli
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.plots.files import experiment as experiment_figures
 
-CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "null_rich"
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    target = tmp_path_factory.mktemp("compare") / "paper.mcap"
+    target = tmp_path_factory.mktemp("compare") / "run.mcap"
     assert cli.main(["import", str(CASE / "run.csv"), str(target)]) == 0
     return target
 

@@ -23,6 +23,8 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.plots.files.compensation import draw_compensation
 from stepdiag_ros.text.controls import Comment
 
+pytestmark = pytest.mark.usefixtures("kept_results")
+
 STEPS = """\
 name: step diagonals
 step_m: [0.03, 0.02, 0.025]

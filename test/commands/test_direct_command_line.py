@@ -10,45 +10,60 @@ import pytest
 from stepdiag_ros import cli, notebook
 from stepdiag_ros.metrology.geometry import ROTATIONS
 
-CASE = Path(__file__).parents[1] / "data" / "cases" / "paper_like"
+CASE = Path(__file__).parents[1] / "data" / "cases" / "null_rich"
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    target = tmp_path_factory.mktemp("direct") / "paper.mcap"
+    target = tmp_path_factory.mktemp("direct") / "run.mcap"
     assert cli.main(["import", str(CASE / "run.csv"), str(target)]) == 0
     return target
 
 
+@pytest.fixture(scope="module")
+def measured_angles(tmp_path_factory):
+    """A file of angles that no test changes."""
+    return written_angles(tmp_path_factory.mktemp("angles"))
+
+
 @pytest.fixture
 def angles(tmp_path):
+    return written_angles(tmp_path)
+
+
+def written_angles(folder):
     rng = np.random.default_rng(1)
     rows = ["# autocollimator", "name,position_m,value,standard_uncertainty"]
     for name in ROTATIONS:
         rows += [f"{name},{0.01 * k!r},{3e-7 * rng.standard_normal()},3e-7" for k in range(13)]
-    path = tmp_path / "angles.csv"
+    path = folder / "angles.csv"
     path.write_text("\n".join(rows) + "\n")
     return path
 
 
-def solved(capsys, bag, tmp_path, *options):
-    arguments = ["solve", str(bag), "--json", "--pictures", "none", "--output", str(tmp_path / "r")]
+def solved(bag, folder, *options):
+    arguments = ["solve", str(bag), "--pictures", "none", "--output", str(folder)]
     assert cli.main([*arguments, *options]) == 0
-    return json.loads(capsys.readouterr().out)
+    return json.loads((folder / "results.json").read_text())
 
 
-def test_the_document_says_by_which_file_it_can_be_had_again(bag, angles, tmp_path, capsys):
-    plain = solved(capsys, bag, tmp_path)
-    told = solved(capsys, bag, tmp_path, "--direct", str(angles))
+@pytest.fixture(scope="module")
+def told(bag, measured_angles, tmp_path_factory):
+    """Return the document of a solve with the angles."""
+    return solved(bag, tmp_path_factory.mktemp("told"), "--direct", str(measured_angles))
+
+
+def test_the_document_says_by_which_file_it_can_be_had_again(bag, measured_angles, told, tmp_path):
+    plain = solved(bag, tmp_path / "plain")
     assert plain["direct"] == []
     assert told["direct"] == [
         {
-            "file": str(angles),
-            "sha256": hashlib.sha256(angles.read_bytes()).hexdigest(),
+            "file": str(measured_angles),
+            "sha256": hashlib.sha256(measured_angles.read_bytes()).hexdigest(),
             "errors": list(ROTATIONS),
         }
     ]
-    assert solved(capsys, bag, tmp_path, "--direct", str(angles)) == told
+    assert solved(bag, tmp_path / "again", "--direct", str(measured_angles)) == told
     here, there = (one["methods"]["least_squares"] for one in (told, plain))
     assert here["degrees_of_freedom"] == there["degrees_of_freedom"]
     assert set(here["curves"]) - set(there["curves"]) == set(ROTATIONS)
@@ -58,9 +73,8 @@ def test_the_document_says_by_which_file_it_can_be_had_again(bag, angles, tmp_pa
         assert len(told["methods"][method]["remarks"]) > len(plain["methods"][method]["remarks"])
 
 
-def test_a_notebook_says_the_same(bag, angles, tmp_path, capsys):
-    told = solved(capsys, bag, tmp_path, "--direct", str(angles))
-    report = notebook.solve(notebook.open_run(bag), direct=[angles])
+def test_a_notebook_says_the_same(bag, measured_angles, told):
+    report = notebook.solve(notebook.open_run(bag), direct=[measured_angles])
     expected = told["methods"]["least_squares"]["curves"]["E_BY"]
     assert list(report.preferred().curves["E_BY"]) == expected
 

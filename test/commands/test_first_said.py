@@ -20,6 +20,8 @@ from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.simulation import simulate
 
+pytestmark = pytest.mark.usefixtures("kept_results")
+
 HEAD = """\
 name: a run
 step_m: [0.03, 0.02, 0.025]

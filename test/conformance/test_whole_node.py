@@ -91,7 +91,7 @@ def test_what_it_solves_is_what_its_method_gives(
     from stepdiag_ros.bags.reader import BagReader
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.solving import solve_reproducibly
-    from stepdiag_ros.messages.conversion import from_volumetric_errors
+    from stepdiag_ros.messages.volumetric import from_volumetric_errors
     from stepdiag_ros.nodes.links import message_class, quality
 
     bag = recorded(tmp_path)

@@ -2,6 +2,7 @@
 
 import math
 from array import array
+from functools import cache
 from typing import Any
 
 from hypothesis import strategies as st
@@ -53,6 +54,7 @@ _NUMPY_CODES = {
 _OTHER_NAMES = {"double": "float64", "float": "float32", "octet": "byte", "boolean": "bool"}
 
 
+@cache
 def messages(type_name: str) -> st.SearchStrategy[Any]:
     """Return a strategy for messages of a full type name such as ``stepdiag_ros/msg/RunState``."""
     if type_name == "diagnostic_msgs/msg/DiagnosticArray":
@@ -75,6 +77,7 @@ def damaged(draw: st.DrawFn, valid: Any) -> Any:
     return valid
 
 
+@cache
 def _field(name: str, told: str) -> st.SearchStrategy[Any]:
     base, sequence, count = _taken_apart(told)
     base = _OTHER_NAMES.get(base, base)
@@ -118,10 +121,12 @@ def _single(name: str, base: str) -> st.SearchStrategy[Any]:
     return messages(base if "/msg/" in base else base.replace("/", "/msg/"))
 
 
+@cache
 def _floats() -> st.SearchStrategy[float]:
     return st.sampled_from(_FLOATS) | st.floats(-1.0, 1.0) | st.floats()
 
 
+@cache
 def _texts() -> st.SearchStrategy[str]:
     return st.sampled_from(_WORDS) | st.text(st.characters(codec="utf-8"), max_size=30)
 

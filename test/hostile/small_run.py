@@ -16,6 +16,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
 from stepdiag_ros.evaluation.build import build_report
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -94,7 +95,7 @@ def _messages(machine):
         yield _derived(event)
     end = readings[-1].time + _PERIOD
     for result in build_report(Measurement(plan.volume, lines, "YXZ")).results:
-        message = conversion.from_volumetric_errors(result, RUN_ID, end, _NEW)
+        message = from_volumetric_errors(result, RUN_ID, end, _NEW)
         yield end, topics.VOLUMETRIC_ERRORS, message
     for line in lines:
         yield line.end_time + 2, topics.RUN_STATE, _state(line.end_time + 2, _RUNNING, line)

@@ -189,16 +189,22 @@ def repeated(line, count=100_000):
     return (line * count)[:LONGEST_TEXT]
 
 
-ALL_AT_ONCE = (
-    "step_m: [1, 1, 1]\nblocks: 1000\nrepeats: 1000\nfeed_m_per_s: 1\nlines:\n"
-    + "  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn], orders: [XYZ, YXZ, ZXY],"
-    " directions: [forward, backward]}\n" * 900
-)
+def everything_measured(lines):
+    """Return a plan of so many lines, each of more passes than a plan may have."""
+    line = (
+        "  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn], orders: [XYZ, YXZ, ZXY],"
+        " directions: [forward, backward]}\n"
+    )
+    head = "step_m: [1, 1, 1]\nblocks: 1000\nrepeats: 1000\nfeed_m_per_s: 1\nlines:\n"
+    return head + lines * line
+
+
+TOO_MUCH = everything_measured(lines=9)
 TABLES = "".join(
     f"k{n}: &k{n} {{{', '.join(f'x{m}: *k{n - 1}' for m in range(9))}}}\n" for n in range(1, 9)
 )
 BOMBS = {
-    "more passes than memory": ALL_AT_ONCE,
+    "more passes than memory": everything_measured(lines=900),
     "lists of lists by references": "k0: &k0 1\n" + TABLES,
     "merged tables": "k0: &k0 {a: 1}\nk1: &k1 {<<: [*k0, *k0]}\nk2: {<<: [*k1, *k1]}\n",
     "a number of base 60": "blocks: 1" + repeated(":1", 490_000),
@@ -222,7 +228,7 @@ def test_a_bomb_is_refused_in_bounded_time_and_memory(text):
     assert judged(plan_from_text, text) is None
 
 
-@pytest.mark.parametrize("text", [ALL_AT_ONCE, "blocks: !!int ''", "blocks: 1" + "0" * 399])
+@pytest.mark.parametrize("text", [TOO_MUCH, "blocks: !!int ''", "blocks: 1" + "0" * 399])
 @pytest.mark.parametrize(
     "command",
     [("plan", "--machine", "demo", "--check"), ("run", "--plan"), ("measure", "--plan")],
@@ -263,7 +269,7 @@ def test_more_runs_with_odd_plans_end_no_node(name, data):
 
 def is_refused_and_the_next_taken_up(name, data):
     """Give a node an odd plan that somebody announces, and then a run to be taken up."""
-    texts = st.sampled_from([ALL_AT_ONCE, "!!int ''", "[" * 5000])
+    texts = st.sampled_from([TOO_MUCH, "!!int ''", "[" * 5000])
     texts |= changed(parsed_plan("quick")).map(dumped)
     _, topic, valid = next(one for one in small_stream() if one[1] is topics.RUN_DESCRIPTION)
     with node_here(name, *PORTS.get(name, ())) as here:

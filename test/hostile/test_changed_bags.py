@@ -97,7 +97,7 @@ def test_a_reading_that_its_sequence_promises_is_missed_by_every_command(whole, 
     assert lead["sentences"][0] == flaw["sentence"]
     assert not any("compensate" in (one["command"] or "") for one in lead["next"])
     for command in ("diagnose", "budget", "iso230"):
-        main([command, str(path), "--output", str(path.parent / command)])
+        main([command, str(path), "--pictures", "none", "--output", str(path.parent / command)])
         assert flaw["sentence"] in capsys.readouterr().err, command
 
 

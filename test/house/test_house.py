@@ -81,6 +81,15 @@ def test_every_file_among_the_code_travels_in_the_wheel(monkeypatch):
             assert path in travels, path
 
 
+def test_nodes_that_solve_nothing_start_without_the_solvers():
+    names = ("clock", "recorder", "assembler", "bridge", "interferometer", "sequencer", "weather")
+    code = "import sys, importlib, stepdiag_ros.nodes\n"
+    code += f"for name in {names}: importlib.import_module(f'stepdiag_ros.nodes.{{name}}')\n"
+    code += "print(sorted({'scipy', 'stepdiag_ros.metrology.solvers'} & sys.modules.keys()))"
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert told.stdout.strip() == "[]"
+
+
 def test_devices_and_metrology_know_no_ros():
     for folder in ("metrology", "devices"):
         for path in (ROOT / "stepdiag_ros" / folder).rglob("*.py"):

@@ -11,6 +11,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.types import new_message
+from stepdiag_ros.messages.volumetric import from_volumetric_errors, to_volumetric_errors
 from stepdiag_ros.metrology.geometry import CURVES
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
@@ -120,8 +121,8 @@ CASES = {
     ),
     "VolumetricErrors": (
         RESULT,
-        conversion.to_volumetric_errors,
-        conversion.from_volumetric_errors,
+        to_volumetric_errors,
+        from_volumetric_errors,
         ("run", TIME),
     ),
 }
@@ -229,10 +230,10 @@ def test_lines_with_infinite_values_are_refused(name):
 
 
 def test_results_with_arrays_of_different_length_are_refused():
-    message = conversion.from_volumetric_errors(RESULT, "run", TIME, new=embedded)
+    message = from_volumetric_errors(RESULT, "run", TIME, new=embedded)
     message.e_zy = message.e_zy[:-1]
     with refused(Refusal, "mismatch", "E_ZY"):
-        conversion.to_volumetric_errors(message)
+        to_volumetric_errors(message)
 
 
 def test_an_unknown_message_is_an_import_error():

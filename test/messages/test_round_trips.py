@@ -16,6 +16,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import model_from_text, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages import samples as samples_conversion
+from stepdiag_ros.messages.volumetric import from_volumetric_errors, to_volumetric_errors
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.geometry import AXES, CHAINS, CURVES, TRANSLATIONS, move_orders
@@ -212,8 +213,8 @@ def test_lines(line):
 
 @given(volumetric_errors(), TIMES)
 def test_results(result, time):
-    message = conversion.from_volumetric_errors(result, "run", time, NEW)
-    check("VolumetricErrors", result, conversion.to_volumetric_errors, message)
+    message = from_volumetric_errors(result, "run", time, NEW)
+    check("VolumetricErrors", result, to_volumetric_errors, message)
 
 
 @given(sample_blocks())

@@ -164,7 +164,7 @@ def test_a_shape_without_a_name_is_unexplained():
         steps = np.random.default_rng(3).standard_normal(len(stops.time))
         return 0.1e-6 * np.cumsum(steps)
 
-    diagnosis = diagnose(hidden_run(shape=wander), catalogue=CATALOGUE)
+    diagnosis = diagnose(hidden_run(shape=wander, orders=("XYZ",)), catalogue=CATALOGUE)
     assert diagnosis.verdict == UNEXPLAINED
     assert diagnosis.where
 

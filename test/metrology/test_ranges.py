@@ -45,7 +45,7 @@ def test_an_unknown_covariance_makes_an_unknown_excess():
 
 
 def test_the_shapes_of_angles_of_a_machine_that_does_not_turn_lie_inside_u():
-    plan = make_plan(6, repeats=2, orders=("XYZ", "YZX", "ZXY"))
+    plan = make_plan(4, repeats=2, orders=("XYZ", "YZX", "ZXY"))
     inside = []
     for seed in range(RUNS):
         run = simulate(plan, make_cell(seed=seed), seed)

@@ -14,6 +14,7 @@ import stepdiag_ros  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
@@ -118,7 +119,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
 
             # A result that comes before the description of its run is not lost.
             least_squares = results["least_squares"]
-            message = conversion.from_volumetric_errors(least_squares, RUN_ID, 2_000_000_000)
+            message = from_volumetric_errors(least_squares, RUN_ID, 2_000_000_000)
             outlets[topics.VOLUMETRIC_ERRORS].publish(message)
             machine = load_machine("demo")[1]
             say(topics.RUN_DESCRIPTION, run_id=RUN_ID, plan=PLAN, machine=machine)
@@ -145,7 +146,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
             request = SetParameters.Request()
             request.parameters = [filled_parameter("method", "conventional")]
             outlets[topics.VOLUMETRIC_ERRORS].publish(
-                conversion.from_volumetric_errors(results["conventional"], RUN_ID, 2_000_000_000)
+                from_volumetric_errors(results["conventional"], RUN_ID, 2_000_000_000)
             )
             answer = client.call_async(request)
             seen(answer.done)

@@ -2,11 +2,13 @@
 
 import subprocess
 import sys
+from io import BytesIO
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 from refused import refused
 from results_by_hand import make_result
 
@@ -54,12 +56,18 @@ def test_svg_is_one_element_with_words_as_words_and_the_same_each_time(figure):
 
 
 def test_png_has_the_asked_resolution(figure):
-    from io import BytesIO
+    dots = figure.dpi
+    shown = Image.open(BytesIO(plots.png_bytes(figure, dpi=100)))
+    assert shown.size[0] == round(100 * style.WIDTH)
+    assert figure.dpi == dots
 
-    from PIL import Image
 
-    width = Image.open(BytesIO(plots.png_bytes(figure, dpi=100))).size[0]
-    assert width == round(100 * style.WIDTH)
+def test_png_for_a_page_has_the_pixels_that_matplotlib_saves_without_transparency(figure):
+    ours, theirs = BytesIO(plots.png_bytes(figure)), BytesIO()
+    figure.savefig(theirs, format="png", dpi=style.DOTS_PER_INCH)
+    shown, saved = Image.open(ours), np.asarray(Image.open(theirs))
+    assert shown.mode == "RGB"
+    assert np.array_equal(shown, saved[..., :3]) and np.all(saved[..., 3] == 255)
 
 
 def test_a_notebook_shows_a_figure_without_pyplot(figure):

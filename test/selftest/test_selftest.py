@@ -3,7 +3,7 @@
 import json
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -40,6 +40,12 @@ def silent(done, text):
 def solved(kind, seed=11):
     """Solve one problem of a kind as a user does, and judge it."""
     return session._solved(1, draw(kind, np.random.default_rng(seed)), solve_by_commands)
+
+
+@cache
+def passes(kind):
+    """Return whether a problem of a kind is solved by the software as it is."""
+    return solved(kind).passed
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +125,7 @@ def flipped(solver, name):
     ],
 )
 def test_a_wrong_sign_in_one_curve_fails(monkeypatch, method, kind, name):
-    assert solved(kind).passed
+    assert passes(kind)
     monkeypatch.setitem(solvers.SOLVERS, method, flipped(solvers.SOLVERS[method], name))
     broken = solved(kind)
     assert not broken.passed

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
-from stepdiag_ros.metrology.discrepancy.columns import Columns, changes_of, in_blocks
+from stepdiag_ros.metrology.discrepancy.columns import Changes, Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -100,7 +100,7 @@ def signatures(
     """
     hidden: dict[str, str] = {}
     candidates: list[Candidate] = []
-    changes: list[sparse.csc_array] = []
+    changes: list[Changes] = []
     free: dict[str, Vector] = {}
     # The same run with other noise: what depends on readings must not depend on their noise.
     noise = problem.noise * np.random.default_rng(0).standard_normal(len(stops.time))
@@ -152,7 +152,7 @@ def _blurred(columns: Vector, again: Vector) -> bool:
 
 def _left_by_baseline(
     candidates: list[Candidate],
-    changes: list[sparse.csc_array],
+    changes: list[Changes],
     free: Mapping[str, Vector],
     problem: Whitened,
     hidden: dict[str, str],
@@ -164,7 +164,7 @@ def _left_by_baseline(
     columns: list[NDArray[np.int64]] = []
     place = 0
     for index, candidate in enumerate(candidates):
-        here = np.arange(place, place + changes[index].shape[1])
+        here = np.arange(place, place + len(changes[index].counts))
         place += len(here)
         if np.all(after[here] <= _HIDDEN * before[here]):
             buried.append((candidate.label, int(here[0])))

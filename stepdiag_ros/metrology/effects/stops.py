@@ -206,18 +206,14 @@ def _last_senses(measurement: Measurement) -> Vector:
         line = measurement.lines[index]
         begun = line.target[0] - _way(line)[0]
         place, sense = latest.get(line.setup, (begun, np.zeros(len(AXES))))
-        sense = _last(sense, begun - place)
-        place = begun
-        for stop, target in enumerate(line.target):
-            sense = _last(sense, target - place)
-            senses[index][stop] = sense
-            place = target
-        latest[line.setup] = (place, sense)
+        moves = np.diff(np.vstack([place, begun, line.target]), axis=0)
+        senses[index] = _last_before(np.vstack([sense, _senses(moves)]))[2:]
+        latest[line.setup] = (line.target[-1], senses[index][-1])
     return np.concatenate(senses)
 
 
-def _last(before: Vector, move: Vector) -> Vector:
-    """Return the sense of each axis's last move after one more move."""
-    moved = _senses(move)
-    last: Vector = np.where(moved == 0.0, before, moved)
+def _last_before(senses: Vector) -> Vector:
+    """Return the senses with each 0 replaced by the last other one above it, shape (n, axes)."""
+    row = np.where(senses == 0.0, 0, np.arange(len(senses))[:, None])
+    last: Vector = np.take_along_axis(senses, np.maximum.accumulate(row, axis=0), axis=0)
     return last

@@ -273,6 +273,8 @@ class Design:
     def _factor(self) -> None:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
         self.unseen: Vector = np.zeros((self.count, 0))
+        # The normal matrix in the order of the levels, and the place of each unknown in it.
+        self._folded: tuple[Vector, Integers] | None = None
         inverse, information = self._inverse()
         limit = _INFLATION_LIMIT
         if inverse is None or not np.all(np.diag(inverse) * information <= limit):
@@ -284,6 +286,9 @@ class Design:
     @cached_property
     def normal(self) -> Vector:
         """Return the weighted normal matrix, shape (p, p)."""
+        if self._folded is not None:
+            folded, place = self._folded
+            return folded.take(place, axis=0).take(place, axis=1)
         normal: Vector = self._normal(self.weight) + self.direct.normal()
         return normal
 
@@ -296,6 +301,7 @@ class Design:
             if levels is not None:
                 place = places_in(levels)
                 normal = self._normal(self.weight, np.append(place, self.count))
+                self._folded = normal, place
                 return inverse_folded(normal, levels, place), np.diag(normal)[place]
         return inverse_positive(self.normal), np.diag(self.normal)
 

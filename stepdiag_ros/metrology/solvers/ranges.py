@@ -42,7 +42,9 @@ def range_excess(values: Vector, covariance: Vector) -> float:
     squares = float(np.sum((vectors[:, told].T @ values) ** 2 / variances[told]))
     by_chance = float(chdtri(float(np.count_nonzero(told)), _BY_CHANCE))
     true = values * (max(1.0 - by_chance / squares, 0.0) if squares > 0.0 else 0.0)
-    ranges = np.ptp(true + _draws(root.shape[1]) @ root.T, axis=1)
+    drawn = true + _draws(root.shape[1]) @ root.T
+    # Draws along the rows: the extremes of many columns at once are found several times as fast.
+    ranges = np.ptp(np.ascontiguousarray(drawn.T), axis=0)
     return max(float(np.mean(ranges) - np.ptp(true)), 0.0)
 
 

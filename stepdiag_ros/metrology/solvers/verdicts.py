@@ -107,14 +107,13 @@ class Verdicts:
         self._information = np.diag(self._normal) * np.max(design.weight)
         self._largest = float(np.max(np.diag(self._normal)))
         self._moves = np.concatenate([self._groups[name] for name in TRANSLATIONS])
-        self._spaces: dict[frozenset[str], Vector | None] = {}
+        self._spaces: dict[frozenset[str], Vector] = {}
         if design.unseen.shape[1]:
             self._grams = {
                 name: design.unseen[columns].T @ design.unseen[columns]
                 for name, columns in self._groups.items()
             }
             self._setup_gram = design.unseen[self._setup].T @ design.unseen[self._setup]
-            self._almost_whole = (1.0 - _NOTHING) * np.eye(design.unseen.shape[1])
 
     @cached_property
     def condition_number(self) -> float:
@@ -182,15 +181,15 @@ class Verdicts:
             if name not in own
             and np.max(np.abs(design.unseen[columns] @ part.T), initial=0.0) > _NOTHING
         ]
-        values, vectors = np.linalg.eigh(sum(self._grams[name] for name in own))
-        if np.max(np.abs(part @ vectors[:, values > 1.0 - _NOTHING]), initial=0.0) > _SHARE:
+        if _reaches(part, _held_by(sum(self._grams[name] for name in own))):
             return ()  # Nobody is needed: no reading speaks of it.
-        if self._can(own, (), part):
+        if _reaches(part, self._space(own)):
             return (SETUP,)
-        alone = [name for name in coupled if self._can(own, (name,), part)]
+        alone = [name for name in coupled if _reaches(part, self._space((*own, name)))]
         if alone:
             return tuple(alone)
         needed = list(coupled)
+        within = self._space((*own, *needed))
         # Rotations and effects are dropped first: what translations do is the plainest answer.
         # Many are dropped at once, so that few questions are asked.
         chunk = len(needed)
@@ -199,32 +198,28 @@ class Verdicts:
             while end > 0:
                 fewer = needed[: max(0, end - chunk)] + needed[end:]
                 end -= chunk
-                if self._can(own, fewer, part):
-                    needed = fewer
+                space = self._space((*own, *fewer), within)
+                if _reaches(part, space):
+                    needed, within = fewer, space
             chunk //= 2
         return tuple(needed)
 
-    def _can(self, own: Sequence[str], others: Sequence[str], part: Vector) -> bool:
-        """Say whether some null direction holds the error, these others and setups only."""
-        names = frozenset((*own, *others))
-        if names not in self._spaces:
-            self._spaces[names] = self._space((*own, *others))
-        space = self._spaces[names]
-        return space is not None and bool(np.max(np.abs(part @ space), initial=0.0) > _SHARE)
+    def _space(self, names: Sequence[str], within: Vector | None = None) -> Vector:
+        """Return the null directions that hold these errors and setups only.
 
-    def _space(self, names: Sequence[str]) -> Vector | None:
-        """Return the null directions that hold these errors and setups only; None: there is none.
+        Args:
+            names: of the errors.
+            within: those that hold these and further errors, shape (r, m), where they are known:
+                a search among few is quick.
 
         Returns:
             as combinations of the null directions of the design, shape (r, k).
         """
-        inside = self._setup_gram + sum(self._grams[name] for name in names)
-        # Cholesky is much faster than eigenvectors, and mostly there is no such direction.
-        if is_positive(self._almost_whole - inside):
-            return None
-        values, vectors = np.linalg.eigh(inside)
-        space: Vector = vectors[:, values > 1.0 - _NOTHING]
-        return space
+        key = frozenset(names)
+        if key not in self._spaces:
+            inside = self._setup_gram + sum(self._grams[name] for name in names)
+            self._spaces[key] = _held_by(inside, within)
+        return self._spaces[key]
 
     def _curve(self, name: str) -> Row:
         design = self._design
@@ -311,6 +306,30 @@ class Verdicts:
         spread = self._noise * float(np.sqrt(variance)) / size
         condition = float(np.sqrt(variance * self._information[column]))
         return Row(name, unit, DETERMINED, end=spread, largest=spread, condition=condition)
+
+
+def _held_by(gram: Vector, within: Vector | None = None) -> Vector:
+    """Return the directions that some unknowns hold whole.
+
+    Args:
+        gram: of the parts of all directions in these unknowns, shape (r, r).
+        within: directions to search among, shape (r, m); None: all.
+
+    Returns:
+        orthonormal, shape (r, k).
+    """
+    inner = gram if within is None else within.T @ gram @ within
+    # Cholesky is much faster than eigenvectors, and mostly there is no such direction.
+    if not len(inner) or is_positive((1.0 - _NOTHING) * np.eye(len(inner)) - inner):
+        return np.empty((len(gram), 0))
+    values, vectors = np.linalg.eigh(inner)
+    held: Vector = vectors[:, values > 1.0 - _NOTHING]
+    return held if within is None else within @ held
+
+
+def _reaches(part: Vector, directions: Vector) -> bool:
+    """Say whether an error, with its part in each direction, is in one of some directions."""
+    return bool(np.max(np.abs(part @ directions), initial=0.0) > _SHARE)
 
 
 def _ranges(numbers: Integers) -> str:

@@ -58,13 +58,19 @@ class Handover:
         return made
 
 
-def prepare(material: Material, atelier: Studio, tell: Callable[[str], None]) -> Handover:
+def prepare(
+    material: Material,
+    atelier: Studio,
+    tell: Callable[[str], None],
+    meanwhile: Callable[[], None] | None = None,
+) -> Handover:
     """Let every section tell its part, and have its pictures drawn.
 
     Args:
         material: what the report is made of.
         atelier: where pictures are drawn.
         tell: told which section is at work.
+        meanwhile: further work, done while pictures are drawn.
 
     Raises:
         OSError: the process that draws has ended.
@@ -78,6 +84,8 @@ def prepare(material: Material, atelier: Studio, tell: Callable[[str], None]) ->
             atelier.ask(f"{section.key}/{name}", drawing)
     lead = lead_of(material)
     tell("pictures")
+    if meanwhile is not None:
+        meanwhile()
     pictures: dict[str, dict[str, Drawn]] = {section.key: {} for section in sections()}
     for place, drawn in atelier.fetch_all().items():
         key, _, name = place.partition("/")

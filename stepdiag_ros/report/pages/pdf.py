@@ -3,6 +3,21 @@
 import logging
 
 
+def get_ready() -> None:
+    """Import what makes PDF, which takes some tenths of a second.
+
+    Raises:
+        ValueError: the program cannot make PDF here; one sentence says what is missing.
+    """
+    try:
+        import weasyprint  # noqa: F401
+    except (ImportError, OSError) as error:
+        raise ValueError(
+            f"PDF cannot be made here ({error}): install weasyprint and the system's Pango"
+            " (Debian: libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0), or ask for --html"
+        ) from None
+
+
 def pdf_of(html: str) -> bytes:
     """Return a page that was made for print as a PDF document with an outline of its headings.
 
@@ -13,14 +28,10 @@ def pdf_of(html: str) -> bytes:
     Raises:
         ValueError: the program cannot make PDF here; one sentence says what is missing.
     """
-    try:
-        from weasyprint import HTML
-        from weasyprint.urls import URLFetcher
-    except (ImportError, OSError) as error:
-        raise ValueError(
-            f"PDF cannot be made here ({error}): install weasyprint and the system's Pango"
-            " (Debian: libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0), or ask for --html"
-        ) from None
+    get_ready()
+    from weasyprint import HTML
+    from weasyprint.urls import URLFetcher
+
     # A font that lacks a property is no news to whoever waits for a report.
     for name in ("weasyprint", "fontTools"):
         logging.getLogger(name).setLevel(logging.ERROR)

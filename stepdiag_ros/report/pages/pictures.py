@@ -6,6 +6,7 @@ own while this one goes on.
 """
 
 import base64
+import gc
 import signal
 import threading
 from collections.abc import Iterator, Mapping
@@ -71,10 +72,15 @@ def draw(drawing: Drawing) -> Drawn | None:
 
 
 def _get_ready() -> None:
-    """Import what drawing needs, while the other process reads."""
+    """Import what drawing needs, while the other process reads and computes."""
+    # What is imported stays until the end: looking through it for unused cycles is in vain.
+    gc.disable()
     from stepdiag_ros import plots
 
-    plots.png_bytes  # noqa: B018
+    for name in plots.__all__:
+        getattr(plots, name)
+    gc.freeze()
+    gc.enable()
 
 
 class Studio:
@@ -103,22 +109,13 @@ class Studio:
     def fetch_all(self) -> dict[str, Drawn | None]:
         """Return all pictures that were asked for, by name; None where there is nothing to show.
 
-        What the other process has not begun when this one has nothing else to do is drawn here,
-        from the last picture on.
-
         Raises:
             OSError: the process that draws has ended.
         """
-        drawn = {
-            name: draw(drawing)
-            for name, drawing in reversed(self._asked.items())
-            if name not in self._begun or self._begun[name].cancel()
-        }
+        if self._pool is None:
+            return {name: draw(drawing) for name, drawing in self._asked.items()}
         try:
-            return {
-                name: drawn[name] if name in drawn else self._begun[name].result()
-                for name in self._asked
-            }
+            return {name: begun.result() for name, begun in self._begun.items()}
         except BrokenProcessPool:
             raise Unusable(
                 "the process that draws the pictures has ended before it was done: is there enough"

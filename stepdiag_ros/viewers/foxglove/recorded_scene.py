@@ -9,8 +9,8 @@ from stepdiag_ros.messages.conversion import (
     axis_positions,
     to_measured_line,
     to_nanoseconds,
-    to_volumetric_errors,
 )
+from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.topics import Topic
 from stepdiag_ros.viewers.scene.conversion import from_placements, from_shapes

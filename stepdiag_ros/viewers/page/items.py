@@ -12,6 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.run.sequence import State
@@ -178,7 +179,7 @@ SOURCES: tuple[Source, ...] = (
     Source(topics.STOP, _one(conversion.to_settled_stop)),
     Source(topics.BLOCK, _one(conversion.to_block)),
     Source(topics.LINE, _one(conversion.to_measured_line)),
-    Source(topics.VOLUMETRIC_ERRORS, _one(conversion.to_volumetric_errors)),
+    Source(topics.VOLUMETRIC_ERRORS, _one(to_volumetric_errors)),
     Source(topics.DIAGNOSIS, _one(to_diagnosis)),
     Source(topics.DIAGNOSTICS, _said),
     *(

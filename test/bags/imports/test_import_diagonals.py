@@ -163,6 +163,10 @@ def test_the_report_says_what_the_files_tell(tmp_path, road):
     said = json.loads(path.read_text())["sections"]["measurement"]
     assert (said["machine_number"], said["operator"]) == ("17", "A. Beispiel")
     assert said["told_by_source"]["machine"] == "Portal 4"
+
+
+def test_what_the_user_tells_goes_before_what_the_files_tell(tmp_path):
+    bag = imported(tmp_path, measured("diagonal", BODY_DIAGONALS))
     words = ["report", str(bag), "--json", "--operator", "B. Muster"]
     assert main([*words, "--output", str(tmp_path / "other")]) == 0
     (path,) = (tmp_path / "other").glob("*.json")

@@ -275,7 +275,7 @@ def test_without_the_pdf_library_a_sentence_says_what_to_install(tmp_path, capsy
     monkeypatch.setattr(builtins, "__import__", lacking)
     said = _refused(capsys, bag, "--html", "--pdf")
     assert "PDF cannot be made here" in said and "libpango-1.0-0" in said and "--html" in said
-    assert not list((tmp_path / "run_report").iterdir()), "a file was written though one failed"
+    assert not (tmp_path / "run_report").exists(), "something was written though one file failed"
 
 
 def test_a_table_that_is_long_is_left_out_of_print_and_says_so():

@@ -11,7 +11,7 @@ import pytest
 from patience import PATIENCE
 
 from stepdiag_ros import topics
-from stepdiag_ros.messages.conversion import to_volumetric_errors
+from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import plus_minus

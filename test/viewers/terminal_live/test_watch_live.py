@@ -8,7 +8,7 @@ import signal
 from patience import PATIENCE
 
 from stepdiag_ros import topics
-from stepdiag_ros.messages.conversion import to_volumetric_errors
+from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.viewers.page.section import micrometres
