@@ -15,9 +15,9 @@ from stepdiag_ros.bags.table_rows import refusal
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
 from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns
+from stepdiag_ros.metrology.units import MILLI
 
 COLUMNS = ("cycle", "direction", "target_mm", "position_mm")
-_MILLI = 1e-3
 
 
 def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
@@ -52,7 +52,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                 fault="twice",
             )
         # Subtracted in mm, in which both are written exactly.
-        run[target] = (row.number("position_mm") - target) * _MILLI
+        run[target] = (row.number("position_mm") - target) * MILLI
     for direction, cycles in runs.items():
         for cycle, run in cycles.items():
             for target in targets:
@@ -71,7 +71,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
     return BidirectionalRuns(
         name=name or Path(path).stem,
         kind=LINEAR,
-        target=np.array(targets) * _MILLI,
+        target=np.array(targets) * MILLI,
         forward=table(FORWARD),
         backward=table(BACKWARD),
         remarks=(NO_OVERRUN,) if runs[FORWARD] and runs[BACKWARD] else (),

@@ -13,6 +13,7 @@ from stepdiag_ros.bags.columns import columns_of
 from stepdiag_ros.bags.runs import FoundRun, records_of
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 _AT_ONCE = 4096
 """Readings in a batch: enough that a batch costs little, few enough that memory does not count."""
@@ -152,7 +153,7 @@ def _batch_of(bag: Bag, topic: str, some: Payloads) -> ReadingBatch:
     seconds = found["header.stamp.sec"].astype(np.int64)
     lengths = ("raw_displacement", "compensated_displacement", "signal_strength")
     return ReadingBatch(
-        time=seconds * conversion.NANOSECONDS + found["header.stamp.nanosec"],
+        time=seconds * NANOSECONDS + found["header.stamp.nanosec"],
         sequence=found["sequence"].copy(),  # not a view, which would keep all the messages
         values=np.stack([found[name] for name in lengths]),
         status=found["status"].copy(),

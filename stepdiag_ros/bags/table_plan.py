@@ -18,8 +18,7 @@ from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import COURSE_KEYS, STEP_DIAGONAL, Line, Plan, Volume
 from stepdiag_ros.metrology.refusal import fields_of
-
-_NANOSECONDS = 1e9
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 
 class _Pass(NamedTuple):
@@ -142,7 +141,7 @@ def _measured(one: _Pass, index: int, reading_noise: float, overrun: float) -> M
 
 def _end_time(last: Row) -> int:
     # Where no time is known (imported tables), lines keep their order: a nanosecond for each row.
-    return round(last.time * _NANOSECONDS) if np.isfinite(last.time) else last.number
+    return round(last.time * NANOSECONDS) if np.isfinite(last.time) else last.number
 
 
 class _Group(NamedTuple):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
+from stepdiag_ros.metrology.units import MILLI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
-_MILLI = 1e-3
 _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
 settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
@@ -238,7 +238,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
     settings = checked_settings(chosen, _given(arguments.settings))
     if arguments.spacing < 0.0:
         raise ValueError(f"--spacing is {arguments.spacing:g} mm; expected more than 0")
-    x, y, z = (value * _MILLI for value in arguments.reference)
+    x, y, z = (value * MILLI for value in arguments.reference)
     before = _tables_before(chosen, arguments.on_top_of)
     refuse_unsealed(arguments, arguments.result)
     identified = permitted(
@@ -247,7 +247,7 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
     )
     layout = Layout(
         reference=(x, y, z),
-        spacing=arguments.spacing * _MILLI,
+        spacing=arguments.spacing * MILLI,
         settings=settings,
         on_top_of=before,
         header=_header(identified),

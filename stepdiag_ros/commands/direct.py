@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 
 from stepdiag_ros.commands.output import HelpFormatter, number, say
+from stepdiag_ros.metrology.units import MILLI
 
-_MILLI = 1e-3
 _CURVES = tuple(f"E_{error}{axis}" for axis in "XYZ" for error in "XYZABC")
 _UNITS = ("urad", "mrad", "arcsec", "nm", "um", "mm")
 """As in ``bags.imports.renishaw_direct``, which is slow to import."""
@@ -86,7 +86,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.publish import whole_file
 
     def point(given: "list[float] | None", untold: float) -> tuple[float, float, float]:
-        x, y, z = [untold] * 3 if given is None else [_MILLI * value for value in given]
+        x, y, z = [untold] * 3 if given is None else [MILLI * value for value in given]
         return x, y, z
 
     told = Told(

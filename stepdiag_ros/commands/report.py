@@ -17,6 +17,7 @@ from stepdiag_ros.commands.output import (
     say,
     warn,
 )
+from stepdiag_ros.metrology.units import MICRO
 from stepdiag_ros.text.intake import refusals_of
 from stepdiag_ros.text.sentence import sentence
 
@@ -32,7 +33,6 @@ _CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
 """As in ``compensation``, which is slow to import."""
 _PIECES = 20
 """So many pieces of work, or a few more, are told to a progress bar."""
-_MICRO = 1e-6
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -214,7 +214,7 @@ def _given(arguments: Namespace) -> "Given":
         place=arguments.place,
         serial=arguments.serial,
         remark=arguments.remark,
-        tolerance=nan if arguments.tolerance is None else arguments.tolerance * _MICRO,
+        tolerance=nan if arguments.tolerance is None else arguments.tolerance * MICRO,
         instrument=instrument,
         instrument_source=instrument.name if arguments.instrument is not None else "",
         conditions=conditions,

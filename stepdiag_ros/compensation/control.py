@@ -22,10 +22,9 @@ from stepdiag_ros.compensation.identified import Identified, curve_at
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, Vector, translation
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.text.controls import FARTHEST, Comment, refuse_foreign
 
-MILLI = 1e3
-"""Metres to mm."""
 INCH = 0.0254
 """m."""
 AXIS = "[A-Za-z][A-Za-z0-9_]{0,31}"
@@ -240,7 +239,7 @@ def refuse_far(positions: Vector, what: str) -> None:
     if np.any(wrong):
         raise Refusal(
             f"{what} has a position of {positions[wrong][0]:g} m; a control takes positions"
-            f" within {FARTHEST * MILLI:.3f} mm of its zero",
+            f" within {FARTHEST * IN_MILLI:.3f} mm of its zero",
             fault="out_of_range",
             aspect="position",
         )
@@ -255,8 +254,8 @@ def refuse_large(values: Vector, limit: float, what: str) -> None:
     largest = float(np.max(np.abs(values)))
     if not largest <= limit:
         raise Refusal(
-            f"{what}: a correction of {largest * MILLI:.4f} mm is beyond the limit of "
-            f"{limit * MILLI:g} mm; such an error is set right mechanically, not in a table",
+            f"{what}: a correction of {largest * IN_MILLI:.4f} mm is beyond the limit of "
+            f"{limit * IN_MILLI:g} mm; such an error is set right mechanically, not in a table",
             fault="out_of_range",
             aspect="limit",
         )

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
-    MILLI,
     Files,
     Layout,
     Setting,
@@ -39,6 +38,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.text.controls import NUMBER, Comment
 
 PITCH = "PITCH.TXT"
@@ -135,8 +135,8 @@ class _Fanuc:
                 f"3621 {name} = {first}",
                 f"3622 {name} = {last}",
                 f"3623 {name} = {magnification}",
-                f"3624 {name} = {interval * MILLI:.6f}",
-                f"reference position of {name}, mm: {reference * MILLI:.6f}",
+                f"3624 {name} = {interval * IN_MILLI:.6f}",
+                f"reference position of {name}, mm: {reference * IN_MILLI:.6f}",
                 f"detection unit of {name}, µm: {chosen['detection_unit_um']:.6f}",
             ]
             first = last + 1
@@ -155,7 +155,7 @@ class _Fanuc:
             except KeyError as missing:
                 raise Refusal(f"{PARAMETERS}: {missing} is missing", fault="missing") from None
             number, first, last, magnification = (int(value) for value in one[:4])
-            interval = one[4] / MILLI
+            interval = one[4] / IN_MILLI
             numbers = np.arange(first - 1 - number, last - number + 1, dtype=np.float64)
             places = references[name] + interval * numbers
             steps = [values.get(n, 0) * magnification * units[name] for n in range(first, last + 1)]
@@ -230,7 +230,7 @@ def _parameters(
             parameters[(int(found[1]), found[2])] = float(found[3])
         elif line.startswith("reference position of "):
             name, _, value = line.removeprefix("reference position of ").partition(", mm: ")
-            references[name] = float(value) / MILLI
+            references[name] = float(value) / IN_MILLI
         elif line.startswith("detection unit of "):
             name, _, value = line.removeprefix("detection unit of ").partition(", µm: ")
             units[name] = float(value) * 1e-6

@@ -23,7 +23,6 @@ import numpy as np
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
-    MILLI,
     Files,
     Layout,
     Setting,
@@ -36,6 +35,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.text.controls import NUMBER
 
 MOST_ENTRIES = 256
@@ -120,10 +120,10 @@ class _Heidenhain:
             columns, entries = _rows(files[file], file)
             try:
                 numbers = np.array([[float(value) for value in row[1:]] for row in entries])
-                positions = numbers[:, columns.index("AXISPOS") - 1] / MILLI
+                positions = numbers[:, columns.index("AXISPOS") - 1] / IN_MILLI
                 for error, name in enumerate(names):
                     # The control takes the error off.
-                    added = -numbers[:, columns.index(name) - 1] / MILLI
+                    added = -numbers[:, columns.index(name) - 1] / IN_MILLI
                     tables.append(Table(axis, error, positions, added, added))
             except (ValueError, IndexError) as wrong:
                 raise Refusal(f"{file}: {wrong}", fault="missing") from None
@@ -148,8 +148,8 @@ def _table(
         f"{'NR':<5}" + "".join(f"{title:>{widths}}" for title in titles),
     ]
     for number, position in enumerate(positions.tolist()):
-        row = [f"{position * MILLI:.{max(digits, 5)}f}"]
-        row += [f"{round(one[number] * MILLI, digits) + 0.0:+.{digits}f}" for one in errors]
+        row = [f"{position * IN_MILLI:.{max(digits, 5)}f}"]
+        row += [f"{round(one[number] * IN_MILLI, digits) + 0.0:+.{digits}f}" for one in errors]
         lines.append(f"{number:<5}" + "".join(f"{value:>{widths}}" for value in row))
     return "\n".join([*lines, "[END]", ""])
 

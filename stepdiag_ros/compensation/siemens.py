@@ -23,7 +23,6 @@ import numpy as np
 from stepdiag_ros.compensation.applied import Table, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
-    MILLI,
     Files,
     Layout,
     Setting,
@@ -36,6 +35,7 @@ from stepdiag_ros.compensation.control import (
 from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.text.controls import NUMBER, Comment
 
 ENC_FILE = "AX_EEC.INI"
@@ -172,7 +172,7 @@ class _Siemens:
             if sorted(points) != list(range(len(points))):
                 raise ValueError(f"{where}: a point is missing")
             # A positive value moves the axis in the negative direction.
-            added = -np.array([points[index] for index in range(len(points))]) / MILLI
+            added = -np.array([points[index] for index in range(len(points))]) / IN_MILLI
             if kind == "A_ENC_COMP":
                 axis = axes.index(key)
                 tables.append(Table(axis, axis, positions, added, added))
@@ -193,7 +193,7 @@ def _points(variable: str, key: str, positions: Vector, added: Vector, digits: i
     """Return the lines of points, spacing and ends; ``key`` has a place for the point's number."""
     table = key.endswith("{}")
     lines = []
-    for number, value in enumerate((-added * MILLI).tolist()):
+    for number, value in enumerate((-added * IN_MILLI).tolist()):
         index = key.format(f",{number}" if table else f"{number},")
         # Adding zero makes a rounded -0.00000 a 0.00000.
         lines.append(f"{variable}[{index}]={round(value, digits) + 0.0:.{digits}f}\n")
@@ -201,9 +201,9 @@ def _points(variable: str, key: str, positions: Vector, added: Vector, digits: i
     step = (positions[-1] - positions[0]) / (len(positions) - 1)
     return [
         *lines,
-        f"{variable}_STEP[{bare}]={step * MILLI:.9f}\n",
-        f"{variable}_MIN[{bare}]={positions[0] * MILLI:.6f}\n",
-        f"{variable}_MAX[{bare}]={positions[-1] * MILLI:.6f}\n",
+        f"{variable}_STEP[{bare}]={step * IN_MILLI:.9f}\n",
+        f"{variable}_MIN[{bare}]={positions[0] * IN_MILLI:.6f}\n",
+        f"{variable}_MAX[{bare}]={positions[-1] * IN_MILLI:.6f}\n",
     ]
 
 
@@ -249,7 +249,7 @@ def _collect(
 
 def _grid(entry: Mapping[str, str], points: int, where: str) -> Vector:
     try:
-        low, high, step = (float(entry[key]) / MILLI for key in ("_MIN", "_MAX", "_STEP"))
+        low, high, step = (float(entry[key]) / IN_MILLI for key in ("_MIN", "_MAX", "_STEP"))
     except (KeyError, ValueError):
         raise ValueError(f"{where}: MIN, MAX and STEP are needed, as numbers") from None
     if points < 2 or abs(low + (points - 1) * step - high) > 1e-3 * step:

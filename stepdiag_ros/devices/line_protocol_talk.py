@@ -11,9 +11,9 @@ from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import FramingSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.refusal import Silent
+from stepdiag_ros.metrology.units import NANOSECONDS
 
-SECOND = 1_000_000_000
-CONNECT_WITHIN = 20 * SECOND
+CONNECT_WITHIN = 20 * NANOSECONDS
 """ns after which a device that is not connected counts as not there; pyserial gives up before."""
 
 
@@ -69,9 +69,11 @@ class TalkSettings:
             stop=sent("stop"),
             zero=sent("zero"),
             requests=sent("request"),
-            period=round(SECOND / commands.number("rate_hz", low=1e-3, high=1e4, default=rate)),
+            period=round(
+                NANOSECONDS / commands.number("rate_hz", low=1e-3, high=1e4, default=rate)
+            ),
             silence=round(
-                SECOND * section.number("silence_s", low=0.01, high=86400.0, default=3.0)
+                NANOSECONDS * section.number("silence_s", low=0.01, high=86400.0, default=3.0)
             ),
             echo=commands.flag("echo", default=False),
         )
@@ -148,7 +150,7 @@ class Talk:
     def _begin(self, time_ns: int) -> None:
         if not self._link.ready:
             if time_ns - self._heard > CONNECT_WITHIN:
-                limit = CONNECT_WITHIN // SECOND
+                limit = CONNECT_WITHIN // NANOSECONDS
                 raise TimeoutError(f"{self.url} could not be connected within {limit} s")
             return
         self._begun = True
@@ -175,11 +177,13 @@ class Talk:
             request, since = self._awaited
             if time_ns - since > limit:
                 raise Silent(
-                    f"{self.url} has not answered {request!r} within {limit / SECOND:g} s",
+                    f"{self.url} has not answered {request!r} within {limit / NANOSECONDS:g} s",
                     fault="silent",
                 )
         elif not self._settings.requests and time_ns - self._heard > limit:
-            raise Silent(f"{self.url} has sent nothing for {limit / SECOND:g} s", fault="silent")
+            raise Silent(
+                f"{self.url} has sent nothing for {limit / NANOSECONDS:g} s", fault="silent"
+            )
 
     def _send(self, commands: tuple[bytes, ...]) -> None:
         for command in commands:

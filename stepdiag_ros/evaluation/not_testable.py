@@ -7,7 +7,8 @@ from itertools import takewhile
 import numpy as np
 
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
-from stepdiag_ros.text.numbers import MICRO, two_digits
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import two_digits
 
 _MOST_SETTINGS = 4
 """Settings of one effect that are listed one by one; of more, only the range is printed."""
@@ -53,7 +54,7 @@ def not_testable_sentences(report: DiagnosisReport) -> list[str]:
         shown = _shown(labels, known)
         lengths = np.array([_LENGTH_IN_WORDS.findall(reasons[label]) for label in labels], float)
         words = kind
-        for column in lengths.T * MICRO:
+        for column in lengths.T * IN_MICRO:
             low, high = two_digits(column.min()), two_digits(column.max())
             words = words.replace("{}", f"{low if low == high else f'{low} .. {high}'} µm", 1)
         sentences.append(f"{shown}: {words.rstrip('.')}.")

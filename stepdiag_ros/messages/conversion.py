@@ -25,8 +25,8 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 _STAMPED = 2**31 * NANOSECONDS
 
 PURPOSE_STOP = 0

@@ -13,6 +13,7 @@ from typing import Literal
 
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.controls import FARTHEST, NUMBER, Comment, refuse_foreign
 
 DwellForm = Literal["P_ms", "P_s", "X_s", "F_s"]
@@ -24,9 +25,7 @@ DWELL_FORMS: dict[DwellForm, str] = {
 }
 """Ways to write a dwell, with the controllers that read them so."""
 
-_MILLI = 1e3
 _PER_MINUTE = 60.0
-_MICRO = 1e6
 _TITLE_WIDTH = 60
 _LONGEST_DWELL = 9999.0
 _SLOWEST, _FASTEST = 1e-6, 10.0
@@ -174,7 +173,7 @@ def nc_program(
     _check(listed, feed_m_per_s)
     places = [_coordinates(move, dialect.decimals) for move in listed]
     rounding = max(
-        abs(value * _MILLI - float(text))
+        abs(value * IN_MILLI - float(text))
         for move, place in zip(listed, places, strict=True)
         for value, text in zip(move.target_m, place, strict=True)
     )
@@ -185,7 +184,7 @@ def nc_program(
     for sentence in _head(name, listed, places, feed_m_per_s, dialect, rounding, remarks):
         writer.comment(sentence)
     writer.block("G21 G90 G94")
-    writer.block(f"G1 F{_shortest(feed_m_per_s * _MILLI * _PER_MINUTE, 3)}")
+    writer.block(f"G1 F{_shortest(feed_m_per_s * IN_MILLI * _PER_MINUTE, 3)}")
     before: tuple[str, str, str] | None = None
     for index, (move, place) in enumerate(zip(listed, places, strict=True)):
         if move.program_stop:
@@ -215,10 +214,10 @@ def nc_program(
 def dwell_words(dwell_s: float, form: DwellForm) -> str:
     """Return the block of a dwell, rounded up to a whole millisecond, for example ``G4 P500``."""
     # Less a millionth of a millisecond: 0.4 s are 400 ms, whatever a float makes of it.
-    milliseconds = math.ceil(dwell_s * _MILLI - 1e-6)
+    milliseconds = math.ceil(dwell_s * IN_MILLI - 1e-6)
     if form == "P_ms":
         return f"G4 P{milliseconds}"
-    return f"G4 {form[0]}{_shortest(milliseconds / _MILLI, 3)}"
+    return f"G4 {form[0]}{_shortest(milliseconds / IN_MILLI, 3)}"
 
 
 def _shortest(value: float, decimals: int) -> str:
@@ -229,7 +228,7 @@ def _shortest(value: float, decimals: int) -> str:
 
 def _coordinates(move: Move, decimals: int) -> tuple[str, str, str]:
     # Adding 0.0 makes of a rounded -0.0 a zero without sign.
-    x, y, z = (f"{round(value * _MILLI, decimals) + 0.0:.{decimals}f}" for value in move.target_m)
+    x, y, z = (f"{round(value * IN_MILLI, decimals) + 0.0:.{decimals}f}" for value in move.target_m)
     return x, y, z
 
 
@@ -263,8 +262,8 @@ def _check_resolved(moves: list[Move], index: int, changed: list[int], decimals:
         # A way below a nanometre is rounding of the computation.
         if abs(after[axis] - before[axis]) > 1e-9 and axis not in changed:
             raise Refusal(
-                f"move {index + 1}: {AXES[axis]} goes from {before[axis] * _MILLI:.9g} mm to "
-                f"{after[axis] * _MILLI:.9g} mm, which {decimals} decimals cannot tell apart; "
+                f"move {index + 1}: {AXES[axis]} goes from {before[axis] * IN_MILLI:.9g} mm to "
+                f"{after[axis] * IN_MILLI:.9g} mm, which {decimals} decimals cannot tell apart; "
                 "write more decimals",
                 fault="mismatch",
             )
@@ -289,11 +288,11 @@ def _head(
         CHECK,
         f"Box in mm: {reach}",
         "Machine coordinates: work offsets, tool length and rotation must be zero",
-        f"Feed {feed * _MILLI * _PER_MINUTE:.6g} mm/min, no rapid moves, "
+        f"Feed {feed * IN_MILLI * _PER_MINUTE:.6g} mm/min, no rapid moves, "
         + ("several axes together on diagonal lines" if several else "one axis at a time"),
         f"Dwell: {DWELL_FORMS[dialect.dwell]}",
         "Begins by going to the first target from where the machine stands: X, then Y, then Z",
     ]
     if rounding > 1e-7:
-        sentences.append(f"Positions are rounded by up to {rounding / _MILLI * _MICRO:.3f} um")
+        sentences.append(f"Positions are rounded by up to {rounding / IN_MILLI * IN_MICRO:.3f} um")
     return [*sentences, *remarks]

@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
     SHIFTS_OF_RL,
     squareness_error_of_shift,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.curves import many
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
@@ -31,7 +32,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, plain, plus_minus
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, sign
 
 _PLANES = {"C0Y": "seen from +Z", "B0Z": "seen from −Y", "A0Z": "seen from +X"}
@@ -167,13 +168,13 @@ def _words(
     for result in results:
         for one in result.figures:
             if one.name == name:
-                written = plus_minus(factor * one.value, one.standard_uncertainty, MICRO)
+                written = plus_minus(factor * one.value, one.standard_uncertainty, IN_MICRO)
                 unit = " µm/m" if np.isfinite(one.value) else ""
                 hidden = "" if any(result is other for other in drawn) else " (not drawn)"
                 lines.append(f"{short_title(result.method)}: {written}{unit}{hidden}")
     for one in () if truth is None else truth.figures:
         if one.name == name:
-            lines.append(f"Truth: {plain(factor * one.value * MICRO)} µm/m")
+            lines.append(f"Truth: {plain(factor * one.value * IN_MICRO)} µm/m")
     return lines
 
 

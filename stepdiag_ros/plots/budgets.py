@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.geometry import CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.source import GROUPS
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import grid_of, shown_unit
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.style import (
@@ -21,7 +22,6 @@ from stepdiag_ros.plots.style import (
     BLUE,
     GREEN,
     GREY,
-    MILLI,
     ORANGE,
     PURPLE,
     SKY,
@@ -32,7 +32,6 @@ from stepdiag_ros.plots.style import (
     say_unknown,
     scales,
 )
-from stepdiag_ros.text.numbers import MICRO
 from stepdiag_ros.words.budget import figure_groups, short_name, unit_of
 
 _LOOKS = dict(
@@ -78,7 +77,7 @@ def budget(
     heights = [_PANEL_TITLE_INCHES + _BAR_INCHES * len(rows) for rows in groups.values()]
     sheet = Sheet(len(groups), 1, heights, axes=axes, gap=(0.5, 0.5), bottom=0.28)
     shares = shares_of(budget)
-    combined = budget.standard_uncertainty * MICRO
+    combined = budget.standard_uncertainty * IN_MICRO
     for panel, (words, rows) in zip(sheet.panels, groups.items(), strict=True):
         places = np.arange(len(rows))
         left = np.zeros(len(rows))
@@ -130,10 +129,10 @@ def budget_curves(
     ]
     sheet = Sheet(len(names), 3, 1.3, axes=axes, gap=(0.45, 0.55))
     shares = shares_of(budget)
-    combined = budget.standard_uncertainty * MICRO
+    combined = budget.standard_uncertainty * IN_MICRO
     volume = budget.sensitivity.observations.volume
     for panel, name in zip(sheet.panels, names, strict=True):
-        nodes = volume.nodes(moving_axis(name)) * MILLI
+        nodes = volume.nodes(moving_axis(name)) * IN_MILLI
         places = _places(budget, name, len(nodes))
         known = np.flatnonzero(places >= 0)
         low = np.zeros(len(nodes))

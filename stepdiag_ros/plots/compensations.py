@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 from stepdiag_ros.compensation.control import Control
 from stepdiag_ros.compensation.remaining import COMPUTED, Remainder
 from stepdiag_ros.metrology.geometry import translation
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import curve_sheet, curve_words
-from stepdiag_ros.plots.style import AFTER, BEFORE, MILLI, panel_title, say_unknown
-from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.plots.style import AFTER, BEFORE, panel_title, say_unknown
+from stepdiag_ros.text.numbers import plain
 
 _DECIMALS = 3
 _BOTH_WAYS = "Positioning: full line forward, dashed backward; straightness: mean of both."
@@ -54,8 +55,8 @@ def compensation(
             for way, values_of_way in enumerate(curves):
                 known |= bool(np.any(np.isfinite(values_of_way)))
                 panel.plot(
-                    one.positions * MILLI,
-                    values_of_way * MICRO,
+                    one.positions * IN_MILLI,
+                    values_of_way * IN_MICRO,
                     color=style.colour,
                     linestyle="-" if way == 0 else "--",
                     marker=style.marker,
@@ -92,5 +93,5 @@ def _reverses(remainder: Remainder) -> bool:
 
 
 def _micrometres(value: float) -> str:
-    words = plain(value * MICRO, _DECIMALS)
+    words = plain(value * IN_MICRO, _DECIMALS)
     return f"{words} µm" if np.isfinite(value) else words

@@ -24,10 +24,10 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
-    MILLI,
     OTHER,
     STYLES,
     TRUTH,
@@ -41,7 +41,6 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO
 
 _PANEL_HEIGHT = 1.55
 BAND_WORDS = "Bands: 95 % (1.96 standard uncertainties)."
@@ -131,8 +130,8 @@ def error_curves(
         if not any(known):
             say_unknown(panel)
         if truth is not None and drawn and name in truth.curves:
-            nodes = drawn[-1].nodes[moving_axis(name)] * MILLI
-            curve(panel, nodes, np.asarray(truth.curves[name]) * MICRO, TRUTH, TRUTH_TITLE)
+            nodes = drawn[-1].nodes[moving_axis(name)] * IN_MILLI
+            curve(panel, nodes, np.asarray(truth.curves[name]) * IN_MICRO, TRUTH, TRUTH_TITLE)
     if title is None:
         kinds = {curve_unit(name) for name in shown}
         what = {"m": "Translational errors", "rad": "Rotations"}.get("".join(kinds), "Errors")
@@ -150,13 +149,13 @@ def draw_curve(
     """
     if name not in result.curves:
         return False
-    nodes: Vector = result.nodes[moving_axis(name)] * MILLI
-    values = result.curves[name] * MICRO
+    nodes: Vector = result.nodes[moving_axis(name)] * IN_MILLI
+    values = result.curves[name] * IN_MICRO
     uncertainty = result.standard_uncertainty[name]
     # What the frame fixes, such as the zero at the first node, says nothing about the machine.
     if not np.any(np.isfinite(values) & ~(uncertainty <= ZERO_BY_DEFINITION)):
         return False
-    band(axes, nodes, values, uncertainty * MICRO, style)
+    band(axes, nodes, values, uncertainty * IN_MICRO, style)
     curve(axes, nodes, values, style, label, **more)
     return True
 

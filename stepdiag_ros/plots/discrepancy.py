@@ -16,13 +16,13 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.lines import add_lines, sample
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
     GREY,
-    MILLI,
     ORANGE,
     SMALL_SIZE,
     Sheet,
@@ -30,7 +30,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import plain
 
 _ARROWS = {FORWARD: "→", BACKWARD: "←"}
 _SIGNIFICANT = 0.001
@@ -76,7 +76,7 @@ def gap_map(
     mesh: Any = None
     for panel, (when, gap) in zip(sheet.panels, gaps, strict=True):
         shown = np.full((rows, int(stops.number.max()) + 1), np.nan)
-        shown[stops.pass_index, stops.number] = gap * MICRO
+        shown[stops.pass_index, stops.number] = gap * IN_MICRO
         panel.set_facecolor("0.88")
         mesh = panel.pcolormesh(
             np.arange(shown.shape[1] + 1) - 0.5,
@@ -88,7 +88,9 @@ def gap_map(
         )
         _mark_negative(panel, shown, reach)
         rms, largest = rms_and_largest(gap)
-        panel_title(panel, f"{when}: rms {rms * MICRO:.3f} µm, largest {largest * MICRO:.2f} µm")
+        panel_title(
+            panel, f"{when}: rms {rms * IN_MICRO:.3f} µm, largest {largest * IN_MICRO:.2f} µm"
+        )
         scales(panel, "stop along the pass")
         panel.xaxis.get_major_locator().set_params(integer=True)
         for border in np.flatnonzero(np.diff(_setups_of_passes(stops))):
@@ -137,7 +139,7 @@ def _reach(gap: Vector, noise: float) -> float:
     known = np.abs(gap[np.isfinite(gap)])
     largest = float(np.quantile(known, _SCALE_QUANTILE)) if known.size else 0.0
     least = 3.0 * noise if np.isfinite(noise) else 0.0
-    return max(largest, least, 1e-12) * MICRO
+    return max(largest, least, 1e-12) * IN_MICRO
 
 
 def _setups_of_passes(stops: Stops) -> NDArray[np.int64]:
@@ -211,7 +213,7 @@ def _draw_shares(axes: Axes, name: str, shares: Sequence[Share], noise: float) -
             place for place, share in enumerate(shares) if (share.p_value < _SIGNIFICANT) == clear
         ]
         if places:
-            heights = [shares[place].rms * MICRO for place in places]
+            heights = [shares[place].rms * IN_MICRO for place in places]
             axes.bar(
                 places,
                 heights,
@@ -224,7 +226,11 @@ def _draw_shares(axes: Axes, name: str, shares: Sequence[Share], noise: float) -
             )
     if np.isfinite(noise):
         axes.axhline(
-            noise * MICRO, color="black", linestyle="--", linewidth=1.0, label="noise of a reading"
+            noise * IN_MICRO,
+            color="black",
+            linestyle="--",
+            linewidth=1.0,
+            label="noise of a reading",
         )
     labels = [share.part for share in shares]
     if len(labels) <= _FEW_PARTS:
@@ -322,7 +328,7 @@ def gap_along_lines(
     stops = diagnosis.stops
     names = list(dict.fromkeys(line.name for line in stops.lines))
     sheet = Sheet(len(names), _COLUMNS, 1.3, axes=axes, share_up=True, gap=(0.2, 0.55))
-    way = np.sum(stops.direction * (stops.position - stops.start), axis=1) * MILLI
+    way = np.sum(stops.direction * (stops.position - stops.start), axis=1) * IN_MILLI
     shown = [(BEFORE, diagnosis.residual_before)]
     more = [(sample(BEFORE), "before")]
     if found_in(diagnosis):
@@ -332,10 +338,10 @@ def gap_along_lines(
         own = [index for index, line in enumerate(stops.lines) if line.name == name]
         for style, gap in shown:
             rows = [stops.pass_index == index for index in own]
-            passes = [np.column_stack([way[row], gap[row] * MICRO]) for row in rows]
+            passes = [np.column_stack([way[row], gap[row] * IN_MICRO]) for row in rows]
             add_lines(panel, passes, style, width=0.7)
         if np.isfinite(diagnosis.noise):
-            half = COVERAGE_FACTOR * diagnosis.noise * MICRO
+            half = COVERAGE_FACTOR * diagnosis.noise * IN_MICRO
             panel.axhspan(-half, half, color="0.85", zorder=0, label="95 % of the noise")
         panel_title(panel, name)
         up = "measured - simulated / µm" if sheet.first_in_row(number) else ""
@@ -364,14 +370,14 @@ def gap_figures(
     if not found_in(diagnosis):
         return None
     before, after = _both(diagnosis)
-    noise = diagnosis.noise * MICRO
+    noise = diagnosis.noise * IN_MICRO
     sheet = Sheet(3, 3, 1.35, axes=axes, gap=(0.65, 0.5), bottom=0.3)
     for panel, words, unit, values, line in (
         (sheet.panels[0], "rms of the gap", "µm", (before.rms, after.rms), noise),
         (sheet.panels[1], "largest gap", "µm", (before.largest, after.largest), np.nan),
         (sheet.panels[2], "χ² per degree of freedom", "", _reduced(before, after), 1.0),
     ):
-        factor = MICRO if unit else 1.0
+        factor = IN_MICRO if unit else 1.0
         _two_bars(panel, [value * factor for value in values], ("before", "after"))
         if np.isfinite(line):
             label = "noise of a reading" if unit else "nothing is missing"
@@ -458,7 +464,7 @@ def held_out(
         held = np.isfinite(part.residual)
         left.plot(
             np.arange(np.count_nonzero(held)),
-            part.residual[held] * MICRO,
+            part.residual[held] * IN_MICRO,
             color=style.colour,
             marker=style.marker,
             markersize=2.2,

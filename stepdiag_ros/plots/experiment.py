@@ -16,11 +16,11 @@ from stepdiag_ros.metrology.comparison import CurveComparison, DirectComparison,
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis, translation
 from stepdiag_ros.metrology.repeats import Spread
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import BAND_WORDS, curve_words, shown_unit
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.style import (
     DIRECT,
-    MILLI,
     OTHER,
     STYLES,
     TRUTH,
@@ -33,7 +33,6 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO
 
 FIGURE_OF_AXIS = {"X": 7, "Y": 8, "Z": 9}
 _BESIDE = 0.12
@@ -89,8 +88,8 @@ def motion_with_repeats(
                     panel, positions, Spread(direct[name]), DIRECT, "Measured by using artefact"
                 )
             if truth is not None:
-                values = np.asarray(truth.curves[name]) * MICRO
-                curve(panel, nodes * MILLI, values, TRUTH, TRUTH_TITLE)
+                values = np.asarray(truth.curves[name]) * IN_MICRO
+                curve(panel, nodes * IN_MILLI, values, TRUTH, TRUTH_TITLE)
             zero_line(panel)
             if row == 0:
                 panel_title(panel, f"({'abc'[error]}) {name}: {direction} error as {letter} moves")
@@ -137,29 +136,29 @@ def angles_with_repeats(
     truth = experiment.report.truth
     for panel, name in zip(sheet.panels, result.curves, strict=False):
         nodes = result.nodes[moving_axis(name)]
-        values = result.curves[name] * MICRO
-        band(panel, nodes * MILLI, values, result.standard_uncertainty[name] * MICRO, style)
+        values = result.curves[name] * IN_MICRO
+        band(panel, nodes * IN_MILLI, values, result.standard_uncertainty[name] * IN_MICRO, style)
         spread = experiment.repeats["soons"].spread(name)
         _draw_spread(panel, nodes, spread, style, method_title("soons"))
         for other in others:
             if name in other.curves and np.any(np.isfinite(other.curves[name])):
                 look = STYLES.get(other.method, OTHER)
-                drawn = other.curves[name] * MICRO
-                curve(panel, nodes * MILLI, drawn, look, method_title(other.method))
+                drawn = other.curves[name] * IN_MICRO
+                curve(panel, nodes * IN_MILLI, drawn, look, method_title(other.method))
         if experiment.direct is not None and name in experiment.direct.curves:
             measured = experiment.direct.curves[name]
             from_first = Spread(measured.values - measured.values[:, :1])
             _draw_spread(panel, measured.positions, from_first, DIRECT, "Measured directly")
         if truth is not None and name in truth.curves:
-            drawn = np.asarray(truth.curves[name]) * MICRO
-            curve(panel, nodes * MILLI, drawn, TRUTH, TRUTH_TITLE)
+            drawn = np.asarray(truth.curves[name]) * IN_MICRO
+            curve(panel, nodes * IN_MILLI, drawn, TRUTH, TRUTH_TITLE)
         zero_line(panel)
         words = curve_words(name)
         if name in experiment.angles:
             size = experiment.angles[name]
             words += (
-                f"\none pass over the travel:\nworst ±{size.worst_over_travel * MICRO:.0f},"
-                f" standard ±{size.standard_over_travel * MICRO:.0f} µrad"
+                f"\none pass over the travel:\nworst ±{size.worst_over_travel * IN_MICRO:.0f},"
+                f" standard ±{size.standard_over_travel * IN_MICRO:.0f} µrad"
             )
         panel_title(panel, words)
         panel.title.set_fontsize(6.8)
@@ -182,7 +181,8 @@ def _not_seen(axes: Axes, experiment: Experiment, names: str) -> None:
         0.0,
         0.95,
         "Not seen by step diagonals:\n"
-        f"{names}\n\nDisplacement of one move: {experiment.displacement_uncertainty * MICRO:.2g} µm"
+        f"{names}\n\nDisplacement of one move:"
+        f" {experiment.displacement_uncertainty * IN_MICRO:.2g} µm"
         "\n(standard uncertainty, one pass)"
         "\n\nworst: all in the worst directions,"
         "\nas Ibaraki & Hata, eq. (29), count",
@@ -211,13 +211,13 @@ def direct_comparison(
 
 
 def _draw_comparison(axes: Axes, one: CurveComparison, style: Style) -> None:
-    path = one.positions * MILLI
-    band(axes, path, one.identified * MICRO, one.identified_uncertainty * MICRO, style)
-    curve(axes, path, one.identified * MICRO, style, "identified", linestyle="-")
+    path = one.positions * IN_MILLI
+    band(axes, path, one.identified * IN_MICRO, one.identified_uncertainty * IN_MICRO, style)
+    curve(axes, path, one.identified * IN_MICRO, style, "identified", linestyle="-")
     axes.errorbar(
         path,
-        one.direct * MICRO,
-        yerr=np.nan_to_num(COVERAGE_FACTOR * one.direct_uncertainty * MICRO),
+        one.direct * IN_MICRO,
+        yerr=np.nan_to_num(COVERAGE_FACTOR * one.direct_uncertainty * IN_MICRO),
         color=DIRECT.colour,
         marker=DIRECT.marker,
         markersize=2.6,
@@ -237,12 +237,12 @@ def _draw_comparison(axes: Axes, one: CurveComparison, style: Style) -> None:
 
 def _draw_spread(axes: Axes, nodes: Vector, spread: Spread, style: Style, label: str) -> None:
     """Draw the mean of repeats, and the smallest and largest value as short lines."""
-    mean = spread.mean * MICRO
-    curve(axes, nodes * MILLI, mean, style, label, linewidth=0.7, markerfacecolor="none")
+    mean = spread.mean * IN_MICRO
+    curve(axes, nodes * IN_MILLI, mean, style, label, linewidth=0.7, markerfacecolor="none")
     for extreme in (spread.low, spread.high):
         axes.plot(
-            nodes * MILLI,
-            extreme * MICRO,
+            nodes * IN_MILLI,
+            extreme * IN_MICRO,
             color=style.colour,
             marker="_",
             markersize=4.5,

@@ -20,6 +20,7 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.repeats import line_errors as errors_of_lines
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI, NANO
 from stepdiag_ros.plots.panel import Panel
 from stepdiag_ros.plots.style import (
     BACKWARD,
@@ -27,7 +28,6 @@ from stepdiag_ros.plots.style import (
     COLOURS,
     FORWARD,
     GREY,
-    MILLI,
     VERMILION,
     Sheet,
     Style,
@@ -35,7 +35,6 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO
 
 _COLUMNS = 4
 _PANEL_HEIGHT = 1.3
@@ -47,7 +46,6 @@ _AXIS_STYLES = {
 _OTHER_MOVES = Style(COLOURS[6], "D", "-")
 _MOST_POINTS = 4000
 """Readings that are drawn one by one; of more, the range in each slice of time."""
-_NANO = 1e-9
 
 
 def add_lines(axes: Axes, curves: Sequence[Vector], style: Style, width: float = 0.8) -> None:
@@ -108,7 +106,7 @@ def block_displacements(
             moves = [one for one in own if one.axis == axis]
             (line,) = panel.plot(
                 [one.block for one in moves],
-                [excess_of(one) * MICRO for one in moves],
+                [excess_of(one) * IN_MICRO for one in moves],
                 color=style.colour,
                 marker=style.marker,
                 markersize=2.2,
@@ -158,13 +156,13 @@ def readings(
     begin, time, length, compensated = _around(readings, stops)
     sheet = Sheet(1, 1, 2.6, axes=axes)
     (panel,) = sheet.panels
-    _draw_readings(panel, time, length * MILLI)
+    _draw_readings(panel, time, length * IN_MILLI)
     for one in stops:
         _mark_window(panel, one, begin)
     settled = [one for one in stops if one.settled]
     panel.plot(
-        [0.5 * ((one.window_start - begin) + (one.window_end - begin)) * _NANO for one in settled],
-        [(one.displacement if compensated else one.raw_displacement) * MILLI for one in settled],
+        [0.5 * ((one.window_start - begin) + (one.window_end - begin)) * NANO for one in settled],
+        [(one.displacement if compensated else one.raw_displacement) * IN_MILLI for one in settled],
         color=VERMILION,
         marker="_",
         markersize=5.0,
@@ -203,7 +201,7 @@ def settling(
     begin, time, length, compensated = _around(readings, stops, approach)
     sheet = Sheet(1 + len(stops), _COLUMNS, 1.5, axes=axes, gap=(0.5, 0.55))
     whole, *enlarged = sheet.panels
-    _draw_readings(whole, time, length * MILLI)
+    _draw_readings(whole, time, length * IN_MILLI)
     for one in stops:
         _mark_window(whole, one, begin)
     panel_title(whole, f"{len(stops)} stops")
@@ -211,14 +209,14 @@ def settling(
     spreads = []
     for number, (panel, one) in enumerate(zip(enlarged, stops, strict=True)):
         value = one.displacement if compensated else one.raw_displacement
-        first, last = ((moment - begin) * _NANO for moment in (one.window_start, one.window_end))
+        first, last = ((moment - begin) * NANO for moment in (one.window_start, one.window_end))
         start, end = first - 1.2 * (last - first), last + 0.3 * (last - first)
         near = (time >= start) & (time <= end)
         # A rejected stop has no value: it is shown from the mean of its window.
         inside = (time >= first) & (time <= last)
         if not np.isfinite(value) and np.any(inside):
             value = float(np.mean(length[inside]))
-        less = (length - value) * MICRO
+        less = (length - value) * IN_MICRO
         panel.plot(time[near], less[near], color="0.3", linewidth=0.7, label="reading")
         spreads.append(float(np.max(np.abs(less[inside]), initial=0.0)))
         _mark_window(panel, one, begin)
@@ -259,7 +257,7 @@ def _around(
     ]
     if not found:
         raise Refusal("the run holds no reading at the time of these stops", fault="missing")
-    time = np.array([one[0] - begin for one in found], dtype=np.float64) * _NANO
+    time = np.array([one[0] - begin for one in found], dtype=np.float64) * NANO
     values = np.array([one[1:] for one in found], dtype=np.float64)
     compensated = bool(np.all(np.isfinite(values[:, 1])))
     return begin, time, values[:, 1] if compensated else values[:, 0], compensated
@@ -268,8 +266,8 @@ def _around(
 def _mark_window(axes: Axes, stop: SettledStop, begin: int) -> None:
     colour, hatch = (BLUE, None) if stop.settled else (VERMILION, "///")
     axes.axvspan(
-        (stop.window_start - begin) * _NANO,
-        (stop.window_end - begin) * _NANO,
+        (stop.window_start - begin) * NANO,
+        (stop.window_end - begin) * NANO,
         facecolor=colour,
         edgecolor=colour,
         hatch=hatch,
@@ -354,7 +352,7 @@ def passes_from_mean(lines: Sequence[MeasuredLine]) -> Vector:
 
 
 def _draw_setup(axes: Axes, lines: Sequence[MeasuredLine]) -> None:
-    table = passes_from_mean(lines) * MICRO
+    table = passes_from_mean(lines) * IN_MICRO
     stops = np.arange(table.shape[1], dtype=np.float64)
     for style, sense in ((FORWARD, True), (BACKWARD, False)):
         own = [
@@ -385,11 +383,11 @@ def line_errors(
     sheet = Sheet(len(lines), _COLUMNS, _PANEL_HEIGHT, axes=axes, gap=(0.42, 0.55))
     each = Style(GREY, "o", "-")
     for number, (panel, line) in enumerate(zip(sheet.panels, lines, strict=True)):
-        path = line.path * MILLI
-        add_lines(panel, [np.column_stack([path, one * MICRO]) for one in line.errors], each)
+        path = line.path * IN_MILLI
+        add_lines(panel, [np.column_stack([path, one * IN_MICRO]) for one in line.errors], each)
         panel.plot(
             path,
-            np.mean(line.errors, axis=0) * MICRO,
+            np.mean(line.errors, axis=0) * IN_MICRO,
             color="black",
             linewidth=1.2,
             label="mean of all passes",

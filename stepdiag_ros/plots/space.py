@@ -13,8 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.plots.panel import INK
-from stepdiag_ros.plots.style import MILLI, SMALL_SIZE
+from stepdiag_ros.plots.style import SMALL_SIZE
 
 _TURN = np.radians(32.0)
 """Of the machine about Z, seen from above."""
@@ -41,7 +42,7 @@ def project(positions: Vector) -> Vector:
     Returns:
         Right and up, shape (..., 2).
     """
-    drawn: Vector = np.asarray(positions, dtype=np.float64) @ PROJECTION * MILLI
+    drawn: Vector = np.asarray(positions, dtype=np.float64) @ PROJECTION * IN_MILLI
     return drawn
 
 
@@ -105,8 +106,8 @@ def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
         across, up = sides[axis]
         words = (
             (0.5, f"{AXES[axis]} / mm", 1.8, SMALL_SIZE + 0.5),
-            (0.03, f"{low[axis] * MILLI:g}", 1.0, SMALL_SIZE),
-            (0.97, f"{high[axis] * MILLI:g}", 1.0, SMALL_SIZE),
+            (0.03, f"{low[axis] * IN_MILLI:g}", 1.0, SMALL_SIZE),
+            (0.97, f"{high[axis] * IN_MILLI:g}", 1.0, SMALL_SIZE),
         )
         for share, word, away, letters in words:
             at = first + share * (last - first) + away * step

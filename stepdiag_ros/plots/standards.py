@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.metrology.standards.iso230_6 import DiagonalGroup
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
     BACKWARD,
     FORWARD,
-    MILLI,
     SMALL_SIZE,
     Sheet,
     band,
@@ -24,7 +24,7 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN
+from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, written
 
 _WIDTH_OF_BAND = 2.0
@@ -49,9 +49,9 @@ def _graph(axes: Axes, test: PositioningTest) -> None:
         if not np.any(np.isfinite(mean)):
             continue
         known = True
-        place, values = test.target * MILLI, (mean - zero) * MICRO
+        place, values = test.target * IN_MILLI, (mean - zero) * IN_MICRO
         if np.all(np.isfinite(spread)):
-            band(axes, place, values, spread * MICRO, style, _WIDTH_OF_BAND)
+            band(axes, place, values, spread * IN_MICRO, style, _WIDTH_OF_BAND)
         curve(axes, place, values, style, label, markersize=3.5)
     if not known:
         say_unknown(axes)

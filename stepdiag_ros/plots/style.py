@@ -27,8 +27,6 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.panel import GRID, INK, LABEL_SIZE, TICK_SIZE, Panel
 
-MILLI = 1e3
-"""Metres to mm."""
 WIDTH = 7.2
 """Of a figure, inches: the text width of a page of A4."""
 DOTS_PER_INCH = 150

@@ -12,20 +12,19 @@ from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import (
     BLACK,
     BLUE,
     COLOURS,
-    MILLI,
     VERMILION,
     Sheet,
     panel_title,
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO
 from stepdiag_ros.words.tracker import figure_sentences
 
 _LINE_COLOURS = dict(zip(SEVEN_LINES, COLOURS, strict=False))
@@ -119,8 +118,8 @@ def tracker_deviations(
             ):
                 if np.any(np.isfinite(mean)):
                     panel.plot(
-                        own.target * MILLI,
-                        mean * MICRO,
+                        own.target * IN_MILLI,
+                        mean * IN_MICRO,
                         color=colour,
                         linestyle=style,
                         marker=marker,
@@ -149,13 +148,13 @@ def tracker_residuals(
     sheet = Sheet(1, 1, 2.4, axes=axes)
     (panel,) = sheet.panels
     places = np.arange(len(fit.residuals))
-    band = COVERAGE_FACTOR * fit.uncertainty * np.sqrt(fit.redundancy) * MICRO
+    band = COVERAGE_FACTOR * fit.uncertainty * np.sqrt(fit.redundancy) * IN_MICRO
     if np.all(np.isfinite(band)):
         label = "95 % of residuals"
         panel.bar(places, 2 * band, bottom=-band, width=0.8, color="0.85", label=label)
     panel.plot(
         places,
-        fit.residuals * MICRO,
+        fit.residuals * IN_MICRO,
         "o",
         color=BLUE,
         markersize=4.0,
@@ -194,8 +193,8 @@ def _document_figure(
     (panel,) = sheet.panels
     for one, colour, style in zip(curves, (VERMILION, BLUE), ("-", "--"), strict=True):
         panel.plot(
-            one.distance * MILLI,
-            one.deviation * MICRO,
+            one.distance * IN_MILLI,
+            one.deviation * IN_MICRO,
             color=colour,
             linestyle=style,
             linewidth=1.5,

@@ -11,13 +11,13 @@ from stepdiag_ros.evaluation.report import ZERO_BY_DEFINITION
 from stepdiag_ros.metrology.agreement import Changes, CurveChange
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import curve_words, grid_of, shown_unit
 from stepdiag_ros.plots.panel import Panel
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
     BLACK,
-    MILLI,
     Sheet,
     Style,
     band,
@@ -27,7 +27,6 @@ from stepdiag_ros.plots.style import (
     scales,
     zero_line,
 )
-from stepdiag_ros.text.numbers import MICRO
 
 COVERAGE = 2.0
 """k of the bands and of E_n (ISO 13528)."""
@@ -101,7 +100,7 @@ def _draw(upper: Axes, lower: Axes, one: CurveChange | None) -> None:
         say_unknown(upper, "not in both")
         say_unknown(lower, "")
         return
-    place = one.positions * MILLI
+    place = one.positions * IN_MILLI
     drawn = False
     for values, uncertainty, style, label in (
         (one.before, one.before_uncertainty, BEFORE, "before"),
@@ -109,8 +108,8 @@ def _draw(upper: Axes, lower: Axes, one: CurveChange | None) -> None:
     ):
         if np.any(np.isfinite(values) & ~(uncertainty <= ZERO_BY_DEFINITION)):
             drawn = True
-            band(upper, place, values * MICRO, uncertainty * MICRO, style, COVERAGE)
-            curve(upper, place, values * MICRO, style, label)
+            band(upper, place, values * IN_MICRO, uncertainty * IN_MICRO, style, COVERAGE)
+            curve(upper, place, values * IN_MICRO, style, label)
     if not drawn:
         say_unknown(upper)
     error = one.normalised_error

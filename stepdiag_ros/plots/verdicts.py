@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.metrology.visibility import (
     CONFOUNDED,
     DETERMINED,
@@ -17,7 +18,6 @@ from stepdiag_ros.metrology.visibility import (
 )
 from stepdiag_ros.plots.panel import INK
 from stepdiag_ros.plots.style import GREEN, SKY, SMALL_SIZE, Sheet, panel_title
-from stepdiag_ros.text.numbers import MICRO
 
 _LOOKS = {
     DETERMINED: (GREEN, ""),
@@ -101,4 +101,4 @@ def _words(name: str, row: Row | None) -> str:
     if row is None:
         return f"{name}\nnot asked"
     size = row.end if np.isfinite(row.end) else row.largest
-    return f"{name}\n{size * MICRO:#.2g}" if np.isfinite(size) else f"{name}\nunknown"
+    return f"{name}\n{size * IN_MICRO:#.2g}" if np.isfinite(size) else f"{name}\nunknown"

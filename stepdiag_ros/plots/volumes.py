@@ -13,10 +13,11 @@ from stepdiag_ros.metrology.standards.volumetric import (
     of_result,
     volumetric_accuracy,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.plots.space import add_wires, frame_box, project
 from stepdiag_ros.plots.style import BLUE, VERMILION, Sheet, scales
-from stepdiag_ros.text.numbers import MICRO, plain, plus_minus
+from stepdiag_ros.text.numbers import plain, plus_minus
 
 _DRAWN_SHARE = 0.1
 """The longest error vector is drawn as this share of the box's longest side."""
@@ -113,8 +114,9 @@ def volume(
     times = f"Errors are drawn {factor:,.0f} times larger than they are."
     where = ", ".join(plain(value * 1e3, 1) for value in worst.position)
     said = [
-        f"{times} Worst: {plus_minus(worst.value, worst.standard_uncertainty, MICRO)} µm at X, Y, Z"
-        f" = {where} mm; rms over the volume {plain(worst.rms * MICRO)} µm.",
+        f"{times} Worst: {plus_minus(worst.value, worst.standard_uncertainty, IN_MICRO)} µm at"
+        " X, Y, Z"
+        f" = {where} mm; rms over the volume {plain(worst.rms * IN_MICRO)} µm.",
         f"Frame: {worst.frame}; zero at the first corner.",
         *(f"{one[:1].upper()}{one[1:]}." for one in worst.remarks),
     ]
@@ -135,8 +137,8 @@ def diagonals_alone(*, title: str | None = None, stamp: str = "", axes: Any = No
     sheet = Sheet(1, 1, 2.8, axes=axes)
     (panel,) = sheet.panels
     places = np.arange(len(MACHINES_OF_RL))
-    diagonal = [one.diagonal_result * MICRO for one in MACHINES_OF_RL]
-    whole = [volumetric_accuracy(one.errors).value * MICRO for one in MACHINES_OF_RL]
+    diagonal = [one.diagonal_result * IN_MICRO for one in MACHINES_OF_RL]
+    whole = [volumetric_accuracy(one.errors).value * IN_MICRO for one in MACHINES_OF_RL]
     for shift, values, colour, hatch, label in (
         (-0.2, diagonal, BLUE, "", "diagonal test result E_d"),
         (+0.2, whole, VERMILION, "//", "volumetric accuracy"),

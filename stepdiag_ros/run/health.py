@@ -11,8 +11,8 @@ from enum import IntEnum
 from math import isnan, nan
 
 from stepdiag_ros.metrology.measurement import Reading
+from stepdiag_ros.metrology.units import NANO
 
-NANOSECOND = 1e-9
 WINDOW = 1.0
 """Real seconds over which rates, shares and extremes are taken."""
 HOLD = 2.0
@@ -90,7 +90,7 @@ class Age:
         """
         if self.time is None:
             return nan
-        return max(0.0, min((now - self.time) * NANOSECOND, real - self.heard))
+        return max(0.0, min((now - self.time) * NANO, real - self.heard))
 
 
 class Rate:
@@ -123,7 +123,7 @@ class Rate:
         if isnan(self._since):
             self._since = real
         elif real - self._since >= WINDOW:
-            span = (self._last - self._first) * NANOSECOND
+            span = (self._last - self._first) * NANO
             self._measured = (self._count - 1) / span if span > 0.0 else nan
             self._since, self._first = real, self._last
             self._count = min(self._count, 1)
@@ -279,7 +279,7 @@ class Clockwork:
         if self._simulated or source != self.source:
             return
         delays = self._delays.setdefault(node, deque(maxlen=self.FEWEST_HEARTBEATS))
-        delays.append((now - stamp) * NANOSECOND)
+        delays.append((now - stamp) * NANO)
 
     def forget(self, nodes: Iterable[str]) -> None:
         """Take note that nodes have gone."""
@@ -300,7 +300,7 @@ class Clockwork:
         if now != self._now or self._moved is None:
             self._moved = real
         if self._now and now:
-            step = (now - self._now) * NANOSECOND
+            step = (now - self._now) * NANO
             if not self._simulated:
                 step -= real - self._real
             # How fast simulated time goes on is up to whoever simulates it.

@@ -8,12 +8,12 @@ import numpy as np
 from stepdiag_ros.devices.cnc import Point
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.units import MICRO
 
 ASTRAY = 1e-3
 """m: farther from the straight way to its target no axis may be; servo lag keeps an axis on it."""
 SETTLE_LIMIT = 1.0
 """s after the controller has said that it is done, within which the axes must be in position."""
-MICRO = 1e-6
 
 
 @dataclass(frozen=True)

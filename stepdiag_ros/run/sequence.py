@@ -10,11 +10,11 @@ import numpy as np
 from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
+from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.run.refusing import in_wrong_state
 from stepdiag_ros.run.route import Route
 from stepdiag_ros.run.time_left import TimeLeft
 
-NANOSECONDS = 1_000_000_000
 ANSWER_LIMIT = 2.0
 """Real seconds within which the bridge must answer a command."""
 BEAM_LIMIT = 10.0

@@ -2,7 +2,7 @@
 
 import math
 
-_NANOSECONDS = 1_000_000_000
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 
 class TimeLeft:
@@ -36,4 +36,4 @@ class TimeLeft:
         """
         if not self._stops:
             return math.nan
-        return self._time / _NANOSECONDS / self._stops * stops_left
+        return self._time / NANOSECONDS / self._stops * stops_left

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from math import inf, isnan, nan
 from pathlib import Path
 
-from stepdiag_ros.run.health import NANOSECOND, WINDOW, Age, Finding, Level, figure
+from stepdiag_ros.metrology.units import NANO
+from stepdiag_ros.run.health import WINDOW, Age, Finding, Level, figure
 from stepdiag_ros.run.pacing import GovernedTime
 from stepdiag_ros.run.sequence import Answer, Progress, State
 from stepdiag_ros.text.sentence import sentence
@@ -278,7 +279,7 @@ class Reached:
             self._since, self._time = real, governed.advance(real)
         elif real - self._since >= WINDOW:
             time = governed.advance(real)
-            self._factor = (time - self._time) * NANOSECOND / (real - self._since)
+            self._factor = (time - self._time) * NANO / (real - self._since)
             self._since, self._time = real, time
         waiting = [name for name, last in governed.waited_for.items() if real - last <= WINDOW]
         values = {

@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.geometry import (
     TRANSLATIONS,
     Vector,
 )
+from stepdiag_ros.metrology.units import MILLI
 from stepdiag_ros.selftest.bodies import beam_length, mirror_pose
 
 ALIGNED = "aligned"
@@ -48,7 +49,6 @@ their second order, so small that this is below the noise (10 nm) or well below 
 _SIZES = (1e-9, 1e-8)
 """Translations (m) and rotations (rad) where both are there: so small that products vanish."""
 _FRAMED = ("E_YX", "E_ZX", "E_YZ")
-_MILLIMETRE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class Problem:
         return place
 
     def __str__(self) -> str:
-        steps = " x ".join(f"{size / _MILLIMETRE:g}" for size in self.step)
+        steps = " x ".join(f"{size / MILLI:g}" for size in self.step)
         noise = f", noise {self.noise * 1e6:.2g} µm" if self.noise else ""
         return (
             f"chain {self.chain}, {self.blocks} blocks of {steps} mm, {len(self.passes)} passes"
@@ -177,7 +177,7 @@ def draw(kind: str, rng: np.random.Generator) -> Problem:
     fewest, most = (3, 4) if angular else (8, 12) if kind in (NOISY, UNKNOWN_NOISE) else (3, 8)
     blocks = int(rng.integers(fewest, most + 1))
     # Steps of 10 to 60 mm and corners up to 1 m from the machine's zero, in whole half millimetres.
-    x, y, z = (float(value) * 0.5 * _MILLIMETRE for value in rng.integers(20, 121, 3))
+    x, y, z = (float(value) * 0.5 * MILLI for value in rng.integers(20, 121, 3))
     corner = rng.integers(-1000, 1001, 3) * (not angular)
     size = float(10.0 ** rng.uniform(-6.0, -5.0))
     noise = float(10.0 ** rng.uniform(-8.0, -6.3))
@@ -185,9 +185,9 @@ def draw(kind: str, rng: np.random.Generator) -> Problem:
         kind=kind,
         chain=chain,
         origin=(
-            float(corner[0]) * _MILLIMETRE,
-            float(corner[1]) * _MILLIMETRE,
-            float(corner[2]) * _MILLIMETRE,
+            float(corner[0]) * MILLI,
+            float(corner[1]) * MILLI,
+            float(corner[2]) * MILLI,
         ),
         step=(x, y, z),
         blocks=blocks,

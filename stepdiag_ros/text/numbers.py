@@ -16,8 +16,6 @@ UNKNOWN = "unknown"
 OF_READINGS = "± of the readings"
 """In the head of tables whose ± hold the scatter of the readings alone, not the whole budget."""
 
-MICRO = 1e6
-"""Metres to µm, and rad to µm/m."""
 ARC_SECONDS = 180.0 * 3600.0 / math.pi
 """Radians to arc-seconds."""
 

@@ -2,14 +2,14 @@
 
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.text.numbers import MICRO
+from stepdiag_ros.metrology.units import IN_MICRO
 
 UNITS = {
-    "m": ("µm", MICRO),
-    "rad": ("µrad", MICRO),
-    "relative": ("µm/m", MICRO),
-    "m/m": ("µm/m", MICRO),
-    "1/K": ("µm/(m K)", MICRO),
+    "m": ("µm", IN_MICRO),
+    "rad": ("µrad", IN_MICRO),
+    "relative": ("µm/m", IN_MICRO),
+    "m/m": ("µm/m", IN_MICRO),
+    "1/K": ("µm/(m K)", IN_MICRO),
     "K": ("K", 1.0),
     "Pa": ("Pa", 1.0),
     "1": ("", 1.0),

@@ -19,14 +19,14 @@ from stepdiag_ros.metrology.agreement import (
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.text.numbers import MICRO, plain, plus_minus
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.text.numbers import plain, plus_minus
 from stepdiag_ros.words.diagnosis import chance
 
 SURE = 2.0
 """Standard uncertainties up to which an error may be nothing but the measurement's own."""
 BETTER, WORSE, SAME, OTHER, OPEN = "better", "worse", "same", "other", "unknown"
-_MILLI = 1e3
-UNITS = {"m": ("µm", MICRO), "rad": ("µrad", MICRO)}
+UNITS = {"m": ("µm", IN_MICRO), "rad": ("µrad", IN_MICRO)}
 """Unit of a value → the one it is shown in, with the factor."""
 SQUARENESS_UNIT = "µm/m"
 _TAKEN = {
@@ -60,8 +60,8 @@ def verdict(changes: Changes) -> Verdict:
     rms = changes.rms
     if not isfinite(rms.difference):
         return _without_volume(changes)
-    before = f"{plus_minus(rms.before, rms.before_uncertainty, MICRO)} µm"
-    after = f"{plus_minus(rms.after, rms.after_uncertainty, MICRO)} µm"
+    before = f"{plus_minus(rms.before, rms.before_uncertainty, IN_MICRO)} µm"
+    after = f"{plus_minus(rms.after, rms.after_uncertainty, IN_MICRO)} µm"
     value = rms.normalised_error
     changed = changes.judgement.significant
     if not isfinite(value):
@@ -107,7 +107,7 @@ def verdict(changes: Changes) -> Verdict:
             BETTER,
             f"At least {least} times better",
             f"{went} (E_n = {plain(value)}), which is no more than this measurement can tell from"
-            f" nothing ({plain(limit * MICRO, 3)} µm): at least {least} times better.",
+            f" nothing ({plain(limit * IN_MICRO, 3)} µm): at least {least} times better.",
         )
     better = value < 0.0
     factor = ratio(rms.factor if better else 1.0 / rms.factor)
@@ -219,16 +219,16 @@ def moved_words(changes: Changes) -> list[str]:
     moved = changes.moved
     if moved is None:
         return []
-    vector = ", ".join(plain(float(one) * MICRO) for one in moved.after - moved.before)
+    vector = ", ".join(plain(float(one) * IN_MICRO) for one in moved.after - moved.before)
     places = [place_words(one) for one in changes.worst_places]
     worst = [
-        f"{plus_minus(value, spread, MICRO)} µm at {place}"
+        f"{plus_minus(value, spread, IN_MICRO)} µm at {place}"
         for value, spread, place in (
             (changes.worst.before, changes.worst.before_uncertainty, places[0]),
             (changes.worst.after, changes.worst.after_uncertainty, places[1]),
         )
     ]
-    length = plus_minus(moved.length, moved.length_uncertainty, MICRO)
+    length = plus_minus(moved.length, moved.length_uncertainty, IN_MICRO)
     return [
         f"Worst place: {worst[0]} before, {worst[1]} after.",
         f"The error in the volume changed most at {place_words(moved.position)}: by {length} µm"
@@ -311,11 +311,11 @@ def _relation(probability: float) -> str:
 
 def _largest(one: CurveChange) -> str:
     row = one.largest
-    change = plus_minus(one.difference[row], one.difference_uncertainty[row], MICRO)
+    change = plus_minus(one.difference[row], one.difference_uncertainty[row], IN_MICRO)
     value = one.normalised_error[row]
     return (
         f"{change} {UNITS[one.unit][0]} at {AXES[moving_axis(one.name)]} ="
-        f" {one.positions[row] * _MILLI:g} mm"
+        f" {one.positions[row] * IN_MILLI:g} mm"
         + (f" (E_n = {plain(float(value))})" if isfinite(value) else "")
     )
 
@@ -323,7 +323,7 @@ def _largest(one: CurveChange) -> str:
 def place_words(position: Vector) -> str:
     """Write a place in the volume, m, shape (3,), in mm."""
     named = zip(AXES, position, strict=True)
-    return ", ".join(f"{letter} {value * _MILLI:g}" for letter, value in named) + " mm"
+    return ", ".join(f"{letter} {value * IN_MILLI:g}" for letter, value in named) + " mm"
 
 
 def _about_the_result(one: Identified) -> list[str]:

@@ -5,7 +5,8 @@ import math
 from stepdiag_ros.compensation.remaining import Change
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.metrology.geometry import ROTATIONS
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, plain
 
 _DECIMALS = 3
 
@@ -49,5 +50,5 @@ def size_words(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return UNKNOWN
     if unit == "rad":
-        return f'{plain(value * MICRO, 2)} µrad ({plain(value * ARC_SECONDS, 2)}")'
-    return f"{plain(value * MICRO, _DECIMALS)} µm"
+        return f'{plain(value * IN_MICRO, 2)} µrad ({plain(value * ARC_SECONDS, 2)}")'
+    return f"{plain(value * IN_MICRO, _DECIMALS)} µm"

@@ -11,17 +11,18 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.effects.effect import Size
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, with_uncertainty
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import UNKNOWN, with_uncertainty
 
 _SMALL = 0.01
 """A number without unit that is plausible up to this is relative: it is read in µm/m."""
 _PER_HOUR, _PER_HECTOPASCAL = 3600.0, 100.0
 _READABLE = {
-    "1/K": ("µm/(m K)", MICRO),
-    "1/s": ("µm/(m h)", MICRO * _PER_HOUR),
-    "m/s": ("µm/h", MICRO * _PER_HOUR),
-    "1/Pa": ("µm/(m hPa)", MICRO * _PER_HECTOPASCAL),
-    "m/Pa": ("µm/hPa", MICRO * _PER_HECTOPASCAL),
+    "1/K": ("µm/(m K)", IN_MICRO),
+    "1/s": ("µm/(m h)", IN_MICRO * _PER_HOUR),
+    "m/s": ("µm/h", IN_MICRO * _PER_HOUR),
+    "1/Pa": ("µm/(m hPa)", IN_MICRO * _PER_HECTOPASCAL),
+    "m/Pa": ("µm/hPa", IN_MICRO * _PER_HECTOPASCAL),
     "s": ("ms", 1e3),
 }
 MEANING = {
@@ -46,9 +47,9 @@ def readable(size: Size) -> tuple[str, float]:
         return _READABLE[unit]
     if unit == "1":
         relative = max(abs(size.low), abs(size.high)) <= _SMALL
-        return ("µm/m", MICRO) if relative else ("", 1.0)
+        return ("µm/m", IN_MICRO) if relative else ("", 1.0)
     if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
-        return f"µ{unit}", MICRO
+        return f"µ{unit}", IN_MICRO
     return unit, 1.0
 
 

@@ -16,7 +16,8 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
-from stepdiag_ros.text.numbers import MICRO, plain, with_expanded
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import plain, with_expanded
 
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
@@ -70,7 +71,7 @@ def size_sentences(lead: RunLead) -> list[str]:
             else ("The largest single errors")
         )
         words = "; ".join(
-            f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, MICRO)} µm over"
+            f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, IN_MICRO)} µm over"
             f" {one.travel * 1e3:.0f} mm"
             for one in lead.errors[:_MOST_ERRORS]
         )
@@ -158,7 +159,7 @@ def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
     return (
         "No error of this machine stands out from the noise of this"
         f" measurement{_directions(lead)}: the largest error vector found,"
-        f" {plain(volume.value * MICRO, 3)} µm, is no more than noise makes."
+        f" {plain(volume.value * IN_MICRO, 3)} µm, is no more than noise makes."
     )
 
 
@@ -168,10 +169,10 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
         for letter, value in zip("XYZ", accuracy.position, strict=True)
     )
     vector = ", ".join(
-        f"{plain(value * MICRO, 2)} in {letter}"
+        f"{plain(value * IN_MICRO, 2)} in {letter}"
         for letter, value in zip("XYZ", accuracy.vector, strict=True)
     )
-    size = with_expanded(accuracy.value, expanded_uncertainty, MICRO)
+    size = with_expanded(accuracy.value, expanded_uncertainty, IN_MICRO)
     return (
         f"At its worst place in the measured box, {place} mm, the tool stands {size} µm from where"
         f" it should ({vector} µm, counted from the box's first corner)."

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 
 _DIGITS = 4
 """Significant digits of the largest parameter where no uncertainty says how many there are."""
@@ -15,7 +16,7 @@ _DIGITS = 4
 def decimals_of(tests: Sequence[PositioningTest]) -> int:
     """Return the decimals, in µm, that show the largest parameter of some tests to four digits."""
     values = [abs(value) for test in tests for value in test.parameters.values()]
-    largest = max((value for value in values if math.isfinite(value)), default=0.0) * MICRO
+    largest = max((value for value in values if math.isfinite(value)), default=0.0) * IN_MICRO
     if largest == 0:
         return 2
     return min(max(_DIGITS - 1 - math.floor(math.log10(largest)), 1), 6)
@@ -26,8 +27,8 @@ def written(value: float, uncertainty: float, decimals: int) -> str:
     if not math.isfinite(value):
         return UNKNOWN
     if not math.isfinite(uncertainty):
-        return f"{plain(value * MICRO, decimals)} ± {UNKNOWN}"
-    value_text, uncertainty_text = with_uncertainty(value * MICRO, uncertainty * MICRO)
+        return f"{plain(value * IN_MICRO, decimals)} ± {UNKNOWN}"
+    value_text, uncertainty_text = with_uncertainty(value * IN_MICRO, uncertainty * IN_MICRO)
     return f"{value_text} ± {uncertainty_text}"
 
 
@@ -40,7 +41,7 @@ def head_of(uncertainties: Iterable[float]) -> str:
 def cell_below(value: float, uncertainty: float, decimals: int, head: str) -> str:
     """Write a value (m) in µm as the head of its column says; see ``head_of``."""
     if UNKNOWN in head:
-        return plain(value * MICRO, decimals)
+        return plain(value * IN_MICRO, decimals)
     return written(value, uncertainty, decimals)
 
 
@@ -63,8 +64,8 @@ def sentences(report: PositioningReport) -> list[str]:
         )
     if report.published is not None:
         differing = [
-            f"{name} (published {plain(report.published.values[name] * MICRO, decimals)} µm, by"
-            f" the standard {plain(test.parameters[name] * MICRO, decimals)} µm)"
+            f"{name} (published {plain(report.published.values[name] * IN_MICRO, decimals)} µm, by"
+            f" the standard {plain(test.parameters[name] * IN_MICRO, decimals)} µm)"
             for test in report.tests
             for decimals in (decimals_of([test]),)
             for name in PARAMETERS

@@ -9,19 +9,18 @@ from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED
 from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, with_uncertainty
-
-_MILLI = 1e3
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 
 
 def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
     """Say what the curves of ATLI Figs. 4 and 5 show, and which geometry gives them."""
-    towards, away = four.towards.deviation * MICRO, four.away.deviation * MICRO
+    towards, away = four.towards.deviation * IN_MICRO, four.away.deviation * IN_MICRO
     half = towards[len(towards) // 2]
-    located = five.located.deviation * MICRO
+    located = five.located.deviation * IN_MICRO
     lowest = int(np.argmin(located))
-    scatter = five.location.adjustment.uncertainty[0] * MICRO
-    shift = five.shift * _MILLI
+    scatter = five.location.adjustment.uncertainty[0] * IN_MICRO
+    shift = five.shift * IN_MILLI
     return [
         f"Fig. 4: squareness {np.degrees(four.gamma):.2g}° alone, tracker on the nominal line"
         f" {four.distance:.3g} m ahead of its start: the deviation is {half:.2f} µm at half the"
@@ -29,7 +28,7 @@ def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
         f" tracker as far behind the start it is {away[-1]:.2f} µm at the end and grows more slowly"
         " than the length.",
         f"Fig. 5: squareness {np.degrees(five.errors.gamma):.2g}°, positioning"
-        f" {five.errors.scale * MICRO:.3g} µm/m, tracker located from six places that the same"
+        f" {five.errors.scale * IN_MICRO:.3g} µm/m, tracker located from six places that the same"
         f" machine reached: it is ({shift[0]:+.2f}, {shift[1]:+.2f}, {shift[2]:+.2f}) mm away from"
         f" its estimated place. The deviation begins at {located[0]:.1f} µm, falls to"
         f" {located[lowest]:.1f} µm at {five.located.distance[lowest]:.2f} m from the tracker and"
@@ -123,5 +122,5 @@ def joint_values(joint: JointEstimate) -> list[tuple[str, str]]:
     for index, name in enumerate(NAMES):
         unit = "µm/m" if name.startswith("scale") else "µrad"
         spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
-        made.append((name, f"{with_u(joint.values[index], spread, MICRO, 2)} {unit}"))
+        made.append((name, f"{with_u(joint.values[index], spread, IN_MICRO, 2)} {unit}"))
     return made

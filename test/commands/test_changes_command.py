@@ -17,11 +17,12 @@ from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import compare
 from stepdiag_ros.metrology.agreement.shared import UNSEEN_ANGLES
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.pages import changes as changes_page
 from stepdiag_ros.report.tables.changes import print_changes
 from stepdiag_ros.report.tables.run import make_console
-from stepdiag_ros.text.numbers import MICRO, plus_minus
+from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.words.changes import remarks_of, uncertainty_words, verdict
 
 pytestmark = pytest.mark.usefixtures("kept_results")
@@ -186,7 +187,7 @@ def test_the_text_writes_every_figure_with_its_uncertainty(report):
     print_changes(report, make_console(text))
     for one in (report.changes.rms, report.changes.worst, *report.changes.figures):
         row = next(line for line in text.getvalue().splitlines() if one.name in line)
-        assert plus_minus(one.difference, one.difference_uncertainty, MICRO) in row
+        assert plus_minus(one.difference, one.difference_uncertainty, IN_MICRO) in row
         cells = row.split()
         # How many times smaller is only said of a figure that is another one.
         assert (cells[-3] == "-") == (not one.changed) == (cells[-1] == "no")
@@ -276,11 +277,11 @@ def test_a_page_shows_it_all(capsys, tmp_path, before, after, report):
     found = verdict(report.changes)
     assert found.headline in html and found.sentence in html
     for one in (report.changes.rms, *report.changes.figures):
-        assert plus_minus(one.difference, one.difference_uncertainty, MICRO) in html
+        assert plus_minus(one.difference, one.difference_uncertainty, IN_MICRO) in html
     for curve in report.changes.curves:
         for row in range(len(curve.positions)):
             spread = curve.difference_uncertainty[row]
-            assert plus_minus(curve.difference[row], spread, MICRO) in html
+            assert plus_minus(curve.difference[row], spread, IN_MICRO) in html
     assert html.count("data:image/png;base64,") == 1
     assert "src=" in html and 'src="http' not in html and "<link" not in html
     for run in ("20260101T030405-abcd", "20260102T030405-abcd"):

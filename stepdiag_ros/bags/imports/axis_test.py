@@ -20,6 +20,7 @@ from stepdiag_ros.bags.table_rows import refusal
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 SAME, ALTERNATING = "same", "alternating"
 LARGEST_PART = 0.002
@@ -28,7 +29,6 @@ LARGEST_ANYWHERE = 0.2e-3
 is taken for a mistaken unit."""
 MOST_TARGETS = 1001
 LONGEST = 100.0
-_NANOSECONDS = 10**9
 OVERRUN_NOT_TOLD = (
     "whether runs along an axis began beyond their first target is not told, so the first stop of"
     " each says nothing of lost motion (--overrun M; 0: they did not)"
@@ -284,7 +284,7 @@ def _lines(
                 setup=line.setup,
                 time=time,
                 # Where no time is told, the lines keep their order: one nanosecond each.
-                end_time=round(time[-1] * _NANOSECONDS) if known else number,
+                end_time=round(time[-1] * NANOSECONDS) if known else number,
                 target=where.positions[stops],
                 displacement=np.array(reading),
                 standard_uncertainty=np.full(len(run.rows), np.nan),

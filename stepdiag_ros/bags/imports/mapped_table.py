@@ -27,10 +27,10 @@ from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
+from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
 
 NAME = "table with a mapping file"
-_NANOSECONDS = 1e9
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
@@ -425,7 +425,7 @@ def _stream(
                 f"the time is {seconds:g} s, expected 0 to 4e9 s",
                 fault="out_of_range",
             )
-        time = round(seconds * _NANOSECONDS)
+        time = round(seconds * NANOSECONDS)
         if readings and time <= readings[-1].time:
             raise refusal(
                 source,

@@ -6,9 +6,9 @@ from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import SourceFile
 from stepdiag_ros.bags.plain_table import read_rows
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.units import MILLI
 
 NAME = "table of an axis test"
-_MILLI = 1e-3
 
 
 def recognises(source: SourceFile) -> bool:
@@ -30,9 +30,9 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
             AxisRow(
                 row=row.row,
                 run=row.whole("cycle"),
-                target=target * _MILLI,
+                target=target * MILLI,
                 # Subtracted in mm, in which both are written exactly.
-                deviation=(row.number("position_mm") - target) * _MILLI,
+                deviation=(row.number("position_mm") - target) * MILLI,
                 direction=row.one_of("direction", (FORWARD, BACKWARD)),
             )
         )

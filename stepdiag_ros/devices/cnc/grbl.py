@@ -34,7 +34,7 @@ from stepdiag_ros.devices.cnc import (
     not_ready,
     still_moves,
 )
-from stepdiag_ros.devices.cnc.grbl_conversation import SECOND, Conversation
+from stepdiag_ros.devices.cnc.grbl_conversation import Conversation
 from stepdiag_ros.devices.cnc.grbl_move import (
     Approach,
     Doing,
@@ -66,13 +66,14 @@ from stepdiag_ros.devices.cnc.grbl_protocol import (
 )
 from stepdiag_ros.devices.cnc.grbl_setup import GrblSettings, GrblSetup, Interview
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 _IDLE, _ALARM = Activity.IDLE, Activity.ALARM
 REPORT_ALL = b"\x87"
 """grblHAL's query for a report with everything in it; Grbl ignores it."""
-STALLED = 3 * SECOND
+STALLED = 3 * NANOSECONDS
 """ns without a change of position in a move."""
-RESET_LIMIT = 3 * SECOND
+RESET_LIMIT = 3 * NANOSECONDS
 """ns from a soft reset to the welcome."""
 RESTARTED = "the controller was restarted"
 
@@ -95,7 +96,7 @@ class GrblCnc:
     def __init__(self, machine: Machine, settings: GrblSettings, start: int) -> None:
         self._machine = machine
         self._settings = settings
-        self._braking_limit = SECOND
+        self._braking_limit = NANOSECONDS
         self._now = start
         self._told = start
         self._talk = Conversation(settings.connection, settings.timing, start)
@@ -413,7 +414,7 @@ class GrblCnc:
             and not self._approach.inside
             and self._now - self._place.changed > STALLED
         ):
-            self._fault(f"the axes have stood for {STALLED // SECOND} s away from the target")
+            self._fault(f"the axes have stood for {STALLED // NANOSECONDS} s away from the target")
 
     # Doing ----------------------------------------------------------------------------------------
 

@@ -19,8 +19,6 @@ from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
 from stepdiag_ros.metrology.refusal import Refusal, Silent
 
-SECOND = 1_000_000_000
-"""ns."""
 LONGEST_LINE = 512
 """Bytes; Grbl's own lines have up to about 100, grblHAL's reports up to about 250."""
 LONGEST_COMMAND = 79

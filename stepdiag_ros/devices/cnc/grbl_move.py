@@ -5,16 +5,16 @@ from enum import Enum
 from math import hypot, isfinite, nan
 
 from stepdiag_ros.devices.cnc import MoveRefused, Point
-from stepdiag_ros.devices.cnc.grbl_conversation import SECOND
 from stepdiag_ros.devices.cnc.grbl_protocol import StatusReport
 from stepdiag_ros.devices.cnc.grbl_setup import GrblSetup
 from stepdiag_ros.devices.cnc.move_check import check_target, far_axes
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 SLOWEST = 1e-3 / 60.0
 """m/s: Grbl makes no move slower than 1 mm/min, and does not say so."""
-AWAY = SECOND
+AWAY = NANOSECONDS
 """ns in which an idle controller must be seen at the target."""
 JUMP = 1e-3
 """m that a position may change by, beside what speed allows; more is a damaged report."""
@@ -139,7 +139,7 @@ class Approach:
             self._away = None
             if self._within is None:
                 self._within = time
-            elif time - self._within >= self._machine.position_hold_s * SECOND:
+            elif time - self._within >= self._machine.position_hold_s * NANOSECONDS:
                 return Progress.ARRIVED
         else:
             self._within = None
@@ -194,7 +194,7 @@ def check_move(
 def braking_limit(machine: Machine, setup: GrblSetup) -> int:
     """Return the time, ns, after which axes that were told to brake stand for sure."""
     braking = machine.feed_limit_m_per_s / min(setup.traits.acceleration)
-    return round((min(braking, 10.0) + 1.0) * SECOND)
+    return round((min(braking, 10.0) + 1.0) * NANOSECONDS)
 
 
 def line_of_move(target: Point, feed: float, axes: str) -> str:

@@ -14,8 +14,6 @@ from stepdiag_ros.devices.cnc import Point
 
 INCH = 0.0254
 """m."""
-MILLIMETRE = 1e-3
-"""m."""
 
 STATUS_QUERY = b"?"
 FEED_HOLD = b"!"

@@ -10,27 +10,20 @@ from math import nan
 from typing import Any
 
 from stepdiag_ros.devices.cnc import Point, Traits
-from stepdiag_ros.devices.cnc.grbl_conversation import SECOND, Timing
-from stepdiag_ros.devices.cnc.grbl_protocol import (
-    INCH,
-    MILLIMETRE,
-    Message,
-    Said,
-    Setting,
-    StartupBlock,
-    moves,
-)
+from stepdiag_ros.devices.cnc.grbl_conversation import Timing
+from stepdiag_ros.devices.cnc.grbl_protocol import INCH, Message, Said, Setting, StartupBlock, moves
 from stepdiag_ros.devices.link import LinkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import MILLI, NANOSECONDS
 
 REPORT_MASK, REPORT_INCHES = 10, 13
 SOFT_LIMITS, HARD_LIMITS, HOMING, HOMING_DIRECTION, PULL_OFF = 20, 21, 22, 23, 27
 STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130
 
-_GRBL_DECIMALS = {False: 1e-3 * MILLIMETRE, True: 1e-4 * INCH}
+_GRBL_DECIMALS = {False: 1e-3 * MILLI, True: 1e-4 * INCH}
 """m: step of a position in a report, whether in inches or not."""
 
 
@@ -50,7 +43,7 @@ class GrblSettings:
     timing: Timing
     without_homing: bool = False
     home_on_reset: bool = False
-    homing_limit: int = 120 * SECOND
+    homing_limit: int = 120 * NANOSECONDS
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, Any]) -> "GrblSettings":
@@ -74,10 +67,12 @@ class GrblSettings:
         homing = section.number("homing_limit_s", low=1.0, high=3600.0, default=120.0)
         prepared = cls(
             connection=LinkSettings.from_section(section.section("connection"), baud_rate=115200),
-            timing=Timing(round(SECOND / rate), round(silence * SECOND), round(start * SECOND)),
+            timing=Timing(
+                round(NANOSECONDS / rate), round(silence * NANOSECONDS), round(start * NANOSECONDS)
+            ),
             without_homing=section.flag("without_homing", default=False),
             home_on_reset=section.flag("home_on_reset", default=False),
-            homing_limit=round(homing * SECOND),
+            homing_limit=round(homing * NANOSECONDS),
         )
         section.finish()
         return prepared
@@ -181,17 +176,17 @@ def read_setup(
         )
     inches = bool(_integer(settings, REPORT_INCHES) & 1)
     steps = _axes(settings, STEPS, "steps/mm")
-    step = [MILLIMETRE / value for value in steps]
+    step = [MILLI / value for value in steps]
     # A work position and its offset are rounded each.
     told = _GRBL_DECIMALS[inches] * (1 if _integer(settings, REPORT_MASK) & 1 else 2)
-    rates = _point(value * MILLIMETRE / 60.0 for value in _axes(settings, RATE, "mm/min"))
-    accelerations = _point(v * MILLIMETRE for v in _axes(settings, ACCELERATION, "mm/s²"))
+    rates = _point(value * MILLI / 60.0 for value in _axes(settings, RATE, "mm/min"))
+    accelerations = _point(v * MILLI for v in _axes(settings, ACCELERATION, "mm/s²"))
     low, high = _limits(settings, machine, homing, "Z" in messages.get("OPT", "").split(",")[0])
     return GrblSetup(
         identity=" ".join(
             filter(None, (messages.get("FIRMWARE", "Grbl"), messages.get("VER", "").strip(":")))
         ),
-        unit=INCH if inches else MILLIMETRE,
+        unit=INCH if inches else MILLI,
         low=low,
         high=high,
         rate=rates,
@@ -222,11 +217,11 @@ def _limits(
         # Grbl, bit 3 of $22 in grblHAL) and the axis homes downwards.
         positive = (zero_at_switch or homing & 8) and directions & (1 << number)
         if positive:
-            own = (0.0, (travel - kept) * MILLIMETRE)
+            own = (0.0, (travel - kept) * MILLI)
         elif zero_at_switch or homing & 8:
-            own = (-(travel - kept) * MILLIMETRE, 0.0)
+            own = (-(travel - kept) * MILLI, 0.0)
         else:
-            own = (-(travel - kept) * MILLIMETRE, -kept * MILLIMETRE)
+            own = (-(travel - kept) * MILLI, -kept * MILLI)
         low = max(machine.travel_low_m[number], own[0])
         high = min(machine.travel_high_m[number], own[1])
         if low >= high:

@@ -39,14 +39,13 @@ from stepdiag_ros.devices.cnc.opcua_settings import MOTORS, POSITIONS, TARGETS, 
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Lost, Silent
+from stepdiag_ros.metrology.units import NANOSECONDS
 
-SECOND = 1_000_000_000
-"""ns."""
-TAKING = 2 * SECOND
+TAKING = 2 * NANOSECONDS
 """ns in which the PLC takes an order."""
-ENDING = SECOND
+ENDING = NANOSECONDS
 """ns in which the axes are at the target when the PLC has carried out an order."""
-CLOCK_MEMORY = 60 * SECOND
+CLOCK_MEMORY = 60 * NANOSECONDS
 """ns for which a small delay of the transport is remembered."""
 LAST_IDENTITY = 2**31 - 1
 FAULTY = "the PLC has a fault"
@@ -175,7 +174,7 @@ class OpcUaCnc:
             self._session.resume()
             self._begin(_Doing.RESETTING)
             raise MoveRefused("the controller is being reset: reset again in a moment")
-        if now - self._since < 0.2 * SECOND or self._reset_pending:
+        if now - self._since < 0.2 * NANOSECONDS or self._reset_pending:
             raise MoveRefused("the controller is being reset: reset again in a moment")
         self._session.write("reset end", [("reset", False)])
         self._begin(_Doing.NOTHING)
@@ -326,7 +325,7 @@ class OpcUaCnc:
                 self._fault(f"the PLC has ended the move at {where} mm, away from the target")
         elif self._within is None:
             self._within = instant
-        elif instant - self._within >= self._machine.position_hold_s * SECOND:
+        elif instant - self._within >= self._machine.position_hold_s * NANOSECONDS:
             self._begin(_Doing.NOTHING)
             self._change(instant, CncState.READY, "")
 
@@ -337,7 +336,7 @@ class OpcUaCnc:
             self._rest = (instant, self._position)
             return False
         hold = max(self._machine.position_hold_s, 2.0 * self._settings.confirm)
-        return instant - since >= hold * SECOND
+        return instant - since >= hold * NANOSECONDS
 
     def _watch_stop(self, instant: int) -> None:
         standing = self._standing(instant)
@@ -350,7 +349,7 @@ class OpcUaCnc:
         if self._doing is _Doing.CONNECTING:
             return
         # Counted from the question, so that a pause of whoever polls is no silence of the PLC.
-        if self._reading and now - self._asked > self._settings.silence * SECOND:
+        if self._reading and now - self._asked > self._settings.silence * NANOSECONDS:
             raise Silent(
                 f"the PLC has told nothing for {self._settings.silence:g} s", fault="silent"
             )
@@ -362,7 +361,7 @@ class OpcUaCnc:
                     " not known",
                     fault="undetermined",
                 )
-        elif self._doing is _Doing.STOPPING and waited > self._settings.stop_limit * SECOND:
+        elif self._doing is _Doing.STOPPING and waited > self._settings.stop_limit * NANOSECONDS:
             raise TimeoutError(
                 f"the axes do not stand {self._settings.stop_limit:g} s after the stop: use the"
                 " emergency stop"
@@ -378,7 +377,7 @@ class OpcUaCnc:
     @property
     def _reset_pending(self) -> bool:
         return bool(self._values.get("stopped", False) or self._values.get("fault", 0)) and (
-            self._now - self._since < SECOND
+            self._now - self._since < NANOSECONDS
         )
 
     def _order(self, target: Point, feed: float, axes: str) -> None:
@@ -406,12 +405,12 @@ class OpcUaCnc:
         if not self._reading and now >= self._read_due:
             self._session.read("read", settings.watched)
             self._reading, self._asked = True, now
-            self._read_due = now + round(settings.confirm * SECOND)
+            self._read_due = now + round(settings.confirm * NANOSECONDS)
         if "watchdog" in settings.nodes and not self._counting and now >= self._count_due:
             self._count = self._count % 30_000 + 1
             self._session.count(self._count)
             self._counting = True
-            self._count_due = now + round(settings.watchdog_period * SECOND)
+            self._count_due = now + round(settings.watchdog_period * NANOSECONDS)
 
     def _fault(self, reason: str) -> None:
         """Be faulty; what moves is braked."""

@@ -16,11 +16,11 @@ from stepdiag_ros.devices.interferometer.messages import InstrumentSettings, Mes
 from stepdiag_ros.devices.link_framing import FramingSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.refusal import Silent, Unusable
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 MOST_AT_ONCE = 1 << 20
 """Bytes that are taken from the file in one look."""
-SECOND = 1_000_000_000
-LOOK_AGAIN = SECOND // 10
+LOOK_AGAIN = NANOSECONDS // 10
 """ns between two looks whether the file has been replaced by another one."""
 
 
@@ -65,7 +65,7 @@ class GrowingFile:
             self._heard = time_ns
         elif self._silence and time_ns - self._heard > self._silence:
             raise Silent(
-                f"nothing has been added to {self._path} for {self._silence / SECOND:g} s",
+                f"nothing has been added to {self._path} for {self._silence / NANOSECONDS:g} s",
                 fault="silent",
             )
         return messages
@@ -125,7 +125,7 @@ def from_settings(
     """
     section = Section(settings, "settings of the interferometer")
     path = Path(section.text("path")).expanduser()
-    silence = round(SECOND * section.number("silence_s", low=0.0, high=86400.0, default=10.0))
+    silence = round(NANOSECONDS * section.number("silence_s", low=0.0, high=86400.0, default=10.0))
     from_start = section.flag("from_start", default=False)
     framing = FramingSettings.from_section(section.section("framing"))
     instrument = InstrumentSettings.from_section(section)

@@ -33,12 +33,13 @@ from stepdiag_ros.devices.interferometer import (
 )
 from stepdiag_ros.devices.interferometer.message_values import FARTHEST, STATUSES, worst
 from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
-from stepdiag_ros.devices.line_protocol_talk import CONNECT_WITHIN, SECOND
+from stepdiag_ros.devices.line_protocol_talk import CONNECT_WITHIN
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
+from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_json
 
 PORT = 9090
@@ -50,12 +51,12 @@ WORDS: tuple[tuple[str, int], ...] = (
     (r"contrast|signal|intensity|align", STATUS_LOW_SIGNAL),
 )
 """What is found in the words of a warning → STATUS_*; anything else is a fault."""
-EVERY_MODE = SECOND
+EVERY_MODE = NANOSECONDS
 """ns between two questions for the state of the system."""
-EVERY_SIGNAL = SECOND // 5
-EVERY_INDEX = SECOND
-REPLY_WITHIN = 2 * SECOND
-RESET_WITHIN = 30 * SECOND
+EVERY_SIGNAL = NANOSECONDS // 5
+EVERY_INDEX = NANOSECONDS
+REPLY_WITHIN = 2 * NANOSECONDS
+RESET_WITHIN = 30 * NANOSECONDS
 """ns; clearing an error takes up to 20 s, by the maker's own interface."""
 _LONGEST_REPLY = 1 << 16
 
@@ -130,7 +131,7 @@ class Ids3010:
         self._index = settings.index
         self._contrast = nan
         self._tally = Tally()
-        self._speed = SpeedWatch(settings.fastest, settings.period / SECOND)
+        self._speed = SpeedWatch(settings.fastest, settings.period / NANOSECONDS)
         self._names: dict[int, int] = {0: STATUS_OK, **settings.warnings}
         # Time, warning and displacement (m), until the words of every warning are known.
         self._held: deque[tuple[int, int, float]] = deque()
@@ -166,11 +167,11 @@ class Ids3010:
         if self._link.ready:
             self._ask_what_is_due()
         elif self._now - self._opened > CONNECT_WITHIN:
-            limit = CONNECT_WITHIN // SECOND
+            limit = CONNECT_WITHIN // NANOSECONDS
             raise TimeoutError(f"{self._link.url} could not be connected within {limit} s")
         for asked in self._asked.values():
             if self._now > asked.until:
-                waited = (asked.until - asked.sent) / SECOND
+                waited = (asked.until - asked.sent) / NANOSECONDS
                 raise Silent(
                     f"the IDS has not answered {asked.method} within {waited:g} s",
                     fault="silent",
@@ -271,7 +272,7 @@ class Ids3010:
         words = error.get("message", error) if isinstance(error, dict) else error
         if asked.take == self._take_signal:
             # Without it nothing is lost but the strength of the signal.
-            self._signal_due = self._now + 60 * SECOND
+            self._signal_due = self._now + 60 * NANOSECONDS
             return
         raise ValueError(f"the IDS refuses {asked.method}: {words}")
 
@@ -296,7 +297,7 @@ class Ids3010:
         else:
             raise Lost(f"the IDS does not measure: its state is '{mode}'", fault="not_ready")
         if self._now - self._started > self._settings.start_within:
-            limit = self._settings.start_within / SECOND
+            limit = self._settings.start_within / NANOSECONDS
             raise Silent(
                 f"the IDS has not begun to measure within {limit:g} s",
                 fault="silent",
@@ -406,13 +407,13 @@ def from_settings(
         link=LinkSettings(f"socket://{host}:{port}"),
         axis=section.integer("axis", low=0, high=2, default=0),
         sign=float(sign),
-        period=round(SECOND / section.number("rate_hz", low=0.1, high=500.0, default=50.0)),
+        period=round(NANOSECONDS / section.number("rate_hz", low=0.1, high=500.0, default=50.0)),
         index=nan if asks else section.number("refractive_index", low=1.0, high=1.01),
         low_below=section.number("low_contrast", low=0.0, high=1.0, default=0.05),
         fastest=section.number("fastest_m_per_s", low=0.0, high=100.0, default=2.0),
         start=section.flag("start_measurement", default=True),
         start_within=round(
-            SECOND * section.number("start_within_s", low=1.0, high=3600.0, default=180.0)
+            NANOSECONDS * section.number("start_within_s", low=1.0, high=3600.0, default=180.0)
         ),
         renormalise=section.flag("renormalise", default=False),
         warnings={int(number): STATUSES[word] for number, word in warnings.items()},

@@ -7,7 +7,6 @@ from typing import Protocol
 from stepdiag_ros.devices.interferometer import Point
 from stepdiag_ros.devices.interferometer.message_values import Told, ValueSettings, worst
 from stepdiag_ros.devices.interferometer.stamps import (
-    SECOND,
     ArrivalStamps,
     ClockStamps,
     Missing,
@@ -18,6 +17,7 @@ from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 MOST_UNREADABLE = 20
 """Messages in a row that may be unreadable before the device counts as another one."""
@@ -72,9 +72,11 @@ class InstrumentSettings:
             message=message,
             values=ValueSettings.from_section(section.section("values"), message),
             stamps=StampSettings(
-                delay=round(section.number("delay_s", low=0.0, high=60.0, default=0.0) * SECOND),
+                delay=round(
+                    section.number("delay_s", low=0.0, high=60.0, default=0.0) * NANOSECONDS
+                ),
                 rate=rate,
-                gap=round(gap * SECOND),
+                gap=round(gap * NANOSECONDS),
             ),
             fastest=section.number("fastest_m_per_s", low=0.0, high=1e3, default=0.0),
         )

@@ -13,11 +13,11 @@ that is a little slow is followed.
 from dataclasses import dataclass
 
 from stepdiag_ros.devices.line_protocol import StartedAgain
+from stepdiag_ros.metrology.units import NANOSECONDS
 
-SECOND = 1_000_000_000
 DRIFT = 100e-6
 """By which a quartz in an instrument may differ from the computer's clock."""
-JUMP = 5 * SECOND
+JUMP = 5 * NANOSECONDS
 """ns by which the clock of an instrument may seem to jump; more means that it was started again."""
 
 
@@ -140,4 +140,4 @@ class Missing:
         last, self._time = self._time, time
         if not last or not self._settings.gap or time - last < self._settings.gap:
             return 0
-        return max(round((time - last) / SECOND * self._settings.rate) - 1, 1)
+        return max(round((time - last) / NANOSECONDS * self._settings.rate) - 1, 1)

@@ -12,16 +12,17 @@ from typing import Any
 
 from stepdiag_ros.devices import Surroundings
 from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage, Quantity, quantity
-from stepdiag_ros.devices.line_protocol_talk import SECOND, Talk, TalkSettings
+from stepdiag_ros.devices.line_protocol_talk import Talk, TalkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import NANOSECONDS
 
 USUAL_RATE = 1.0
 """Hz at which a sensor that has to be asked is asked, unless its settings say otherwise."""
 MOST_UNREADABLE = 20
 """Messages in a row that may be unreadable before the sensor counts as another one."""
-RETRY_AFTER = 5 * SECOND
+RETRY_AFTER = 5 * NANOSECONDS
 """ns after which a sensor that has failed is opened again."""
 
 _ZERO_CELSIUS = 273.15
@@ -87,7 +88,7 @@ class SensorSettings:
             raise Refusal(
                 f"{values.source}: nothing is there; expected {', '.join(UNITS)}", fault="missing"
             )
-        delay = round(SECOND * section.number("delay_s", low=0.0, high=3600.0, default=0.0))
+        delay = round(NANOSECONDS * section.number("delay_s", low=0.0, high=3600.0, default=0.0))
         section.finish()
         return cls(talk, message, quantities, delay)
 

@@ -8,11 +8,12 @@ from stepdiag_ros.compensation.identified import Origin
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.page import Fact, Lead, chapter, page, table_view, table_views
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, draw
 from stepdiag_ros.report.tables.changes import curve_table, figure_table, node_table
 from stepdiag_ros.report.tables.run import new_table
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plus_minus
+from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
 from stepdiag_ros.words.changes import (
     BETTER,
     OTHER,
@@ -133,7 +134,7 @@ def _lead(report: ChangesReport) -> Lead:
         ):
             if isfinite(value):
                 where = "" if place is None else f" at {place_words(place)}"
-                text = f"{plus_minus(value, spread, MICRO)} µm{where}"
+                text = f"{plus_minus(value, spread, IN_MICRO)} µm{where}"
                 facts.append(Fact(f"{title}, {when}", text))
     return Lead(_TONES.get(found.kind, "neutral"), found.headline, tuple(sentences), tuple(facts))
 

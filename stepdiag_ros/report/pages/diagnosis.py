@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NAMED,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.diagnosis import (
     extension_sentences,
     findings_table,
@@ -31,7 +32,7 @@ from stepdiag_ros.report.tables.diagnosis import (
     runners_up_tables,
 )
 from stepdiag_ros.report.tables.proposal import pairs_table
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, two_digits
+from stepdiag_ros.text.numbers import UNKNOWN, plain, two_digits
 from stepdiag_ros.words.diagnosis import MEANING, chance, sizes_words
 from stepdiag_ros.words.proposal import proposed_sentences
 
@@ -231,7 +232,7 @@ def _tiles(report: DiagnosisReport) -> list[tuple[str, str]]:
     diagnosis = report.diagnosis
 
     def micro(value: float) -> str:
-        return f"{two_digits(value * MICRO)} µm"
+        return f"{two_digits(value * IN_MICRO)} µm"
 
     tiles = []
     before = gap_figures(diagnosis.residual_before)[0]

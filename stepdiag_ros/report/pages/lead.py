@@ -9,10 +9,11 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
-from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import missing_words, sentences_of
 from stepdiag_ros.words.proposal import proposed_sentences
@@ -47,7 +48,7 @@ class Judgement:
     @property
     def limit(self) -> str:
         """Write the tolerance as exactly as it was given."""
-        return f"{self.tolerance * MICRO:.10g} µm"
+        return f"{self.tolerance * IN_MICRO:.10g} µm"
 
 
 def judge(material: Material) -> Judgement:
@@ -102,7 +103,7 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
     if judged.verdict not in words:
         if judged.noise:
             return "neutral", "No error of this machine stands out from the noise"
-        size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
+        size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
         return "neutral", f"Largest error in the measured volume: {size} µm"
     tone, text = words[judged.verdict]
     if judged.lower_bound and judged.verdict != OPEN:
@@ -188,9 +189,9 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
     elif material.compensation is not None and not said:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
-            before, after = (plain(one * MICRO, 2) for one in (change.before, change.after))
+            before, after = (plain(one * IN_MICRO, 2) for one in (change.before, change.after))
             limit = material.compensation.remainder.rms_uncertainty
-            known = f"{two_digits(limit * MICRO)} µm" if math.isfinite(limit) else UNKNOWN
+            known = f"{two_digits(limit * IN_MICRO)} µm" if math.isfinite(limit) else UNKNOWN
             said.append(
                 f"compensation could bring the largest error in the volume, with reversal, from"
                 f" {before} µm to {after} µm by computation; how well the errors themselves are"
@@ -206,15 +207,15 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
 def _facts(material: Material, judged: Judgement) -> list[Fact]:
     accuracy, report = material.accuracy, material.report
     rms = math.nan if accuracy is None else accuracy.rms
-    size = with_expanded(judged.value, judged.expanded_uncertainty, MICRO)
+    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
     largest = UNKNOWN if size == UNKNOWN else f"{size} µm"
     if judged.noise:
-        largest = f"{plain(judged.value * MICRO, 3)} µm, no more than noise makes"
+        largest = f"{plain(judged.value * IN_MICRO, 3)} µm, no more than noise makes"
     facts = [
         Fact("Largest error in the volume", largest),
         Fact(
             "Root mean square over its nodes",
-            f"{plain(rms * MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
+            f"{plain(rms * IN_MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
         Fact("Model and run", material.lead.verdict.name),
         Fact("Machine", report.machine or UNKNOWN),

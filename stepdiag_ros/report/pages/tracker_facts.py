@@ -8,8 +8,9 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE
 from stepdiag_ros.metrology.tracker.tracked_line import Point, station_of, test_line_of
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.page import Fact
-from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import plain
 
 _PLACES = {LOCATE: "places that locate the tracker", GRID: "places of a grid"}
 
@@ -35,8 +36,8 @@ def tracker_facts(plan: Plan, tracker: Tracker) -> list[Fact]:
         ),
         Fact(
             "u(length)",
-            f"{tracker.length_noise * MICRO:g} µm and {tracker.length_proportional * MICRO:g} µm/m"
-            " of the length, as the plan says",
+            f"{tracker.length_noise * IN_MICRO:g} µm and"
+            f" {tracker.length_proportional * IN_MICRO:g} µm/m of the length, as the plan says",
         ),
     ]
     for station, place in stations_in(plan).items():

@@ -11,8 +11,9 @@ from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.words.budget import UNITS, figure_groups, short_name, unit_of
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
 
@@ -133,7 +134,7 @@ def check_table(budget: Budget, check: Check) -> Table:
                 f"{_size(outcome.low[row], 3)} .. {_size(outcome.high[row], 3)}",
                 _size(validation.low_difference[row], 3),
                 _size(validation.high_difference[row], 3),
-                f"{validation.tolerance[row] * MICRO:.3g}",
+                f"{validation.tolerance[row] * IN_MICRO:.3g}",
                 "pass" if validation.passed[row] else "FAIL",
             )
     return table
@@ -208,9 +209,9 @@ def _bound(lower: bool) -> str:
 
 def _result(value: float, expanded_uncertainty: float) -> str:
     """Write a result in millionths of SI to the digits that its uncertainty leaves."""
-    return with_uncertainty(value * MICRO, expanded_uncertainty * MICRO)[0]
+    return with_uncertainty(value * IN_MICRO, expanded_uncertainty * IN_MICRO)[0]
 
 
 def _size(value: float, decimals: int = 4) -> str:
     """Write a quantity of a result in millionths of SI; what does not act at all is a dash."""
-    return "-" if value == 0.0 else plain(value * MICRO, decimals)
+    return "-" if value == 0.0 else plain(value * IN_MICRO, decimals)

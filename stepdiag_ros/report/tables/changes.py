@@ -8,8 +8,9 @@ from rich.table import Table
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import Changes, CurveChange, FigureChange
 from stepdiag_ros.metrology.geometry import AXES, moving_axis
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.changes import (
     SQUARENESS_UNIT,
     UNITS,
@@ -22,8 +23,7 @@ from stepdiag_ros.words.changes import (
 )
 from stepdiag_ros.words.diagnosis import chance
 
-_MILLI = 1e3
-_SQUARENESS_UNITS = ((SQUARENESS_UNIT, MICRO), ("arcsec", ARC_SECONDS))
+_SQUARENESS_UNITS = ((SQUARENESS_UNIT, IN_MICRO), ("arcsec", ARC_SECONDS))
 
 
 def print_changes(report: ChangesReport, console: PlainConsole) -> None:
@@ -157,7 +157,7 @@ def times(one: FigureChange) -> str:
 
 
 def _place(one: CurveChange, row: int) -> str:
-    return f"{one.positions[row] * _MILLI:g}"
+    return f"{one.positions[row] * IN_MILLI:g}"
 
 
 def _node_e_n(one: CurveChange, row: int) -> str:

@@ -19,9 +19,10 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.proposal import pairs_table
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, two_digits
+from stepdiag_ros.text.numbers import UNKNOWN, plain, two_digits
 from stepdiag_ros.words.diagnosis import chance, readable, size_rows
 from stepdiag_ros.words.proposal import proposed_sentences
 
@@ -42,14 +43,15 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict != UNEXPLAINED or not diagnosis.noise > 0.0 or not math.isfinite(rms):
         return []
     said = [
-        f"Known: the gap is {two_digits(rms * MICRO)} µm (rms), {two_digits(rms / diagnosis.noise)}"
-        f" times the noise of a reading, and {two_digits(largest * MICRO)} µm where it is largest."
+        f"Known: the gap is {two_digits(rms * IN_MICRO)} µm (rms),"
+        f" {two_digits(rms / diagnosis.noise)} times the noise of a reading, and"
+        f" {two_digits(largest * IN_MICRO)} µm where it is largest."
     ]
     if diagnosis.partial:
         left = gap_figures(diagnosis.residual_after)[0]
         said.append(
-            f"Effects that close a part of it leave {two_digits(left * MICRO)} µm (rms); as long as"
-            " that has no cause, they may only look like the cause."
+            f"Effects that close a part of it leave {two_digits(left * IN_MICRO)} µm (rms); as long"
+            " as that has no cause, they may only look like the cause."
         )
     return said
 
@@ -166,8 +168,8 @@ def _cells(squares: float, freedom: int, fit: float, rms: float, largest: float)
         f"{freedom:,}",
         plain(each, 3),
         chance(fit),
-        plain(rms * MICRO, 3),
-        plain(largest * MICRO, 3),
+        plain(rms * IN_MICRO, 3),
+        plain(largest * IN_MICRO, 3),
     )
 
 
@@ -198,7 +200,7 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
     if not math.isfinite(diagnosis.noise):
         return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
     text = (
-        f"Noise of a reading: {two_digits(diagnosis.noise * MICRO)} µm"
+        f"Noise of a reading: {two_digits(diagnosis.noise * IN_MICRO)} µm"
         f" ({diagnosis.noise_degrees_of_freedom:,.0f} degrees of freedom;"
         f" {diagnosis.noise_source.rstrip('.')})"
     )
@@ -207,7 +209,7 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.loose.zero > 0.0:
         text += (
             ". Beside it the zero scatters from pass to pass by"
-            f" {two_digits(diagnosis.loose.zero * MICRO)} µm (standard deviation, estimated from"
+            f" {two_digits(diagnosis.loose.zero * IN_MICRO)} µm (standard deviation, estimated from"
             " passes over the same places)"
         )
     return f"{text}."

@@ -13,8 +13,9 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
     squareness_error_of_shift,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, plain, plus_minus
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, sign
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
     table.columns[1].justify = "left"
     for one in result.values:
         reference, other = AXES_OF[one.name]
-        for unit, scale in (("µm/m", MICRO), ("arcsec", ARC_SECONDS)):
+        for unit, scale in (("µm/m", IN_MICRO), ("arcsec", ARC_SECONDS)):
             first = unit == "µm/m"
             table.add_row(
                 f"{one.name}  {other} to {reference}" if first else "",
@@ -62,12 +63,12 @@ def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
         check.add_row(
             "mean length error",
             "µm",
-            plus_minus(result.mean_length_error, result.mean_length_uncertainty, MICRO),
+            plus_minus(result.mean_length_error, result.mean_length_uncertainty, IN_MICRO),
         )
         check.add_row(
             "the same less that of the linear tests",
             "µm",
-            plus_minus(result.closure, result.closure_uncertainty, MICRO),
+            plus_minus(result.closure, result.closure_uncertainty, IN_MICRO),
         )
         console.print(check)
         console.print()

@@ -8,8 +8,9 @@ from stepdiag_ros.evaluation.report import method_title, short_title
 from stepdiag_ros.metrology.comparison import DirectComparison
 from stepdiag_ros.metrology.table_one import Row
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, angle_of, sign
 
 _TILT = 100e-6
@@ -30,11 +31,11 @@ def table_one_table(experiment: Experiment) -> Table:
             cells.append(
                 "–"
                 if measured is None
-                else plus_minus(measured.value, measured.standard_uncertainty, MICRO)
+                else plus_minus(measured.value, measured.standard_uncertainty, IN_MICRO)
             )
         for method in methods:
             entry = row.estimated[method]
-            cells.append(plus_minus(entry.value, entry.standard_uncertainty, MICRO))
+            cells.append(plus_minus(entry.value, entry.standard_uncertainty, IN_MICRO))
         table.add_row(_short_label(row), *cells)
     return table
 
@@ -63,7 +64,7 @@ def squareness_by_definition_table(experiment: Experiment) -> Table:
                 plus_minus(
                     sign(row.name, definition) * angle_of(row, entry),
                     entry.standard_uncertainty / row.travel,
-                    MICRO,
+                    IN_MICRO,
                 )
                 for entry in entries
             ]
@@ -89,7 +90,7 @@ def setup_table(experiment: Experiment) -> Table:
         table.add_row(
             name,
             *(
-                plus_minus(value, uncertainty, MICRO)
+                plus_minus(value, uncertainty, IN_MICRO)
                 for value, uncertainty in (
                     *zip(setup.displacement, setup.displacement_uncertainty, strict=True),
                     *zip(setup.angles, setup.angle_uncertainty, strict=True),
@@ -102,7 +103,7 @@ def setup_table(experiment: Experiment) -> Table:
 def sensitivity_table(experiment: Experiment) -> Table:
     """Return what a setup error of 100 µrad does to the conventional result at its last node."""
     table = new_table(
-        f"Conventional: error at last node for {_TILT * MICRO:g} µrad, in µm",
+        f"Conventional: error at last node for {_TILT * IN_MICRO:g} µrad, in µm",
         "",
         "‖a‖/(2a)",
         "one diagonal",
@@ -113,8 +114,8 @@ def sensitivity_table(experiment: Experiment) -> Table:
         table.add_row(
             one.curve,
             plain(one.gain, 3),
-            plain(max(one.by_line.values()) * _TILT * MICRO),
-            plain(one.worst * _TILT * MICRO),
+            plain(max(one.by_line.values()) * _TILT * IN_MICRO),
+            plain(one.worst * _TILT * IN_MICRO),
             " ".join(one.by_line),
         )
     return table
@@ -138,15 +139,15 @@ def angle_table(experiment: Experiment) -> Table:
         spread = UNKNOWN
         if "soons" in experiment.repeats:
             deviation = experiment.repeats["soons"].spread(name).standard_deviation[-1]
-            spread = plain(deviation * MICRO, 1)
+            spread = plain(deviation * IN_MICRO, 1)
         table.add_row(
             name,
-            plus_minus(value, uncertainty, MICRO),
+            plus_minus(value, uncertainty, IN_MICRO),
             spread,
-            plain(size.worst_per_block * MICRO, 1),
-            plain(size.worst_over_travel * MICRO, 0),
-            plain(size.standard_per_block * MICRO, 1),
-            plain(size.standard_over_travel * MICRO, 0),
+            plain(size.worst_per_block * IN_MICRO, 1),
+            plain(size.worst_over_travel * IN_MICRO, 0),
+            plain(size.standard_per_block * IN_MICRO, 1),
+            plain(size.standard_over_travel * IN_MICRO, 0),
         )
     return table
 
@@ -172,9 +173,9 @@ def comparison_table(comparison: DirectComparison, definition: SignDefinition) -
         table.add_row(
             f"{curve.name}  {'straightness' if straightness else 'over the travel'}",
             "µrad" if curve.unit == "rad" else "µm",
-            plain(first * MICRO),
-            plain(second * MICRO),
-            plain(float(np.max(np.abs(curve.difference))) * MICRO),
+            plain(first * IN_MICRO),
+            plain(second * IN_MICRO),
+            plain(float(np.max(np.abs(curve.difference))) * IN_MICRO),
             plain(float(np.max(known))) if known.size else UNKNOWN,
             f"{np.count_nonzero(known <= 1.0)} of {known.size}" if known.size else UNKNOWN,
         )
@@ -184,9 +185,9 @@ def comparison_table(comparison: DirectComparison, definition: SignDefinition) -
         table.add_row(
             f"{angle.name}  squareness",
             "µrad",
-            plus_minus(factor * angle.identified, angle.identified_uncertainty, MICRO),
-            plus_minus(factor * angle.direct, angle.direct_uncertainty, MICRO),
-            plain(abs(angle.difference) * MICRO),
+            plus_minus(factor * angle.identified, angle.identified_uncertainty, IN_MICRO),
+            plus_minus(factor * angle.direct, angle.direct_uncertainty, IN_MICRO),
+            plain(abs(angle.difference) * IN_MICRO),
             plain(error),
             (f"{int(error <= 1.0)} of 1" if np.isfinite(error) else UNKNOWN),
         )
@@ -236,7 +237,7 @@ def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:
     if experiment.angles:
         lines.append(
             "Angular errors: worst is every displacement off by its standard uncertainty "
-            f"({experiment.displacement_uncertainty * MICRO:.2g} µm, one pass) in the worst "
+            f"({experiment.displacement_uncertainty * IN_MICRO:.2g} µm, one pass) in the worst "
             "direction, as Ibaraki & Hata 2010, eq. 29, count; by chance is the standard "
             "uncertainty of one pass; U is that of all repeats together."
         )

@@ -7,14 +7,13 @@ from rich.table import Table
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.proposal import Candidate, Proposal, hours, size_words
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
-
-_MILLI = 1e3
+from stepdiag_ros.text.numbers import UNKNOWN, plain
 
 
 def box_table(assessment: Assessment) -> Table:
@@ -30,7 +29,7 @@ def box_table(assessment: Assessment) -> Table:
             machine.travel_low_m[axis],
             machine.travel_high_m[axis],
         )
-        table.add_row(letter, *(f"{value * _MILLI:.6g}" for value in values))
+        table.add_row(letter, *(f"{value * IN_MILLI:.6g}" for value in values))
     return table
 
 
@@ -94,7 +93,7 @@ def uncertainty_table(assessment: Assessment) -> Table:
 
 
 def _expanded(standard_uncertainty: float) -> str:
-    return plain(COVERAGE_FACTOR * standard_uncertainty * MICRO, 3)
+    return plain(COVERAGE_FACTOR * standard_uncertainty * IN_MICRO, 3)
 
 
 def visibility_table(assessment: Assessment) -> Table:
@@ -162,7 +161,7 @@ def summary_sentences(assessment: Assessment, proposal: Proposal | None) -> list
         f"{assumed.diagonal_alignment_s / 60.0:g} min for a diagonal; in position "
         f"{assessment.machine.position_hold_s + assumed.settling_s:g} s after a move; every stop "
         f"settles at once; standard uncertainty of a stop "
-        f"{assessment.stop_uncertainty * MICRO:g} µm."
+        f"{assessment.stop_uncertainty * IN_MICRO:g} µm."
     )
     if proposal is not None:
         purpose = PURPOSES[proposal.request.purpose]

@@ -14,8 +14,9 @@ from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTes
 from stepdiag_ros.metrology.standards.iso230_6 import (
     DiagonalGroup,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import plain
 from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, sentences, subject_of
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def parameter_table(test: PositioningTest, published: Published | None, decimals
         shown = cell_below(value, test.expanded_uncertainty[name], decimals, head)
         cells = [name, MEANINGS[name], shown]
         if published is not None and name in published.values:
-            cells.append(plain(published.values[name] * MICRO, decimals))
+            cells.append(plain(published.values[name] * IN_MICRO, decimals))
             cells.append("agrees" if published.agrees(name, value) else "DIFFERS")
         table.add_row(*cells)
     return table
@@ -84,7 +85,7 @@ def target_table(test: PositioningTest, decimals: int) -> Table:
     )
     for row, target in enumerate(test.target):
         table.add_row(
-            plain(target * 1e3, 3), *(plain(column[row] * MICRO, decimals) for column in columns)
+            plain(target * 1e3, 3), *(plain(column[row] * IN_MICRO, decimals) for column in columns)
         )
     return table
 

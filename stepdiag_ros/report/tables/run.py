@@ -24,9 +24,10 @@ from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
 from stepdiag_ros.text.controls import printable
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.lead import next_lines, sentences_of
 from stepdiag_ros.words.squareness import (
     LEAST_SQUARES_LINES,
@@ -106,7 +107,7 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     table = new_table(f"Squareness, {OF_READINGS}", "", "unit", *columns)
     for name in SQUARENESS:
         reference, other = AXES_OF[name]
-        for number, (unit, scale) in enumerate((("µm/m", MICRO), ("arcsec", ARC_SECONDS))):
+        for number, (unit, scale) in enumerate((("µm/m", IN_MICRO), ("arcsec", ARC_SECONDS))):
             cells = [
                 _squareness_cells(_find(result.figures, name), scale, definition, name)
                 for result in results
@@ -156,11 +157,11 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
             cells.append(
                 UNKNOWN
                 if found is None
-                else plus_minus(found.value, found.standard_uncertainty, MICRO)
+                else plus_minus(found.value, found.standard_uncertainty, IN_MICRO)
             )
         if report.truth is not None:
             true = _find(report.truth.figures, name)
-            cells.append(UNKNOWN if true is None else plain(true.value * MICRO))
+            cells.append(UNKNOWN if true is None else plain(true.value * IN_MICRO))
         table.add_row(_words(name), unit, *cells)
     return table
 
@@ -213,7 +214,7 @@ def setup_table(result: VolumetricErrors) -> Table | None:
     for figure in others:
         unit = _MICRO_UNITS[figure.unit]
         table.add_row(
-            figure.name, unit, plus_minus(figure.value, figure.standard_uncertainty, MICRO)
+            figure.name, unit, plus_minus(figure.value, figure.standard_uncertainty, IN_MICRO)
         )
     return table
 
@@ -247,7 +248,7 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
                 plain(position * 1e3, 3),
                 *(
                     plus_minus(
-                        result.curves[name][node], result.standard_uncertainty[name][node], MICRO
+                        result.curves[name][node], result.standard_uncertainty[name][node], IN_MICRO
                     )
                     for name in names
                 ),
@@ -272,7 +273,7 @@ def visibility_table(visibility: Visibility) -> Table:
     verdict.justify, verdict.no_wrap, verdict.max_width = "left", False, 72
     for row in visibility.rows:
         unit, scale = (
-            (_MICRO_UNITS[row.unit], MICRO) if row.unit in _MICRO_UNITS else (row.unit, 1.0)
+            (_MICRO_UNITS[row.unit], IN_MICRO) if row.unit in _MICRO_UNITS else (row.unit, 1.0)
         )
         table.add_row(
             row.name,
@@ -310,8 +311,8 @@ def visibility_sentences(
         else "Visibility of translations only, as if no axis turned: the chain is not known."
     )
     noise = (
-        f" U: expected expanded uncertainty (95 %) for {visibility.stop_uncertainty * MICRO:.2g} µm"
-        " (standard uncertainty) a stop."
+        " U: expected expanded uncertainty (95 %) for"
+        f" {visibility.stop_uncertainty * IN_MICRO:.2g} µm (standard uncertainty) a stop."
         if math.isfinite(visibility.stop_uncertainty)
         else " The readings' uncertainty is not known, and so is no expected one."
     )
@@ -365,13 +366,15 @@ def fit_table(report: Report) -> Table:
     table.add_row("χ² / degrees of freedom", "", *(_reduced_chi_squared(r) for r in results))
     if report.truth is not None:
         found = [compare_with_truth(result, report.truth) for result in results]
-        table.add_row("rms from the truth", "µm", *(plain(c.rms * MICRO, 3) for c in found))
-        table.add_row("largest deviation", "µm", *(plain(c.largest * MICRO, 3) for c in found))
+        table.add_row("rms from the truth", "µm", *(plain(c.rms * IN_MICRO, 3) for c in found))
+        table.add_row("largest deviation", "µm", *(plain(c.largest * IN_MICRO, 3) for c in found))
         table.add_row("truth inside the 95 % bands", "points", *(_inside(c) for c in found))
         turned = [compare_with_truth(result, report.truth, rotations=True) for result in results]
         if any(c.points for c in turned):
             table.add_row(
-                "rms from the truth, rotations", "µrad", *(plain(c.rms * MICRO, 3) for c in turned)
+                "rms from the truth, rotations",
+                "µrad",
+                *(plain(c.rms * IN_MICRO, 3) for c in turned),
             )
             table.add_row("inside, rotations", "points", *(_inside(c) for c in turned))
     if report.equals_recorded:

@@ -13,13 +13,13 @@ from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import Separation
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.positioning import target_table
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plain
+from stepdiag_ros.text.numbers import ARC_SECONDS, plain
 from stepdiag_ros.words.positioning import decimals_of, written
 from stepdiag_ros.words.tracker import lead_sentences, sentences_of, with_u
 
-_MILLI = 1e3
 _PARAMETERS = ("E", "B", "M", "R", "A")
 _MOST_DEPARTURES = 5
 """Passes in a terminal; a page and the JSON document have all."""
@@ -42,11 +42,11 @@ def location_table(location: Location) -> Table:
         table.add_row(
             name,
             "mm",
-            plain(linear * _MILLI, 4),
-            with_u(value, factor * spread, _MILLI, 4),
+            plain(linear * IN_MILLI, 4),
+            with_u(value, factor * spread, IN_MILLI, 4),
         )
     fit = location.adjustment
-    table.add_row("largest residual", "µm", "", plain(np.max(np.abs(fit.residuals)) * MICRO))
+    table.add_row("largest residual", "µm", "", plain(np.max(np.abs(fit.residuals)) * IN_MICRO))
     table.add_row("degrees of freedom", "", "", str(fit.degrees_of_freedom))
     table.add_row("condition number", "", "", f"{fit.condition:.3g}")
     table.add_row("u(position) / u(length)", "", "", f"{location.dilution:.3g}")
@@ -62,7 +62,7 @@ def joint_table(joint: JointEstimate, truth: Vector | None = None) -> Table:
     table.min_width = len(str(table.title))
     for index, name in enumerate(NAMES):
         spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
-        for unit, scale, decimals in (("µm/m", MICRO, 2), ("arcsec", ARC_SECONDS, 3)):
+        for unit, scale, decimals in (("µm/m", IN_MICRO, 2), ("arcsec", ARC_SECONDS, 3)):
             if unit == "arcsec" and name.startswith("scale"):
                 continue
             row = [with_u(joint.values[index], spread, scale, decimals)]
@@ -92,7 +92,7 @@ def departures_table(joint: JointEstimate, most: int | None = None) -> Table | N
         table.add_row(
             str(one),
             str(one.degrees_of_freedom),
-            plain(one.rms * MICRO, 3),
+            plain(one.rms * IN_MICRO, 3),
             plain(one.chi_squared / one.degrees_of_freedom),
             f"{one.p_value:.2g}",
         )
@@ -120,7 +120,7 @@ def lines_table(result: SevenLineResult) -> Table:
                 test.name if lines is result.located else "",
                 title,
                 *(_written_short(test, name, decimals) for name in _PARAMETERS),
-                with_u(slope.slope, COVERAGE_FACTOR * slope.standard_uncertainty, MICRO, 2),
+                with_u(slope.slope, COVERAGE_FACTOR * slope.standard_uncertainty, IN_MICRO, 2),
             )
     return table
 
@@ -129,7 +129,7 @@ def _written_short(test: Any, name: str, decimals: int) -> str:
     value, spread = test.parameters[name], test.expanded_uncertainty[name]
     if math.isfinite(spread) or not math.isfinite(value):
         return written(value, spread, decimals)
-    return plain(value * MICRO, decimals)
+    return plain(value * IN_MICRO, decimals)
 
 
 def squareness_rows(result: SevenLineResult) -> Table | None:
@@ -148,11 +148,11 @@ def squareness_rows(result: SevenLineResult) -> Table | None:
         table.add_row(
             one.name,
             title,
-            with_u(one.value, COVERAGE_FACTOR * one.standard_uncertainty, MICRO, 2),
+            with_u(one.value, COVERAGE_FACTOR * one.standard_uncertainty, IN_MICRO, 2),
         )
     for title, lines in closures:
         written_closure = with_u(
-            lines.closure, COVERAGE_FACTOR * lines.closure_uncertainty, MICRO, 2
+            lines.closure, COVERAGE_FACTOR * lines.closure_uncertainty, IN_MICRO, 2
         )
         table.add_row("closure of xyz", title, written_closure)
     return table
@@ -177,10 +177,10 @@ def separation_table(separations: "dict[str, Separation | str]") -> Table | None
         spread = one.standard_uncertainty
         table.add_row(
             name,
-            with_u(one.scale, factor * spread[0], MICRO, 2),
-            with_u(one.lean, factor * spread[1], MICRO, 2),
+            with_u(one.scale, factor * spread[0], IN_MICRO, 2),
+            with_u(one.lean, factor * spread[1], IN_MICRO, 2),
             "({:.2f}, {:.2f}, {:.2f})".format(*(one.towards + 0.0)),
-            plain(one.offset * _MILLI, 2),
+            plain(one.offset * IN_MILLI, 2),
             plain(one.correlation, 3),
         )
     return table

@@ -7,12 +7,12 @@ import numpy as np
 from stepdiag_ros.metrology.tracker.expectation import Expectation
 from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.proposal import hours
 from stepdiag_ros.planning.tracker_duration import SevenLineDuration
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, plain
+from stepdiag_ros.text.numbers import plain
 
-_MILLI = 1e3
 _ALONE, _USUAL = "lengths alone", "lengths and a usual machine"
 
 
@@ -35,9 +35,9 @@ def print_test(
             line.name,
             _place(line.targets[0]),
             _place(line.targets[-1]),
-            plain(line.length * _MILLI, 1),
+            plain(line.length * IN_MILLI, 1),
             str(len(line.targets)),
-            plain(line.offset * _MILLI, 1),
+            plain(line.offset * IN_MILLI, 1),
             f"{np.degrees(line.obliqueness):.0f}°",
         )
     console.print(table)
@@ -49,11 +49,11 @@ def print_test(
             f"tracker {letter}, from its places",
             _ALONE,
             "µm",
-            plain(COVERAGE_FACTOR * spread * MICRO),
+            plain(COVERAGE_FACTOR * spread * IN_MICRO),
         )
     for name, spread in expectation.joint.items():
         told.add_row(
-            f"{name}, from all readings", _USUAL, "µm/m", plain(COVERAGE_FACTOR * spread * MICRO)
+            f"{name}, from all readings", _USUAL, "µm/m", plain(COVERAGE_FACTOR * spread * IN_MICRO)
         )
     for name, one in expectation.separations.items():
         if not isinstance(one, str):
@@ -62,7 +62,7 @@ def print_test(
                     f"line {name} alone, {what}",
                     _ALONE,
                     "µm/m",
-                    plain(COVERAGE_FACTOR * spread * MICRO),
+                    plain(COVERAGE_FACTOR * spread * IN_MICRO),
                 )
     console.print(told)
     for name, one in expectation.separations.items():
@@ -90,4 +90,4 @@ def duration_sentences(duration: SevenLineDuration | str) -> list[str]:
 
 
 def _place(place: Sequence[float]) -> str:
-    return ", ".join(f"{value * _MILLI:.1f}" for value in place)
+    return ", ".join(f"{value * IN_MILLI:.1f}" for value in place)

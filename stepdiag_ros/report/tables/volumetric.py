@@ -16,8 +16,9 @@ from stepdiag_ros.metrology.standards.volumetric import (
     volumetric_accuracy,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
-from stepdiag_ros.text.numbers import MICRO, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.volumetric import DEFINITION
 
 if TYPE_CHECKING:
@@ -42,9 +43,9 @@ def accuracy_table(report: VolumetricReport) -> Table:
     for method, found in report.accuracies.items():
         table.add_row(
             method_title(method),
-            plus_minus(found.value, found.standard_uncertainty, MICRO),
+            plus_minus(found.value, found.standard_uncertainty, IN_MICRO),
             _vector(found.position, 1e3, 1),
-            _vector(found.vector, MICRO, 2),
+            _vector(found.vector, IN_MICRO, 2),
         )
     return table
 
@@ -59,24 +60,24 @@ def example_tables() -> list[Table]:
     for axis, letter in enumerate(AXES):
         machines.add_row(
             f"{letter} axis linear error, µm/m",
-            *(plain(one.linear_error[axis] * MICRO, 0) for one in MACHINES_OF_RL),
+            *(plain(one.linear_error[axis] * IN_MICRO, 0) for one in MACHINES_OF_RL),
         )
     machines.add_row(
         "diagonal test result E_d, µm",
-        *(plain(one.diagonal_result * MICRO, 1) for one in MACHINES_OF_RL),
+        *(plain(one.diagonal_result * IN_MICRO, 1) for one in MACHINES_OF_RL),
     )
     machines.add_row(
         "volumetric accuracy, µm",
-        *(plain(volumetric_accuracy(one.errors).value * MICRO, 1) for one in MACHINES_OF_RL),
+        *(plain(volumetric_accuracy(one.errors).value * IN_MICRO, 1) for one in MACHINES_OF_RL),
     )
     planar = new_table(
         "A planar machine of 1 m × 1 m (RL, 2D example): X +25 µm/m, Y -25 µm/m", "", "value"
     )
     machine = PLANAR_MACHINE_OF_RL
     for name, error in machine.length_errors(("pp0", "np0")).items():
-        planar.add_row(f"diagonal {name} longer than nominal, µm", plain(error * MICRO, 5))
+        planar.add_row(f"diagonal {name} longer than nominal, µm", plain(error * IN_MICRO, 5))
     found = volumetric_accuracy(machine.errors)
-    planar.add_row("worst position error, µm", plain(found.value * MICRO, 2))
+    planar.add_row("worst position error, µm", plain(found.value * IN_MICRO, 2))
     return [machines, planar]
 
 

@@ -9,12 +9,13 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.tracker.tracked_line import station_of
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.control import LEADERS
 from stepdiag_ros.viewers.page.items import MachineStatus, Place, RunBegin, RunStatus
-from stepdiag_ros.viewers.page.section import MILLI, Section, drawn, measured, time_left
+from stepdiag_ros.viewers.page.section import Section, drawn, measured, time_left
 from stepdiag_ros.viewers.scene.progress_markers import Course, courses
 
 STATE_WORDS = {
@@ -238,10 +239,10 @@ class PositionSection(Section):
         place = known.position if known else (np.nan,) * 3
         silence = self._silence or ("no position has come yet" if known is None else "")
         return {
-            "at": [drawn(value, MILLI) for value in place] if known else None,
+            "at": [drawn(value, IN_MILLI) for value in place] if known else None,
             "words": f"not known: {silence}" if silence else "",
             "texts": {
-                axis: measured(float(value), "mm", 3, MILLI)
+                axis: measured(float(value), "mm", 3, IN_MILLI)
                 for axis, value in zip(AXES, place, strict=True)
             },
             "trouble": self._trouble,
@@ -274,5 +275,5 @@ def _stations(plan: Plan) -> list[dict[str, Any]]:
 
 
 def _millimetres(points: Vector) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(np.asarray(points) * MILLI, 4).tolist()
+    rounded: list[list[float]] = np.round(np.asarray(points) * IN_MILLI, 4).tolist()
     return rounded

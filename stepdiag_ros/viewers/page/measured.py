@@ -14,12 +14,13 @@ from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, Settl
 from stepdiag_ros.metrology.plan import FORWARD, Line
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
 from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.expectation import expected_displacement, nominal_displacement
 from stepdiag_ros.viewers.page.items import RunBegin
-from stepdiag_ros.viewers.page.section import MICRO, MILLI, Section, drawn, measured, micrometres
+from stepdiag_ros.viewers.page.section import Section, drawn, measured, micrometres
 from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
 _ROUGH = (
@@ -72,7 +73,7 @@ class BeamSection(Section):
                 round(strength * 100 * _TENTH) / (100 * _TENTH) if math.isfinite(strength) else None
             ),
             "percent": measured(strength, "%", 0, 100.0),
-            "reading": measured(reading.compensated_displacement, "mm", 5, MILLI),
+            "reading": measured(reading.compensated_displacement, "mm", 5, IN_MILLI),
             "sequence": reading.sequence,
         }
 
@@ -147,15 +148,17 @@ class StopSection(Section):
         # The zero has an uncertainty of its own, and is no stop against itself.
         uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
         uncertainty = 0.0 if stop is first else uncertainty
-        self._trace.append([self._number, drawn(from_nominal, MICRO), drawn(from_expected, MICRO)])
+        self._trace.append(
+            [self._number, drawn(from_nominal, IN_MICRO), drawn(from_expected, IN_MICRO)]
+        )
         return told | {
             "zero_known": known,
             "note": _ROUGH if tracked else "",
             "displacement_m": displacement if known else None,
-            "displacement": measured(displacement, "mm", 5, MILLI),
-            "nominal": measured(nominal, "mm", 5, MILLI),
+            "displacement": measured(displacement, "mm", 5, IN_MILLI),
+            "nominal": measured(nominal, "mm", 5, IN_MILLI),
             "from_nominal": micrometres(from_nominal, uncertainty),
-            "expected": measured(expected, "mm", 5, MILLI),
+            "expected": measured(expected, "mm", 5, IN_MILLI),
             "from_expected": micrometres(from_expected, uncertainty),
             "expected_by": short_title(method) if method else "",
         }
@@ -242,7 +245,7 @@ class BlockSection(Section):
                 "block": last.block,
                 "axis": last.axis,
                 "displacement_m": _forward(last) * last.displacement,
-                "displacement": measured(_forward(last) * last.displacement, "mm", 5, MILLI),
+                "displacement": measured(_forward(last) * last.displacement, "mm", 5, IN_MILLI),
                 "deviation": micrometres(_deviation(last), last.standard_uncertainty),
             },
         }
@@ -255,8 +258,8 @@ class BlockSection(Section):
         return [
             place,
             block.axis,
-            drawn(_deviation(block), MICRO),
-            drawn(block.standard_uncertainty, MICRO),
+            drawn(_deviation(block), IN_MICRO),
+            drawn(block.standard_uncertainty, IN_MICRO),
         ]
 
 

@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import HEARTBEAT
@@ -24,7 +25,7 @@ from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
 from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
 from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
-from stepdiag_ros.viewers.page.section import MICRO, MILLI, Section, drawn, micrometres
+from stepdiag_ros.viewers.page.section import Section, drawn, micrometres
 from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
 _MOST_FAULTS = 40
@@ -99,11 +100,11 @@ class CurveSection(_ResultSection):
             "name": name,
             "axis": AXES[axis],
             "known": known,
-            "positions": [drawn(float(node), MILLI) for node in nodes],
-            "values": nothing if values is None else [drawn(float(v), MICRO) for v in values],
+            "positions": [drawn(float(node), IN_MILLI) for node in nodes],
+            "values": nothing if values is None else [drawn(float(v), IN_MICRO) for v in values],
             "uncertainty": nothing
             if spread is None
-            else [drawn(float(u), MICRO * COVERAGE_FACTOR) for u in spread],
+            else [drawn(float(u), IN_MICRO * COVERAGE_FACTOR) for u in spread],
             "worst": self._worst(result, name),
         }
 
@@ -119,7 +120,7 @@ class CurveSection(_ResultSection):
         place = float(result.nodes[moving_axis(name)][worst.node])
         return {
             "text": micrometres(worst.value, worst.standard_uncertainty),
-            "at": drawn(place, MILLI),
+            "at": drawn(place, IN_MILLI),
             "trend": _trend(earlier, worst) if earlier is not None and whole else None,
         }
 
@@ -186,25 +187,25 @@ class SquarenessSection(_ResultSection):
             figure = figures.get(name)
             text = UNKNOWN
             if figure is not None:
-                text = plus_minus(figure.value, figure.standard_uncertainty, MICRO)
+                text = plus_minus(figure.value, figure.standard_uncertainty, IN_MICRO)
             shown.append(
                 {
                     "name": name,
                     "words": f"{other} to {reference}",
                     "text": text if text == UNKNOWN else f"{text} µm/m",
-                    "value": drawn(figure.value, MICRO) if figure else None,
+                    "value": drawn(figure.value, IN_MICRO) if figure else None,
                 }
             )
         for name in (f"positioning E_{axis}{axis}" for axis in AXES):
             if result is not None and not result.curves and name in figures:
                 one = figures[name]
-                value = plus_minus(one.value, one.standard_uncertainty, MICRO)
+                value = plus_minus(one.value, one.standard_uncertainty, IN_MICRO)
                 shown.append(
                     {
                         "name": name.removeprefix("positioning "),
                         "words": "positioning",
                         "text": value if value == UNKNOWN else f"{value} µm",
-                        "value": drawn(one.value, MICRO),
+                        "value": drawn(one.value, IN_MICRO),
                     }
                 )
         return {"figures": shown, "method": short_title(result.method) if result else ""}
@@ -260,7 +261,7 @@ def _finding(effect: FoundEffect) -> dict[str, Any]:
     sizes = []
     for size in effect.sizes:
         scaled = size.unit in ("m", "rad")
-        number = plus_minus(size.value, size.standard_uncertainty, MICRO if scaled else 1.0)
+        number = plus_minus(size.value, size.standard_uncertainty, IN_MICRO if scaled else 1.0)
         sizes.append(f"{size.meaning}: {number} {'µ' if scaled else ''}{size.unit}".rstrip())
     return {"label": effect.label, "sentence": effect.sentence, "sizes": sizes}
 

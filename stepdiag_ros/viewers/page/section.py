@@ -4,13 +4,10 @@ import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
 from stepdiag_ros.viewers.page.items import RunBegin
 
-MICRO = 1e6
-"""m to µm."""
-MILLI = 1e3
-"""m to mm."""
 _DIGITS = 6
 """Significant digits of a number that is only drawn."""
 
@@ -58,8 +55,8 @@ def micrometres(value: float, standard_uncertainty: float = math.nan) -> str:
     if not math.isfinite(value):
         return UNKNOWN
     if not math.isfinite(standard_uncertainty):
-        return f"{plain(value * MICRO, 3)} µm"
-    return f"{plus_minus(value, standard_uncertainty, MICRO)} µm"
+        return f"{plain(value * IN_MICRO, 3)} µm"
+    return f"{plus_minus(value, standard_uncertainty, IN_MICRO)} µm"
 
 
 def measured(value: float, unit: str, decimals: int, scale: float = 1.0) -> str:

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.forward import rotation_matrices
 from stepdiag_ros.metrology.geometry import Vector, places_of
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.text.numbers import MICRO
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.viewers.scene.error_map import Extremes, axis_rotations, error_vectors, extremes
 from stepdiag_ros.viewers.scene.shapes import (
     GREY,
@@ -237,7 +237,7 @@ def _scale_bar(
     shares = np.linspace(0.0, 1.0, 9)
     points = start + scale * shown * shares[:, None] * np.array([1.0, 0.0, 0.0])
     group, size = f"{drawn.result.method}/scale", (0.015 * edge, 0.0, 0.0)
-    label = f"{shown * MICRO:g} µm{name}"
+    label = f"{shown * IN_MICRO:g} µm{name}"
     beside = points[-1] + np.array([0.08 * edge, 0.0, 0.0])
     return (
         Shape(group, 0, Kind.PATH, points, size, ramp(shares * shown / drawn.longest)),

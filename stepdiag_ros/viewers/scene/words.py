@@ -10,7 +10,8 @@ from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain, plus_minus, with_uncertainty
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus, with_uncertainty
 from stepdiag_ros.viewers.scene.error_map import Extremes
 
 WIDTH = 72
@@ -31,7 +32,9 @@ def largest(found: Extremes) -> str:
         return f"largest error {UNKNOWN}"
     bound = "" if isfinite(accuracy.standard_uncertainty) else "at most "
     spread = accuracy.uncertainty_limit if bound else accuracy.standard_uncertainty
-    value, expanded = with_uncertainty(accuracy.value * MICRO, COVERAGE_FACTOR * spread * MICRO)
+    value, expanded = with_uncertainty(
+        accuracy.value * IN_MICRO, COVERAGE_FACTOR * spread * IN_MICRO
+    )
     uncertainty = f"U {UNKNOWN}" if not isfinite(spread) else f"U {bound}{expanded} µm, 95 %"
     place = ", ".join(
         f"{axis}{_TIED}{plain(where * 1e3, 1)}"
@@ -55,7 +58,7 @@ def statement(
     if not result.curves:
         # Of a tracker's seven lines there are figures alone, and no error map.
         lines += [
-            f"{one.name} {plus_minus(one.value, one.standard_uncertainty, MICRO)} µ{one.unit}"
+            f"{one.name} {plus_minus(one.value, one.standard_uncertainty, IN_MICRO)} µ{one.unit}"
             for one in result.figures
         ]
         return _wrapped([*lines, f"frame: {result.frame}"])
@@ -65,7 +68,7 @@ def statement(
     lines.append(largest(found) + (", drawn where the errors are known" if partly else ""))
     if isfinite(found.accuracy.rms):
         over = "all nodes" if found.every == 1 else f"every {found.every}. node of an axis, about"
-        lines.append(f"rms {plain(found.accuracy.rms * MICRO)} µm over {over}")
+        lines.append(f"rms {plain(found.accuracy.rms * IN_MICRO)} µm over {over}")
     if angles:
         lines.append(f"rotations of each axis drawn {angles:,.0f} times as large".replace(",", " "))
     unknown = unknown_curves(result)

@@ -28,11 +28,12 @@ from stepdiag_ros.metrology.solvers import limits
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages import pictures
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
-from stepdiag_ros.text.numbers import ARC_SECONDS, MICRO, plus_minus, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, with_expanded
 
 PLAN = """\
 name: small run
@@ -136,7 +137,7 @@ def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, sol
         if result.method in short:
             column = heads.index(short[result.method])
             found = result.figure("C0Y")
-            micro = plus_minus(found.value, found.standard_uncertainty, MICRO)
+            micro = plus_minus(found.value, found.standard_uncertainty, IN_MICRO)
             arc = plus_minus(found.value, found.standard_uncertainty, ARC_SECONDS)
             assert (first[column], second[column]) == (micro, arc)
 
@@ -144,7 +145,7 @@ def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, sol
 def test_table_one_is_that_of_the_result(page, solved):
     rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings"]
     found = solved.preferred().figure("positioning E_XX")
-    expected = plus_minus(found.value, found.standard_uncertainty, MICRO)
+    expected = plus_minus(found.value, found.standard_uncertainty, IN_MICRO)
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
     assert rows[1][0] == "Positioning X, at end"
     assert len(rows) == 1 + 12
@@ -173,7 +174,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     # Left-out rotations act at the worst point itself, together with what they do to the curves.
     assert expanded == pytest.approx(uncertainty_of_the_worst_point(solved, worst), rel=0.1)
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
-    size = with_expanded(worst.value, expanded, MICRO)
+    size = with_expanded(worst.value, expanded, IN_MICRO)
     assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
     assert f"the tool stands {size} µm from where it should" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
@@ -190,7 +191,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
     budget = make_budget(solved.measurement, load_instrument("demo")[0], "least_squares")
     found = single_errors(solved.preferred(), budget)
     largest = max(found, key=lambda one: one.value)
-    size = with_expanded(largest.value, largest.expanded_uncertainty, MICRO)
+    size = with_expanded(largest.value, largest.expanded_uncertainty, IN_MICRO)
     said = page.text.split("The largest single errors")[1]
     assert said.split(": ", 1)[1].startswith(f"{largest.words} {size} µm over")
     for name in ("E_XX", "E_YY", "E_ZZ"):
@@ -200,7 +201,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
     rows = page.tables["Positioning error, peak to peak over the travel, ± of the readings"]
     of_readings = single_errors(solved.preferred())[0]
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
-        of_readings.value, of_readings.expanded_uncertainty, MICRO
+        of_readings.value, of_readings.expanded_uncertainty, IN_MICRO
     )
     assert "Not in these values, but in their ±: pitch, yaw and roll of all axes" in page.text
 
@@ -297,7 +298,7 @@ def test_nodes_are_in_the_page_with_the_uncertainty_of_each(page, solved):
     rows = page.tables["Errors as X moves, Least squares"]
     result = solved.preferred()
     assert [row[0] for row in rows[1:]] == ["0.000", "30.000", "60.000", "90.000", "120.000"]
-    last = plus_minus(result.curves["E_XX"][-1], result.standard_uncertainty["E_XX"][-1], MICRO)
+    last = plus_minus(result.curves["E_XX"][-1], result.standard_uncertainty["E_XX"][-1], IN_MICRO)
     assert rows[-1][1] == last
 
 

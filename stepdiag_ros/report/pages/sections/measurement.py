@@ -9,13 +9,14 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Column, Fact, TableView
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import Content, Section
 from stepdiag_ros.report.pages.tracker_facts import tracker_facts
 from stepdiag_ros.text.intake import parse_yaml
-from stepdiag_ros.text.numbers import MICRO, UNKNOWN, plain
+from stepdiag_ros.text.numbers import UNKNOWN, plain
 
 _ANY_DATE = 1e8
 """s since 1970: a run that is said to be older tells no date."""
@@ -128,7 +129,7 @@ def _plan_facts(material: Material) -> list[Fact]:
             "A stop",
             f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
             f" {sampling.settle:g} s after arrival, which must scatter less than"
-            f" {sampling.standard_deviation_limit * MICRO:g} µm",
+            f" {sampling.standard_deviation_limit * IN_MICRO:g} µm",
         ),
     ]
 

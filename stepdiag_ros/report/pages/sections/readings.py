@@ -7,11 +7,12 @@ from typing import Any
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import pass_name
 from stepdiag_ros.metrology.measurement import Reading, SettledStop
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Column, Fact, TableView
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import Content, Section
-from stepdiag_ros.text.numbers import MICRO, two_digits
+from stepdiag_ros.text.numbers import two_digits
 
 _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000
@@ -40,12 +41,12 @@ def _repeat_facts(material: Material) -> list[Fact]:
     found = material.repeats
     if not math.isfinite(found.reading):
         return []
-    scatter = two_digits(found.reading * MICRO)
+    scatter = two_digits(found.reading * IN_MICRO)
 
     def beyond(value: float, unit: str) -> str:
         if value == 0.0:
             return "no more than that scatter explains"
-        return f"{two_digits(value * MICRO)} {unit} beyond that (standard deviation)"
+        return f"{two_digits(value * IN_MICRO)} {unit} beyond that (standard deviation)"
 
     return [
         Fact(

@@ -7,13 +7,14 @@ from typing import Any
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.documents.volumetric import volumetric_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import Content, Section
 from stepdiag_ros.report.tables.volumetric import accuracy_table
-from stepdiag_ros.text.numbers import MICRO, plain, with_expanded
+from stepdiag_ros.text.numbers import plain, with_expanded
 from stepdiag_ros.words.volumetric import DEFINITION
 
 
@@ -42,14 +43,15 @@ def _tell(material: Material) -> Content | str:
     facts, drawings = [], {}
     if math.isfinite(found.value):
         place = ", ".join(plain(value * 1e3, 1) for value in found.position)
-        vector = ", ".join(plain(value * MICRO, 2) for value in found.vector)
-        size = with_expanded(found.value, material.expanded_uncertainty, MICRO)
+        vector = ", ".join(plain(value * IN_MICRO, 2) for value in found.vector)
+        size = with_expanded(found.value, material.expanded_uncertainty, IN_MICRO)
         facts = [
             Fact("Largest error", f"{size} µm"),
             Fact("at X, Y, Z", f"{place} mm"),
             Fact("error there in X, Y, Z", f"{vector} µm"),
             Fact(
-                "Root mean square over the nodes of the volume", f"{plain(found.rms * MICRO, 2)} µm"
+                "Root mean square over the nodes of the volume",
+                f"{plain(found.rms * IN_MICRO, 2)} µm",
             ),
         ]
         drawings["volume"] = Drawing(
