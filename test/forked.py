@@ -33,6 +33,8 @@ PR_SET_CHILD_SUBREAPER = 36
 LARGEST = 1 << 17
 """Bytes of a request, which holds the whole environment."""
 PACKAGE = "stepdiag_ros"
+ROOT = str(Path(__file__).resolve().parents[1])
+"""Where the package is, which all of them have."""
 IMPORTED = ("commands", "nodes")
 """Parts of the package; what they need comes with them."""
 STARTING = ("stepdiag_ros.cli", "stepdiag_ros.nodes.diagnosis")
@@ -146,7 +148,7 @@ def job_of(wanted: dict[str, Any]) -> Job | None:
         return None
     environment = dict(os.environ if wanted["env"] is None else wanted["env"])
     # Packages from elsewhere are imported only by a process that was started there.
-    if {*filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))} - {*sys.path}:
+    if {*filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))} - {*sys.path, ROOT}:
         return None
     prepare = wanted["preexec_fn"]
     try:

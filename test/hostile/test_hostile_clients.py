@@ -30,6 +30,8 @@ DEEP = 2**16
 PIECE = bytes(2**16)
 MUCH = 1600
 """Pieces, 100 MB."""
+END = b"\x88"
+"""With which a frame begins that ends the connection."""
 LINES = 200
 """That hold, so that whoever subscribes is sent them."""
 ROOM = 60_000_000
@@ -69,7 +71,8 @@ class Page:
     def _look_on(self):
         with websocket(self.port, "/live") as line:
             line.sendall(frame(b'{"token":""}'))
-            while line.recv(2**20):
+            # Who is told that the page ends leaves it; the server would wait for one who stays.
+            while (told := line.recv(2**20)) and not told.startswith(END):
                 self._seen += 1
                 line.sendall(frame(b"1"))
 

@@ -11,7 +11,34 @@ import pytest
 import stepdiag_ros
 
 ROOT = Path(__file__).parents[2]
-LONGEST_MODULE = 500
+LONGEST_FUNCTION = 60
+LOOKED_AT = {
+    "commands.budget.add_parser",
+    "commands.budget.run",
+    "commands.compensate.add_parser",
+    "commands.compensate_nc.add_parser",
+    "commands.import_table.add_parser",
+    "commands.report.add_parser",
+    "commands.run.run",
+    "commands.tracker.run_plan",
+    "compensation.nc_program._step",
+    "devices.cnc.opcua_settings.from_mapping",
+    "embedded.modules.rclpy.action.server.__init__",
+    "metrology.discrepancy.baseline.fit_baseline",
+    "metrology.plan.from_mapping",
+    "metrology.standards.diagonal_squareness.from_body",
+    "metrology.tracker.adjustment._adjust",
+    "metrology.tracker.curves.error_curves",
+    "metrology.tracker.evaluation.runs_of_line",
+    "metrology.tracker.location.locate",
+    "metrology.tracker.multilateration.multilaterate",
+    "metrology.uncertainty.jcgm101.monte_carlo",
+    "metrology.uncertainty.length_sources.air_sources",
+    "report.pages.diagnosis._chapters",
+    "report.pages.tracker._parts_of",
+    "words.changes.verdict",
+}
+"""Functions that are longer, and are still to be split or are one list of options or keys."""
 
 
 @pytest.mark.parametrize(
@@ -25,10 +52,22 @@ def test_the_code_is_linted_formatted_and_typed(check):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_no_module_is_longer_than_one_idea():
-    modules = (ROOT / "stepdiag_ros").rglob("*.py")
-    lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in modules}
-    assert {name: length for name, length in lengths.items() if length > LONGEST_MODULE} == {}
+def long_functions():
+    """Yield functions whose code is longer than a screen, docstrings aside: module and name."""
+    package = ROOT / "stepdiag_ros"
+    for path in package.rglob("*.py"):
+        module = ".".join(path.relative_to(package).with_suffix("").parts)
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                said = ast.get_docstring(node, clean=False) or ""
+                lines = node.end_lineno - node.lineno + 1 - len(said.splitlines())
+                if lines > LONGEST_FUNCTION:
+                    yield f"{module}.{node.name}"
+
+
+def test_functions_fit_a_screen():
+    """A longer one is looked at: it is split, or stands in the list because it is one list."""
+    assert set(long_functions()) == LOOKED_AT
 
 
 def test_the_version_is_the_same_everywhere():

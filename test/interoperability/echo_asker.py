@@ -274,6 +274,8 @@ class Asker:
         self.check(subject, "it succeeds", right, end and end.status)
         right = end is not None and content(end.result) == result
         self.check(subject, "its result", right, end and end.result)
+        # Feedback is a topic: what was published before the result may come after it.
+        self.until(lambda: len(heard) >= len(feedback))
         self.check(subject, "its feedback", heard == feedback, f"{len(heard)} messages")
         handle = self._sent(client, endless)
         self.pause(0.2)
