@@ -82,6 +82,11 @@ def pytest_configure(config):
     sys.dont_write_bytecode = False
 
 
+def pytest_xdist_auto_num_workers(config):
+    """Run one process more than there are processors: live tests wait for half of their time."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
 @cache
 def is_in(path, places):
     """Return whether a file is one of these places in this folder, or in one of them."""
