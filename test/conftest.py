@@ -82,7 +82,7 @@ def pytest_configure(config):
     sys.dont_write_bytecode = False
 
 
-def pytest_xdist_auto_num_workers(config):
+def pytest_xdist_auto_num_workers():
     """Run one process more than there are processors: live tests wait for half of their time."""
     return len(os.sched_getaffinity(0)) + 1
 

@@ -12,6 +12,7 @@ from patience import PATIENCE
 from running_cell import RunningCell
 
 import stepdiag_ros  # noqa: F401 - makes rclpy importable
+from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 
 
@@ -89,6 +90,24 @@ class CellUnderTest(RunningCell):
         stopped = {State.FAULT, State.ABORTED} if state == State.FINISHED else set()
         self.wait(lambda: self.state() in {state, *stopped}, f"run state {state}")
         assert self.state() == state, self.operator.text
+
+    def stands_still_after(self, said: Any) -> None:
+        """Assert that the machine has come to rest, from its own encoders.
+
+        Args:
+            said: message after which it must; on a busy computer positions come long after it.
+        """
+        rest = to_nanoseconds(said.header.stamp) + 500_000_000
+        heard = len(self.positions)
+        while heard and to_nanoseconds(self.positions[heard - 1].header.stamp) > rest:
+            heard -= 1
+
+        def after() -> list[tuple[float, ...]]:
+            late = (m for m in self.positions[heard:] if to_nanoseconds(m.header.stamp) > rest)
+            return [tuple(message.position) for message in late]
+
+        self.wait(lambda: len(after()) > 10, "positions go on")
+        assert len(set(after())) == 1, "the machine moves"
 
     def bag_is_closed(self) -> bool:
         recorders = [p for p in self.operator.watch.peers.values() if p.role == "recorder"]

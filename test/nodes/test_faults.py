@@ -11,7 +11,6 @@ from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.recover import recover
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_plan
-from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 
 SAID_LIMIT = 3.0
@@ -24,26 +23,6 @@ ROLES = {
     "recorder": "recorder",
     "weather": "weather",
 }
-
-
-def stands_still(cell, said) -> None:
-    """Assert that the machine has come to rest, from its own encoders.
-
-    Args:
-        cell: that is looked at.
-        said: message after which it must; on a busy computer positions come long after it.
-    """
-    rest = to_nanoseconds(said.header.stamp) + 500_000_000
-    heard = len(cell.positions)
-    while heard and to_nanoseconds(cell.positions[heard - 1].header.stamp) > rest:
-        heard -= 1
-
-    def after() -> list[tuple[float, ...]]:
-        late = (m for m in cell.positions[heard:] if to_nanoseconds(m.header.stamp) > rest)
-        return [tuple(message.position) for message in late]
-
-    cell.wait(lambda: len(after()) > 10, "positions go on")
-    assert len(set(after())) == 1, "the machine moves"
 
 
 def bags(cell):
@@ -99,7 +78,7 @@ def kill_in_the_run(cell, name) -> None:
 
     cell.wait(all_said, f"all of {others} say that {name} is gone")
     if name != "bridge":
-        stands_still(cell, cell.operator.state)
+        cell.stands_still_after(cell.operator.state)
 
 
 def _healthy_roles(cell) -> set[str]:
@@ -137,7 +116,7 @@ def test_a_killed_sequencer_stops_the_machine_and_a_new_run_can_be_started(make_
             ),
             "the bridge has stopped the machine",
         )
-        stands_still(cell, cell.machine)
+        cell.stands_still_after(cell.machine)
         cell.restart("sequencer")
         cell.wait(lambda: "sequencer" in _healthy_roles(cell), "the sequencer is back")
         cell.operator.state = None

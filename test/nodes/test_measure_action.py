@@ -257,14 +257,6 @@ def parameter_is_refused(cell, value):
     return result.reason
 
 
-def stands_still(cell):
-    """Say whether the machine has come to rest half a second after it was told to stop."""
-    cell.operator.spin_until(lambda: False, 0.5)
-    count = len(cell.positions)
-    cell.wait(lambda: len(cell.positions) > count + 20, "positions go on")
-    return len({tuple(message.position) for message in cell.positions[-10:]}) == 1
-
-
 def followed(cell):
     """Return a list to which each RunState is added that is said from now on."""
     from stepdiag_ros import topics
@@ -315,7 +307,8 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         cell.wait(lambda: len(cell.stops) > count + 1, "more stops after resume")
         assert operator.started_run == run_id and operator.result is None
         operator.cancel()
-        assert stands_still(cell), "the machine moves after its run was cancelled"
+        cell.wait_for_state(State.ABORTED)
+        cell.stands_still_after(operator.state)
         cell.wait(lambda: operator.result is not None, "the result")
         result = operator.result
         assert result.outcome == ABORTED_OUTCOME and "cancelled" in result.text
@@ -340,7 +333,8 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         out, err = client.communicate(timeout=PATIENCE)
         assert client.returncode == 130, err
         assert "cancelled by whoever asked for the run" in out and "(closed, " in out
-        assert stands_still(cell)
+        cell.wait(lambda: states[-1].state == State.ABORTED, "the run of the client is aborted")
+        cell.stands_still_after(states[-1])
 
 
 def test_a_whole_run_on_nodes_that_are_there(make_cell, tmp_path):
