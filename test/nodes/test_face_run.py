@@ -13,7 +13,7 @@ PLAN = """
 name: small face
 origin_m: [0.0, 0.01, 0.0]
 step_m: [0.02, 0.02, 0.015]
-blocks: 3
+blocks: 2
 directions: [forward, backward]
 feed_m_per_s: 0.1
 pause_for_setup: false
@@ -46,8 +46,8 @@ def test_a_face_on_the_node_graph(make_cell, plan_file):
     blocks = [event for event in again if type(event) is type(run.blocks[0])]
     assert blocks == list(run.blocks)
     stepped = [block for block in blocks if block.line.kind == STEP_DIAGONAL]
-    # Eight passes, three blocks of two moves each.
-    assert len(stepped) == 8 * 3 * 2
+    # Eight passes, two blocks of two moves each.
+    assert len(stepped) == 8 * 2 * 2
     assert {block.axis for block in stepped} == {"X", "Z"}
 
     report = report_of_run(run)
