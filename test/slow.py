@@ -12,11 +12,11 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-FIGURES = ("benchmarks", "docs", "metrology", "report")
+FIGURES = ("benchmarks", "docs", "evaluation", "metrology", "plots", "report", "words")
 """What figures in documents are computed by, and where they stand."""
 EVERY = ("",)
 """For a test that judges every folder."""
-CELL = ("bags", "devices", "embedded", "nodes", "run", "session")
+CELL = ("bags", "devices", "embedded", "messages", "nodes", "parameters", "run", "session")
 """What a whole run on nodes goes through."""
 
 SLOW: dict[str, tuple[str, ...]] = {
@@ -31,14 +31,24 @@ SLOW: dict[str, tuple[str, ...]] = {
     "blind/test_blind.py::test_sizes_are_told*": ("metrology",),
     "by_hand/test_by_hand.py::test_no_stop_is_ever_taken_for_another::*-2": (),
     "campaign/test_fault_campaign.py*": (*CELL, "benchmarks"),
-    "commands/test_first_said.py::test_the_cases_that_are_known::effect_*": ("metrology",),
+    "commands/test_first_said.py::test_the_cases_that_are_known::effect_*": (
+        "evaluation",
+        "metrology",
+        "words",
+    ),
     "documents/test_document_figures.py::*::named effects": FIGURES,
     "documents/test_document_figures.py::*::seen patterns": FIGURES,
-    "documents/test_example_notebook.py*": ("docs", "metrology", "plots", "report"),
-    "report/pages/test_report_command.py::test_one_format_alone::pdf": ("plots", "report"),
+    "documents/test_example_notebook.py*": FIGURES,
+    "report/pages/test_report_command.py::test_one_format_alone::pdf": ("plots", "report", "words"),
     "hostile/test_any_message.py::test_no_exception_leaves_a_node_that_hears_more*": ("nodes",),
     "hostile/test_any_plan.py::test_more_runs_with_odd_plans*": ("nodes",),
-    "hostile/test_changed_bags.py::*::many": ("bags", "commands", "metrology", "report"),
+    "hostile/test_changed_bags.py::*::many": (
+        "bags",
+        "commands",
+        "evaluation",
+        "metrology",
+        "report",
+    ),
     "house/test_benchmarks.py::test_every_benchmark*": EVERY,
     "house/test_house.py::*::mypy": EVERY,
     "linuxcnc/test_closed_loop.py*": (*CELL, "compensation", "metrology"),
