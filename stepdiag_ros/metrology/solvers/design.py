@@ -451,9 +451,12 @@ class Design:
     def curve_covariance(self) -> Vector:
         """Return the covariance of the stacked curves for unit scale, in their units."""
         place = self.curve_column.reshape(-1)
-        padded = np.zeros((self.count + 1, self.count + 1))
-        padded[:-1, :-1] = self.covariance
-        covariance: Vector = padded.take(place, axis=0).take(place, axis=1)
+        # Values that are zero by definition have no row: another's is taken and put to zero.
+        covariance: Vector = self.covariance.take(place, axis=0, mode="clip")
+        covariance = covariance.take(place, axis=1, mode="clip")
+        fixed = np.flatnonzero(place == self.count)
+        covariance[fixed] = 0.0
+        covariance[:, fixed] = 0.0
         if self.chain:
             covariance /= np.outer(self.curve_scale, self.curve_scale)
         return covariance
