@@ -22,7 +22,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, Vector, inner
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    CHAINS,
+    ROTATIONS,
+    TRANSLATIONS,
+    Vector,
+    cross,
+    inner,
+)
 from stepdiag_ros.metrology.refusal import Refusal
 
 _CORRECTION = 1e-4
@@ -348,7 +356,7 @@ def perpendiculars(direction: Vector) -> tuple[Vector, Vector]:
     horizontal = np.array([-direction[1], direction[0], 0.0])
     length = np.linalg.norm(horizontal)
     first: Vector = horizontal / length if length > 1e-9 else np.array([0.0, 1.0, 0.0])
-    second: Vector = np.cross(direction, first)
+    second = cross(direction, first)
     return first, second
 
 

@@ -107,6 +107,23 @@ def inner(one: Vector, other: Vector) -> Vector:
     return products
 
 
+def cross(one: Vector, other: Vector) -> Vector:
+    """Return cross products of vectors along the last dimension, shape (..., 3).
+
+    For few vectors a fraction of the time of ``np.cross``, with the same bits.
+
+    Args:
+        one: shape (..., 3).
+        other: shape (..., 3), or one that fits it.
+    """
+    parts = [
+        one[..., i] * other[..., j] - one[..., j] * other[..., i]
+        for i, j in ((1, 2), (2, 0), (0, 1))
+    ]
+    product: Vector = np.stack(parts, axis=-1)
+    return product
+
+
 def beam_direction(line: str, step: Vector) -> Vector:
     """Return the nominal unit vector of the beam of a line, shape (3,).
 

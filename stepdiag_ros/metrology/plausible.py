@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import Vector, cross
 
 CLASSES: dict[str, float] = {
     "precision": 3e-6,
@@ -118,9 +118,10 @@ def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
     Returns:
         shape (n, 9 · ``MODES``), rotations in the order of ``geometry.ROTATIONS``.
     """
-    columns = []
+    readings = np.empty((len(share), 3, 3, MODES))
     for axis in range(3):
-        by_angle, shapes = np.cross(direction, arms[:, axis]), modes(share[:, axis])
-        columns += [by_angle[:, [turn]] * shapes for turn in range(3)]
-    readings: Vector = np.column_stack(columns)
-    return readings
+        # An axis stands at the same few places again and again.
+        places, at = np.unique(share[:, axis], return_inverse=True)
+        by_angle, shapes = cross(direction, arms[:, axis]), modes(places)[at]
+        np.multiply(by_angle[:, :, None], shapes[:, None, :], out=readings[:, axis])
+    return readings.reshape(len(share), -1)

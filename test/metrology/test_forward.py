@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.geometry import (
     ROTATIONS,
     TRANSLATIONS,
     beam_direction,
+    cross,
 )
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -249,6 +250,15 @@ def test_wrong_curves_are_refused():
         ErrorCurves.from_curves(NODES, {"E_XX": np.array([0.0, np.nan])})
     with refused(Refusal, "unknown", "XYY"):
         tool_point(ENDS, constant(), "XYY")
+
+
+def test_cross_products_are_right_handed_and_fit_arrays_of_any_shape():
+    x, y, z = np.eye(3)
+    np.testing.assert_array_equal(cross(x, y), z)
+    np.testing.assert_array_equal(cross(y, x), -z)
+    random = np.random.default_rng(4)
+    one, other = random.standard_normal((5, 2, 3)), random.standard_normal((2, 3))
+    np.testing.assert_array_equal(cross(one, other), np.cross(one, other))
 
 
 def test_perpendiculars_make_a_right_handed_triple():

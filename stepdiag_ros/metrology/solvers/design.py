@@ -90,6 +90,7 @@ class Design:
         names: of the curves among the unknowns.
         arm: distance at which angles are counted in metres, so that all unknowns are of one size.
         group: averaged row of each reading, shape (n,).
+        first: the first reading of each averaged row, shape (groups,).
         tilt_setups: indices of the setups that have two angles.
         unseen: orthonormal directions of the unknowns that the readings do not tell, (p, r).
         degrees_of_freedom: readings and direct rows minus determined unknowns.
@@ -133,10 +134,10 @@ class Design:
         self._effects = np.zeros((count, 0)) if effects is None else effects
         if effects is None:
             self._zero = observations.zeros
-            self.group, self._first = observations.averaged
+            self.group, self.first = observations.averaged
         else:
             self._zero = observations.setup
-            self.group, self._first = np.arange(count), np.arange(count)
+            self.group, self.first = np.arange(count), np.arange(count)
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(count)
         self.weight: Vector = np.bincount(self.group, single).astype(np.float64)
@@ -144,8 +145,8 @@ class Design:
         self._repeat_squares, repeats = (
             observations.pure_error(single) if effects is None else (0.0, 0)
         )
-        self._setup = observations.setup[self._first]
-        self._way = observations.way[self._first]
+        self._setup = observations.setup[self.first]
+        self._way = observations.way[self.first]
         self._directions = np.array([setup.direction for setup in observations.setups])
         self._pairs = np.array(
             [perpendiculars(self._directions[setup]) for setup in self.tilt_setups]
@@ -158,7 +159,7 @@ class Design:
         self.direct = maker.rows(observations.direct).by_unknowns(self.curve_column, self.count)
         self._factor()
         determined = self.count - self.unseen.shape[1]
-        rows = len(self._first) + len(self.direct.values)
+        rows = len(self.first) + len(self.direct.values)
         self.degrees_of_freedom = rows + repeats - determined
 
     def _number_unknowns(self) -> None:
@@ -182,11 +183,11 @@ class Design:
 
         An entry belongs to one curve, angle, zero or effect; no column has two entries in a group.
         """
-        groups, curves = len(self._first), len(self.names)
+        groups, curves = len(self.first), len(self.names)
         width = curves + 3 + len(self.effect_column)
         columns = np.full((width, groups), self.count)
         values = np.zeros((width, groups))
-        node = self.observations.node[self._first]
+        node = self.observations.node[self.first]
         direction = self._directions[self._setup]
         self._arms: Vector = np.zeros((0, 3, 3))
         if self.chain:
@@ -204,10 +205,10 @@ class Design:
             here = np.flatnonzero(self._setup == setup)
             columns[curves : curves + 2, here] = self.tilt_column[row][:, None]
             values[curves : curves + 2, here] = (self._way[here] @ self._pairs[row].T / self.arm).T
-        columns[curves + 2] = self.zero_column[self._zero[self._first]]
+        columns[curves + 2] = self.zero_column[self._zero[self.first]]
         values[curves + 2] = 1.0
         columns[curves + 3 :] = self.effect_column[:, None]
-        values[curves + 3 :] = self._effects[self._first].T
+        values[curves + 3 :] = self._effects[self.first].T
         return columns, values
 
     def _exact_model(self) -> ExactModel:
@@ -234,7 +235,7 @@ class Design:
         which the zero takes; that is so on every linear line. On a face diagonal it may not be so,
         and the errors of the node at which it stands are unknowns of the line.
         """
-        position = self.observations.position[self._first]
+        position = self.observations.position[self.first]
         after = levers(position, self.chain)
         arms = np.stack([self._way - after[axis] for axis in range(3)], axis=1)
         step = np.asarray(self.observations.volume.step)
@@ -406,7 +407,7 @@ class Design:
         values = self._values if values is None else values
         pulled = (values * weighted).reshape(-1)
         sums = np.bincount(self._columns.reshape(-1), pulled, minlength=self.count + 1)
-        return sums[: self.count].astype(np.float64)
+        return sums[: self.count].astype(np.float64, copy=False)
 
     @property
     def tilt_known(self) -> Vector:
@@ -450,9 +451,12 @@ class Design:
     def curve_covariance(self) -> Vector:
         """Return the covariance of the stacked curves for unit scale, in their units."""
         place = self.curve_column.reshape(-1)
-        padded = np.zeros((self.count + 1, self.count + 1))
-        padded[:-1, :-1] = self.covariance
-        covariance: Vector = padded[np.ix_(place, place)]
+        # Values that are zero by definition have no row: another's is taken and put to zero.
+        covariance: Vector = self.covariance.take(place, axis=0, mode="clip")
+        covariance = covariance.take(place, axis=1, mode="clip")
+        fixed = np.flatnonzero(place == self.count)
+        covariance[fixed] = 0.0
+        covariance[:, fixed] = 0.0
         if self.chain:
             covariance /= np.outer(self.curve_scale, self.curve_scale)
         return covariance

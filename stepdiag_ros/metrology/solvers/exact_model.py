@@ -74,20 +74,28 @@ class ExactModel:
         return along
 
     @cached_property
-    def _rows(self) -> list[Integers]:
-        """Return the readings of each setup that has two angles."""
-        return [np.flatnonzero(self.setup == setup) for setup in self.tilted]
+    def _rows(self) -> list[slice | Integers]:
+        """Return the readings of each setup that has two angles, as a slice where they adjoin."""
+        return [_span(np.flatnonzero(self.setup == setup)) for setup in self.tilted]
+
+    @cached_property
+    def _nominal(self) -> Vector:
+        """Return the directions of the setups that have two angles, shape (diagonal setups, 3)."""
+        nominal: Vector = self.directions[self.tilted]
+        return nominal
 
     def state(self, unknowns: Vector) -> State:
         """Return what the model says for unknowns of shape (..., p)."""
-        tilts = np.clip(unknowns[..., self.tilt_column] / self.arm, -LARGEST_TILT, LARGEST_TILT)
-        turned = self._turn(tilts)[..., self.setup]
-        errors = self._mirror_errors(padded(unknowns)[..., self.curves])
+        # Much of this is small arrays, of which each call of numpy costs more than the sums.
+        angles = unknowns.take(self.tilt_column, axis=-1) / self.arm
+        tilts: Vector = np.minimum(np.maximum(angles, -LARGEST_TILT), LARGEST_TILT)
+        turned = self._turn(tilts).take(self.setup, axis=-1)
+        errors = self._mirror_errors(padded(unknowns).take(self.curves, axis=-1))
         parts = turned * (self.way + errors) + self._along * errors
         excess: Vector = parts[..., 0, :] + parts[..., 1, :] + parts[..., 2, :]
         if len(self.effect_column):
             excess = excess + unknowns[..., self.effect_column] @ self.effects
-        return State(excess + unknowns[..., self.zero], errors, turned, tilts)
+        return State(excess + unknowns.take(self.zero, axis=-1), errors, turned, tilts)
 
     def derivatives(self, state: State, nominal: Vector) -> Vector:
         """Return the derivatives of one state's excess, as values of the matrix's entries.
@@ -99,16 +107,14 @@ class ExactModel:
         values: Vector = nominal.copy()
         turned = self._along + state.turned
         count = len(self.curves)
-        for axis in range(3):
-            values[3 * axis : 3 * axis + 3] = turned
+        values[: len(TRANSLATIONS)].reshape(3, *turned.shape)[:] = turned
         if self.rotations:
             turning = _cross(turned, self.arms).reshape(len(ROTATIONS), -1)
             values[len(TRANSLATIONS) : count] = turning[self.rotations] / self.arm
-        tilts, place = state.tilts, self.way + state.errors
-        shortening = tilts / np.sqrt(1.0 - np.sum(tilts**2, axis=-1, keepdims=True))
-        for row, here in enumerate(self._rows):
-            nominal_direction = self.directions[self.tilted[row]]
-            by_tilt = self.pairs[row] - np.outer(shortening[row], nominal_direction)
+        place = self.way + state.errors
+        shortening = state.tilts / np.sqrt(1.0 - _squares(state.tilts))
+        by_tilts = self.pairs - shortening[:, :, None] * self._nominal[:, None, :]
+        for by_tilt, here in zip(by_tilts, self._rows, strict=True):
             values[count : count + 2, here] = by_tilt @ place[:, here] / self.arm
         # Curve values that are zero by definition have entries in the cut-off column.
         return values
@@ -117,12 +123,12 @@ class ExactModel:
         """Return what the tilts change of each setup's direction, shape (..., 3, setups)."""
         change = np.zeros((*tilts.shape[:-2], *self.directions.shape))
         if self.tilted:
-            square = np.sum(tilts**2, axis=-1, keepdims=True)
+            square = _squares(tilts)
             # sqrt(1-x)-1 without cancellation
             shortening = -square / (1.0 + np.sqrt(1.0 - square))
-            nominal = self.directions[self.tilted]
-            change[..., self.tilted, :] = shortening * nominal + np.sum(
-                tilts[..., :, :, None] * self.pairs, axis=-2
+            across = tilts[..., :, :, None] * self.pairs
+            change[..., self.tilted, :] = shortening * self._nominal + (
+                across[..., 0, :] + across[..., 1, :]
             )
         turned: Vector = np.swapaxes(change, -1, -2)
         return turned
@@ -141,6 +147,19 @@ class ExactModel:
     @cached_property
     def _arms_per_unit(self) -> Vector:
         return self.arms / self.arm
+
+
+def _span(places: Integers) -> slice | Integers:
+    """Return ascending places as a slice if they are consecutive, which costs no copy."""
+    start, end = int(places[0]), int(places[-1]) + 1
+    return slice(start, end) if end - start == len(places) else places
+
+
+def _squares(tilts: Vector) -> Vector:
+    """Return the sum of the squares of two angles each, shape (..., 1)."""
+    square = tilts * tilts
+    total: Vector = square[..., :1] + square[..., 1:]
+    return total
 
 
 def _cross(one: Vector, other: Vector) -> Vector:

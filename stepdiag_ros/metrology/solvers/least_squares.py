@@ -58,7 +58,11 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         remarks.extend(_large_tilts(design, fit))
     unseen = design.curves_unseen()
     scale = design.of_curves(both.by_lengths)
-    covariance = rotations.noise_factor * design.curve_covariance() + scale @ scale.T
+    covariance = design.curve_covariance()
+    covariance *= rotations.noise_factor
+    covariance += scale @ scale.T
+    by_readings = both.scatter()
+    by_readings += covariance
     estimate = with_rotations(fit.curves, covariance, unseen, both, both.change, predicted=True)
     known = observations.noise_known and design.degrees_of_freedom > 0
     return make_result(
@@ -74,7 +78,7 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         remarks,
         chain=measurement.chain,
         shown=design.names,
-        by_readings=covariance + both.scatter(),
+        by_readings=by_readings,
     )
 
 
@@ -93,7 +97,7 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
     remarks = [*_noise_remarks(design, factor), *_direct_remarks(design)]
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
-    lengths = by_lengths(design, plausible)
+    lengths = by_lengths(design, design.matrix, plausible)
     scale, turn = design.of_curves(lengths), design.of_tilts(lengths)
     known = design.tilt_known.reshape(-1)
     estimate = CurveEstimate(

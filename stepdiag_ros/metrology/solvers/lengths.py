@@ -21,9 +21,14 @@ def length_readings(observations: Observations, plausible: Plausible) -> Vector:
     return readings
 
 
-def by_lengths(design: Design, plausible: Plausible) -> Vector:
-    """Return what each scale of ``length_readings`` does to the unknowns of a fit, shape (p, q)."""
-    first = np.unique(design.group, return_index=True)[1]
-    rows = length_readings(design.observations, plausible)[first]
-    change: Vector = design.covariance @ (design.matrix.T @ (rows * design.weight[:, None]))
+def by_lengths(design: Design, matrix: Vector, plausible: Plausible) -> Vector:
+    """Return what each scale of ``length_readings`` does to the unknowns of a fit, shape (p, q).
+
+    Args:
+        design: of the fit.
+        matrix: of the design.
+        plausible: the scales.
+    """
+    rows = length_readings(design.observations, plausible)[design.first]
+    change: Vector = design.covariance @ (matrix.T @ (rows * design.weight[:, None]))
     return change

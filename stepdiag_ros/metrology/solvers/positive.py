@@ -1,5 +1,9 @@
 """Inverse of the symmetric positive definite matrices of least squares."""
 
+from functools import reduce
+from operator import iadd
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
@@ -29,8 +33,9 @@ def inverse_positive(matrix: Matrix) -> Matrix | None:
     inverse, failed = lapack.dpotri(lower, lower=1, overwrite_c=1)
     if failed:
         return None
-    half = np.tril(inverse)
-    whole: Matrix = half + np.tril(half, -1).T
+    # Both routines leave zeros above the diagonal.
+    whole: Matrix = inverse + inverse.T
+    whole.flat[:: len(whole) + 1] = inverse.diagonal()
     return whole
 
 
@@ -46,16 +51,18 @@ def normal_of_entries(columns: Integers, values: Matrix, weight: Matrix, count: 
     """
     width = count + 1
     weighted = values * weight
-    half = np.zeros(width * width)
     one, other = np.triu_indices(len(columns))
     pairs = max(1, _AT_ONCE // max(columns.shape[1], 1))
-    for start in range(0, len(one), pairs):
+
+    def sums(start: int) -> NDArray[Any]:
         first, second = one[start : start + pairs], other[start : start + pairs]
-        low = np.minimum(columns[first], columns[second])
-        places = low * width + np.maximum(columns[first], columns[second])
+        left, right = columns[first], columns[second]
+        places = np.minimum(left, right) * width + np.maximum(left, right)
         products = weighted[first] * values[second]
-        half += np.bincount(places.reshape(-1), products.reshape(-1), minlength=width * width)
-    half = half.reshape(width, width)[:count, :count]
+        return np.bincount(places.ravel(), products.ravel(), width * width)
+
+    total = reduce(iadd, map(sums, range(0, len(one), pairs)))
+    half: Matrix = total.reshape(width, width)[:count, :count]
     normal: Matrix = half + half.T
     normal.flat[:: count + 1] -= np.diag(half)
     return normal

@@ -37,10 +37,11 @@ def range_excess(values: Vector, covariance: Vector) -> float:
     if not np.any(covariance):
         return 0.0
     variances, vectors = np.linalg.eigh(covariance)
-    told = variances > _RANK_LIMIT * variances[-1]
-    root = vectors[:, told] * np.sqrt(variances[told])
-    squares = float(np.sum((vectors[:, told].T @ values) ** 2 / variances[told]))
-    by_chance = float(chdtri(float(np.count_nonzero(told)), _BY_CHANCE))
+    told = np.flatnonzero(variances > _RANK_LIMIT * variances[-1])
+    variances, vectors = variances[told], vectors[:, told]
+    root = vectors * np.sqrt(variances)
+    squares = float(np.sum((vectors.T @ values) ** 2 / variances))
+    by_chance = float(chdtri(float(len(told)), _BY_CHANCE))
     true = values * (max(1.0 - by_chance / squares, 0.0) if squares > 0.0 else 0.0)
     drawn = true + _draws(root.shape[1]) @ root.T
     # Draws along the rows: the extremes of many columns at once are found several times as fast.

@@ -127,7 +127,8 @@ def mode_readings(observations: Observations, chain: str, without: Sequence[str]
     chains = (chain,) if chain else CHAINS
     for one in chains:
         arms = np.stack([way - lever for lever in levers(position, one)], axis=1)
-        parts.append(rotation_readings(position / travel, direction, arms)[:, _places(without)])
+        of_all = rotation_readings(position / travel, direction, arms)
+        parts.append(of_all.take(_places(without), axis=1))
     readings: Vector = np.column_stack(parts) / np.sqrt(len(chains))
     return readings
 
@@ -223,7 +224,8 @@ def turned(measurement: Measurement, observations: Observations) -> Turned:
     fit = design.fit()
     by_reading = mode_readings(observations, measurement.chain, design.names)
     plausible = measurement.plausible
-    rotations, change = plausible_rotations(design, fit, by_reading, plausible.rotation)
+    matrix = design.matrix
+    rotations, change = plausible_rotations(design, matrix, fit, by_reading, plausible.rotation)
     names = [name for name in ROTATIONS if measurement.chain and name not in design.names]
     shape = modes(np.linspace(0.0, 1.0, observations.volume.blocks + 1))
     return Turned(
@@ -232,7 +234,7 @@ def turned(measurement: Measurement, observations: Observations) -> Turned:
         rotations=rotations,
         change=design.of_curves(change),
         tilt_change=design.of_tilts(change),
-        by_lengths=by_lengths(design, plausible),
+        by_lengths=by_lengths(design, matrix, plausible),
         by_reading=by_reading,
         names=tuple(names),
         curves=np.asarray(np.kron(np.eye(len(names)), shape), dtype=np.float64),
@@ -326,12 +328,13 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
 
 
 def plausible_rotations(
-    design: Design, fit: Fit, readings: Vector, plausible: float
+    design: Design, matrix: Vector, fit: Fit, readings: Vector, plausible: float
 ) -> tuple[Rotations, Vector]:
     """Return what a run tells of the rotations, and how they turn the unknowns of the fit.
 
     Args:
         design: of translations, without effects.
+        matrix: of the design.
         fit: of its readings.
         readings: what each mode adds to each reading, m/rad, shape (n, k).
         plausible: size of the rotations, rad; 0: they are taken as zero.
@@ -339,11 +342,10 @@ def plausible_rotations(
     Returns:
         the rotations, and what a unit of each mode changes in the unknowns, shape (p, k).
     """
-    first = np.unique(design.group, return_index=True)[1]
-    rows = readings[first]
+    rows = readings[design.first]
     weighted = rows * design.weight[:, None]
-    pulled = design.matrix.T @ weighted
-    change: Vector = -design.covariance @ pulled
+    pulled = matrix.T @ weighted
+    change: Vector = -(design.covariance @ pulled)
     information = rows.T @ weighted + pulled.T @ change
     left = design.mean - fit.fitted
     score = weighted.T @ left

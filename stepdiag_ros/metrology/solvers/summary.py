@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.geometry import (
     TRANSLATIONS,
     Vector,
     beam_direction,
+    cross,
     line_signs,
     moving_axis,
 )
@@ -167,6 +168,7 @@ def functionals(
     A range is that between the two nodes at which the estimate is largest and smallest.
     """
     nodes = [volume.nodes(axis) for axis in range(3)]
+    slopes = [slope_weights(axis_nodes) for axis_nodes in nodes]
     flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
     made: list[Functional] = []
 
@@ -183,7 +185,7 @@ def functionals(
     for name, (factor, pair) in SQUARENESS_SLOPES.items():
         row = add(name, "rad")
         for curve in pair:
-            row[estimate.place(curve)] = factor * slope_weights(nodes[moving_axis(curve)])
+            row[estimate.place(curve)] = factor * slopes[moving_axis(curve)]
     for letter in AXES:
         curve = f"E_{letter}{letter}"
         add(f"positioning {curve}", "m")[estimate.place(curve)][-1] = 1.0
@@ -252,10 +254,10 @@ def _end_weights(names: Sequence[str], line: str, volume: Volume, chain: str) ->
     step = np.asarray(volume.step)
     direction = beam_direction(line, step)
     signs = line_signs(line)
-    weights = np.tile(np.tile(direction, 3)[:, None], 2)
+    weights = np.outer(np.tile(direction, 3), np.ones(2))
     if len(names) > len(TRANSLATIONS):
         corners = np.array([signs < 0, signs > 0]) * step * volume.blocks
-        turning = np.cross(np.array(levers(corners, chain)), direction)
+        turning = cross(np.array(levers(corners, chain)), direction)
         by_name = dict(zip(ROTATIONS, np.swapaxes(turning, 1, 2).reshape(-1, 2), strict=True))
         weights = np.concatenate([weights, [by_name[name] for name in names[len(weights) :]]])
     weights[:, 0] *= -1.0

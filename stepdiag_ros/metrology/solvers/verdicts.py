@@ -7,7 +7,8 @@ none of them is determined. Where it is in one, whoever else is in it can do the
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
@@ -175,13 +176,13 @@ class Verdicts:
             everyone who can do it alone; else the fewest together that were found.
         """
         design = self._design
+        moved = np.any(np.abs(design.unseen @ part.T) > _NOTHING, axis=1)
         coupled = [
             name
             for name, columns in self._groups.items()
-            if name not in own
-            and np.max(np.abs(design.unseen[columns] @ part.T), initial=0.0) > _NOTHING
+            if name not in own and np.any(moved[columns])
         ]
-        if _reaches(part, _held_by(sum(self._grams[name] for name in own))):
+        if _reaches(part, _held_by(reduce(add, (self._grams[name] for name in own)))):
             return ()  # Nobody is needed: no reading speaks of it.
         if _reaches(part, self._space(own)):
             return (SETUP,)
@@ -217,7 +218,7 @@ class Verdicts:
         """
         key = frozenset(names)
         if key not in self._spaces:
-            inside = self._setup_gram + sum(self._grams[name] for name in names)
+            inside = self._setup_gram + reduce(add, (self._grams[name] for name in names))
             self._spaces[key] = _held_by(inside, within)
         return self._spaces[key]
 
@@ -320,7 +321,9 @@ def _held_by(gram: Vector, within: Vector | None = None) -> Vector:
     """
     inner = gram if within is None else within.T @ gram @ within
     # Cholesky is much faster than eigenvectors, and mostly there is no such direction.
-    if not len(inner) or is_positive((1.0 - _NOTHING) * np.eye(len(inner)) - inner):
+    beyond = -inner
+    beyond.flat[:: len(inner) + 1] += 1.0 - _NOTHING
+    if not len(inner) or is_positive(beyond):
         return np.empty((len(gram), 0))
     values, vectors = np.linalg.eigh(inner)
     held: Vector = vectors[:, values > 1.0 - _NOTHING]
@@ -329,7 +332,7 @@ def _held_by(gram: Vector, within: Vector | None = None) -> Vector:
 
 def _reaches(part: Vector, directions: Vector) -> bool:
     """Say whether an error, with its part in each direction, is in one of some directions."""
-    return bool(np.max(np.abs(part @ directions), initial=0.0) > _SHARE)
+    return bool(np.any(np.abs(part @ directions) > _SHARE))
 
 
 def _ranges(numbers: Integers) -> str:

@@ -9,13 +9,17 @@ import subprocess
 import sys
 import threading
 import time
+from base64 import b64decode
+from collections import Counter
 from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 from report.pages.page_reading import ReadPage
 from standard_runs import RUN_ID, write_bag
 
@@ -374,6 +378,17 @@ def test_nothing_in_the_pdf_runs_off_the_paper(folder):
     ends = [float(end) for end in re.findall(r'<word xMin="[\d.]+".*? xMax="([\d.]+)"', boxes)]
     assert len(ends) > 1000
     assert max(ends) < width - 20.0
+
+
+@needs_poppler
+def test_the_pdf_has_every_picture_of_the_page_at_its_own_size(folder, page):
+    listed = subprocess.run(
+        ["pdfimages", "-list", folder / "report.pdf"], capture_output=True, text=True, check=True
+    ).stdout.splitlines()[2:]
+    drawn = Counter(tuple(int(size) for size in line.split()[3:5]) for line in listed)
+    files = [b64decode(source.partition(",")[2]) for source in page.sources]
+    assert len(files) > 5
+    assert drawn == Counter(Image.open(BytesIO(data)).size for data in files)
 
 
 def _text(path):
