@@ -118,13 +118,13 @@ def assert_light(code: str, most: float) -> None:
     ],
 )
 def test_missing_parts_are_named(code: str, reason: str) -> None:
-    result = run(f"import stepdiag_ros\n{code}")
+    result = run(f"import stepdiag_ros.client\n{code}")
     assert result.returncode == 1
     assert reason in result.stderr.splitlines()[-1]
 
 
 def test_bad_environment_is_explained() -> None:
-    code = "import stepdiag_ros, rclpy; rclpy.init()"
+    code = "import stepdiag_ros.client, rclpy; rclpy.init()"
     for env, reason in (
         ({"ROS_DOMAIN_ID": "abc"}, "ROS_DOMAIN_ID is 'abc'"),
         ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID is 233"),
@@ -160,7 +160,7 @@ def test_self_test_notices_a_library_that_loses_samples(
 
 def test_client_is_named_once_in_the_log() -> None:
     code = (
-        "import stepdiag_ros, rclpy\n"
+        "import stepdiag_ros.client, rclpy\n"
         "for _ in range(2):\n"
         "    rclpy.init()\n"
         "    rclpy.create_node('a')\n"
