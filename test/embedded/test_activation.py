@@ -36,7 +36,7 @@ def test_real_ros_wins(tmp_path: Path) -> None:
         (folder / "__init__.py").write_text("REAL = True\n")
     (tmp_path / "std_msgs" / "__init__.py").write_text("")
     code = (
-        "import sys, stepdiag_ros, rclpy, std_msgs.msg\n"
+        "import sys, stepdiag_ros.client, rclpy, std_msgs.msg\n"
         "from stepdiag_ros.embedded import client\n"
         "assert rclpy.REAL and std_msgs.msg.REAL and client() == 'rclpy'\n"
         "assert not any(item.endswith('embedded/modules') for item in sys.path)\n"
@@ -49,7 +49,7 @@ def test_real_ros_wins(tmp_path: Path) -> None:
 
 def test_embedded_is_used_without_ros() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from stepdiag_ros.embedded import activate, client\n"
         "assert rclpy.IS_EMBEDDED and client() == 'embedded' == activate()\n"
         "assert sys.path[-1].endswith('modules')\n"
@@ -61,7 +61,7 @@ def test_embedded_is_used_without_ros() -> None:
 
 def test_start_is_quick_and_light() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from rclpy.node import Node\n"
         "from std_msgs.msg import Header\n"
         "from diagnostic_msgs.msg import DiagnosticArray\n"
@@ -74,7 +74,7 @@ def test_start_is_quick_and_light() -> None:
 
 def test_lifecycle_and_actions_are_loaded_by_those_who_use_them() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from rclpy.node import Node\n"
         "parts = ('rclpy.lifecycle', 'rclpy.action', 'stepdiag_ros.embedded.actions')\n"
         "assert not any(name.startswith(parts) for name in sys.modules)\n"
