@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
@@ -17,6 +17,15 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     _intermixed = False
+
+    def __init__(self, *args: Any, further_help: Callable[[], str] | None = None, **more: Any):
+        """Make the parser; ``further_help`` returns the end of the help once it is asked for."""
+        super().__init__(*args, **more)
+        self._further_help = further_help
+
+    def format_help(self) -> str:
+        """Return the help, with what takes long to find out only here."""
+        return super().format_help() + (self._further_help() if self._further_help else "")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None

@@ -61,9 +61,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FOLDER",
         help="a new folder for the tables (default: NAME_for_CONTROL beside the result)",
     )
-    parser.add_argument(
-        "--method", default="", help="of the solver (default: the one to rely on, least_squares)"
-    )
+    parser.add_argument("--method", default="", help="of the solver (default: the one to rely on)")
     add_run_option(parser)
     parser.add_argument(
         "--spacing",
