@@ -132,10 +132,11 @@ def test_a_package_that_is_broken_is_named_in_one_sentence(module, tmp_path):
     site = tmp_path / "site"
     site.mkdir()
     _install(site, module)
-    done = stepdiag("solve", RUN, "--output", tmp_path / "none", site=site)
-    assert done.returncode == 1
-    assert "forward-passes" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    for command in (("solve", RUN, "--output", tmp_path / "none"), ("solve", "--help")):
+        done = stepdiag(*command, site=site)
+        assert done.returncode == 1
+        assert "forward-passes" in done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "none").exists()
 
 
