@@ -144,7 +144,7 @@ def check_a_single_axis_move(rig):
     assert all(p[1:] == start[1:] for p in path)
     assert any(start[0] + 1e-3 < p[0] < target[0] - 1e-3 for p in path)
     operator.moved(add(target, x=-0.01), "X")
-    assert operator.device.state is CncState.READY
+    assert operator.device.state is CncState.READY, operator.changes[-1:]
     operator.device.close()
 
 
@@ -190,7 +190,7 @@ def check_forbidden_moves_are_refused_and_nothing_moves(rig):
     operator.events.clear()
     operator.watch(0.3)
     assert not operator.changes
-    assert operator.device.state is CncState.READY
+    assert operator.device.state is CncState.READY, operator.changes[-1:]
     assert {sample.position for sample in operator.samples} == {here}
     operator.device.close()
 

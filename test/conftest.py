@@ -83,9 +83,13 @@ def pytest_configure(config):
     sys.dont_write_bytecode = False
 
 
-def pytest_xdist_auto_num_workers():
-    """Run one process more than there are processors: live tests wait for half of their time."""
-    return len(os.sched_getaffinity(0)) + 1
+def pytest_xdist_auto_num_workers(config):
+    """Run one process more than there are processors: quick live tests wait for half of their time.
+
+    The slow ones work most of theirs.
+    """
+    spare = 0 if config.option.markexpr == "slow" else 1
+    return len(os.sched_getaffinity(0)) + spare
 
 
 @cache

@@ -432,6 +432,71 @@ SETS = (
 )
 """Label, chain (empty: translations alone are in question) and lines of a plan."""
 
+
+def way(stations: tuple[tuple[str, str, str], ...]) -> Figure:
+    """Return the way of a value through the code: what it is, how it is called, and where.
+
+    Args:
+        stations: floor, what the value is there, and the module, in the order of the way.
+    """
+    width, height, columns = 3.0, 1.5, 4
+    rows = -(-len(stations) // columns)
+    figure, (axes,) = sheet(11.0, 1.9 * rows)
+    for number, (floor, what, module) in enumerate(stations):
+        row, place = divmod(number, columns)
+        # Every second row runs back, so that each arrow goes to a neighbour.
+        column = place if row % 2 == 0 else columns - 1 - place
+        x, y = 3.8 * column, -2.2 * row
+        box = Rectangle((x, y), width, height, facecolor="#F2F6FA", edgecolor=BLUE, linewidth=1.2)
+        axes.add_patch(box)
+        words(axes, x + 0.5 * width, y + 1.24, floor, BLUE, fontsize=9)
+        words(axes, x + 0.5 * width, y + 0.75, what, fontsize=10, fontweight="bold")
+        words(axes, x + 0.5 * width, y + 0.25, module, GREY, fontsize=8, family="monospace")
+        if number + 1 == len(stations):
+            break
+        if place + 1 == columns:
+            arrow(axes, (x + 0.5 * width, y), (x + 0.5 * width, y - 0.7))
+        elif row % 2 == 0:
+            arrow(axes, (x + width, y + 0.75), (x + 3.8, y + 0.75))
+        else:
+            arrow(axes, (x, y + 0.75), (x - 0.8, y + 0.75))
+    axes.set_xlim(-0.1, 3.8 * (columns - 1) + width + 0.1)
+    axes.set_ylim(-2.2 * (rows - 1) - 0.1, height + 0.1)
+    return figure
+
+
+def one_reading() -> Figure:
+    """The way of one reading, from the laser to the first sentence of the report."""
+    return way(
+        (
+            ("devices", "a count of fringes", "interferometer/simulated"),
+            ("run", "a reading in this air", "reading_source"),
+            ("nodes", "a message", "interferometer"),
+            ("metrology", "a settled stop", "assembly, window"),
+            ("metrology", "a block displacement", "assembly"),
+            ("metrology", "a row of equations", "solvers/design"),
+            ("evaluation", "a report of the run", "recorded_run, build"),
+            ("words", "a sentence", "lead"),
+        )
+    )
+
+
+def one_error() -> Figure:
+    """The way of one error, from the file of a simulated machine to the table that corrects it."""
+    return way(
+        (
+            ("config", "errors: of a cell", "cells/demo.yaml"),
+            ("metrology", "a curve over an axis", "cell, forward"),
+            ("devices", "a part of a reading", "interferometer/simulated"),
+            ("metrology", "unknowns of the fit", "solvers/design"),
+            ("metrology", "E_XX with its ±", "solvers/result"),
+            ("compensation", "may be corrected?", "identified, permission"),
+            ("compensation", "x.comp", "linuxcnc"),
+            ("compensation", "what remains", "remaining"),
+        )
+    )
+
+
 DRAWINGS: tuple[Callable[[], Figure], ...] = (
     six_errors,
     two_ways,
@@ -442,6 +507,8 @@ DRAWINGS: tuple[Callable[[], Figure], ...] = (
     stop,
     setups,
     told,
+    one_reading,
+    one_error,
 )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.run.conclusion import Outcome
@@ -13,8 +13,10 @@ from stepdiag_ros.run.taking_up import Patience
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode
 
+Granted = TypeVar("Granted")
+
 SETTLE_LIMIT = 3.0
-"""Real seconds in which a refused start is tried again."""
+"""Real seconds in which a refused start, or a refused resumption, is tried again."""
 RESUME_LIMIT = 5.0
 """Real seconds in which the run must go on after it was resumed."""
 STOP_LIMIT = 60.0
@@ -110,7 +112,7 @@ class FollowedRun:
                 stands still, unless the text says that it could not be told to.
             KeyboardInterrupt: as asked; the machine stands still likewise.
         """
-        self.run_id = self._start(plan)
+        self.run_id = self._until_granted(lambda: self._operator.start(plan))
         try:
             self._follow()
         except BaseException as error:
@@ -125,13 +127,18 @@ class FollowedRun:
             raise RunFailed(f"the run has stopped: {measured.text}", fault="stopped")
         return measured
 
-    def _start(self, plan: str) -> str:
+    def _until_granted(self, ask: Callable[[], Granted]) -> Granted:
+        """Ask until it is granted, as long as there is reason to hope.
+
+        Raises:
+            RunFailed: it was refused for too long.
+        """
         operator, patience = self._operator, Patience(SETTLE_LIMIT)
         held = self._check()
         patience.is_over(held, operator.real_time())
         while True:
             try:
-                return operator.start(plan)
+                return ask()
             except ValueError as error:
                 # The sequencer may not have heard yet what this node has heard already, and a
                 # node may have woken while the sequencer was asked.
@@ -163,8 +170,8 @@ class FollowedRun:
     def _resume(self) -> None:
         operator, held = self._operator, self._operator.state
         try:
-            operator.call("sequencer/resume")
-        except ValueError as error:
+            self._until_granted(lambda: operator.call("sequencer/resume"))
+        except RunFailed as error:
             raise RunFailed(f"{held.text}: {error}") from None
         operator.spin_until(
             lambda: (

@@ -29,8 +29,10 @@ def make_instance(linuxcnc_is_there: None) -> Iterator[Callable[..., LinuxCncIns
     # Short, since sockets lie there.
     with tempfile.TemporaryDirectory(prefix="lc") as folder:
 
-        def make(**options) -> LinuxCncInstance:
-            made.append(LinuxCncInstance(Path(folder) / str(len(made)), **options))
+        def make(watchdog_s: float = 10.0, **options) -> LinuxCncInstance:
+            # A busy computer is no silent agent.
+            place = Path(folder) / str(len(made))
+            made.append(LinuxCncInstance(place, watchdog_s=watchdog_s, **options))
             made[-1].start()
             return made[-1]
 

@@ -20,10 +20,13 @@ class Watched:
         path: of the agent's socket.
         dead_man: s.
         patience: s in which the agent may see that the client before has gone.
+        silence: s without a word from the agent, after which it counts as dead.
     """
 
-    def __init__(self, path: Path, dead_man: float = 2.0, patience: float = 0.0) -> None:
-        settings = {"socket": str(path), "dead_man_s": dead_man}
+    def __init__(
+        self, path: Path, dead_man: float = 2.0, patience: float = 0.0, silence: float = 20.0
+    ) -> None:
+        settings = {"socket": str(path), "dead_man_s": dead_man, "silence_s": silence}
         make = prepare("cnc", "linuxcnc", settings, Surroundings(load_machine("demo")[0]))
         self.events: list[CncEvent] = []
         end = time.monotonic() + patience
@@ -50,7 +53,14 @@ class Watched:
         return self.until(lambda: time.monotonic() > end)
 
     def until_state(self, *states: CncState) -> StateChange:
-        self.until(lambda: self.driver.state in states)
+        """Wait until it is in one of these states, from which it does not come to another."""
+
+        def has_ended() -> bool:
+            told = self.states()[-1:]
+            return self.driver.state in states or any(e.state is CncState.FAULT for e in told)
+
+        self.until(has_ended)
+        assert self.driver.state in states, self.states()[-3:]
         return self.states()[-1]
 
     def states(self) -> list[StateChange]:

@@ -20,7 +20,7 @@ def measured(machine, folder: Path, whole: bool = True, **bridge) -> Path:
     plan, cell = files_of(folder, whole)
     device = folder / "device.yaml"
     # A computer that is busy with all nodes at once is no danger to this machine.
-    device.write_text(f"socket: {machine.socket}\ndead_man_s: 2.0\n")
+    device.write_text(f"socket: {machine.socket}\ndead_man_s: 2.0\nsilence_s: 20.0\n")
     nodes = twin_cell(str(plan), "demo", str(cell), folder, "linuxcnc", str(device))
     # What evaluates along the way is of no use here.
     nodes = [node for node in nodes if node.name not in ("diagnosis", "evaluator")]

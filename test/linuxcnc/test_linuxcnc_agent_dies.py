@@ -26,14 +26,42 @@ def namespaces(folder=""):
     return found - {os.readlink("/proc/self/ns/pid")}  # noqa: PTH115
 
 
-def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
+def watch_closely(instance):
+    """Let the watchdog be as quick as the one that users get."""
+    instance.run("halcmd", "setp", "watchdog.timeout-0", "0.5")
+
+
+def test_a_move_that_the_watchdog_has_held_is_a_fault_when_the_agent_goes_on(make_instance):
     instance = make_instance()
     watched = Watched(instance.socket)
     watched.reset()
     watched.go(800.0, 0.0, 0.0)
     watched.wait(0.1)
+    watch_closely(instance)
     instance.signal("STOP", "stepdiag_agent")
-    with refused(OSError, None, "1", errno=errno.ETIMEDOUT):
+    watched.until(lambda: "TRUE" in instance.run("halcmd", "getp", "motion.feed-inhibit"))
+    instance.signal("CONT", "stepdiag_agent")
+    fault = watched.until_state(CncState.FAULT, CncState.READY, CncState.STOPPED)
+    assert fault.state is CncState.FAULT and "watchdog" in fault.reason
+    assert fault.position[0] < 0.3
+    # Nobody but an operator lets it go on, and then the feed is there again.
+    instance.run("halcmd", "setp", "watchdog.timeout-0", "10")
+    watched.reset()
+    watched.go(0.0, 0.0, 0.0, feed=0.4)
+    assert watched.until_state(CncState.READY, CncState.FAULT).state is CncState.READY
+    watched.driver.close()
+    instance.stop()
+
+
+def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
+    instance = make_instance()
+    watched = Watched(instance.socket, silence=5.0)
+    watched.reset()
+    watched.go(800.0, 0.0, 0.0)
+    watched.wait(0.1)
+    watch_closely(instance)
+    instance.signal("STOP", "stepdiag_agent")
+    with refused(OSError, None, "5", errno=errno.ETIMEDOUT):
         watched.wait(PATIENCE)
     watched.driver.close()
     first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
@@ -41,7 +69,8 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     # The watchdog in HAL: 0.5 s at 0.1 m/s and the braking.
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 90.0
     with refused(OSError, errno=errno.ETIMEDOUT):
-        Watched(instance.socket)
+        Watched(instance.socket, silence=0.5)
+    instance.run("halcmd", "setp", "watchdog.timeout-0", "10")
     instance.signal("CONT", "stepdiag_agent")
     time.sleep(0.3)
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) < first + 1.0
@@ -120,6 +149,7 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     here = 1e3 * watched.position()[0]
     watched.go(800.0, *(1e3 * value for value in watched.position()[1:]))
     watched.wait(0.1)
+    watch_closely(instance)
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):
         watched.wait(PATIENCE)

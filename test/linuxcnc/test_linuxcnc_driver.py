@@ -395,6 +395,7 @@ def test_the_driver_is_found_by_its_name_and_its_settings_are_checked():
     for wrong, why in (
         ({}, a_fault("missing", about="socket")),
         ({**settings, "dead_man_s": 0.01}, a_fault("out_of_range", "0.01", about="dead_man_s")),
+        ({**settings, "silence_s": 0.1}, a_fault("out_of_range", "0.1", about="silence_s")),
         ({**settings, "port": 5}, a_fault("unknown", about="port")),
     ):
         with refused(Refusal, why):

@@ -44,7 +44,8 @@ class Run:
         self.position_in_hold: list[str] = []
         self.silences = 0
         device = folder / "linuxcnc.yaml"
-        device.write_text(f"socket: {instance.socket}\n")
+        # A busy computer is no dead controller.
+        device.write_text(f"socket: {instance.socket}\ndead_man_s: 2.0\nsilence_s: 20.0\n")
         nodes = twin_cell(str(PLAN), "demo", "demo", folder, "linuxcnc", str(device))
         with in_graph(), Processes(nodes, folder / "logs") as processes:
             operator = OperatorNode()
@@ -64,7 +65,7 @@ class Run:
             self.instance.operate("STATE_ESTOP")
 
     def go_on(self, state: State, text: str) -> bool:
-        if "is silent for" in text:
+        if "e-stop" not in text:
             # This computer was too busy for a node.
             self.silences += 1
             return True

@@ -1,4 +1,6 @@
-"""A run whose start is refused while a node is stopped: held, and begun once the node wakes."""
+"""What is refused while a node is stopped: held, and granted once the node wakes."""
+
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,11 +12,12 @@ ASKING = 10.0
 
 
 class RefusingOperator:
-    """Refuses a start until a moment; the time is its own."""
+    """Refuses a start, or a resumption, until a moment; the time is its own."""
 
     def __init__(self, until: float) -> None:
         self.until, self.time = until, 0.0
-        self.result = self.state = None
+        self.result = None
+        self.state = SimpleNamespace(state=6, line_index=3, text="bridge is silent")
         self.sequencer = "one"
 
     def real_time(self) -> float:
@@ -30,13 +33,21 @@ class RefusingOperator:
         self.time += ASKING
         raise ValueError("there is no recorder node")
 
+    def call(self, service: str) -> None:
+        assert service == "sequencer/resume"
+        self.start("")
+        self.state = SimpleNamespace(state=1, line_index=3, text="")
+
 
 def started(operator: RefusingOperator, stopped_until: float) -> str:
     """Return the run that begins where a node is stopped until a moment."""
-    run = FollowedRun(
+    return followed(operator, stopped_until)._until_granted(lambda: operator.start(""))
+
+
+def followed(operator: RefusingOperator, stopped_until: float) -> FollowedRun:
+    return FollowedRun(
         operator, lambda _: None, lambda: operator.time < stopped_until, lambda *_: False
     )
-    return run._start("")
 
 
 def test_a_stopped_node_is_waited_for():
@@ -56,3 +67,16 @@ def test_a_node_that_stays_stopped_is_not_waited_for_without_end():
     with pytest.raises(RunFailed):
         started(operator, 1e9)
     assert HELD_LIMIT < operator.time < HELD_LIMIT + 2.0 * ASKING
+
+
+def test_a_refused_resumption_is_tried_again():
+    operator = RefusingOperator(ASKING)
+    followed(operator, ASKING)._resume()
+    assert operator.state.state == 1
+
+
+def test_a_resumption_that_is_refused_for_good_says_what_holds_the_run():
+    operator = RefusingOperator(1e9)
+    with pytest.raises(RunFailed) as caught:
+        followed(operator, 0.0)._resume()
+    assert "bridge is silent" in str(caught.value) and "recorder" in str(caught.value)

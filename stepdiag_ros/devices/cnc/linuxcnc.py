@@ -36,10 +36,8 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
 
 PROTOCOL = 1
-ANSWER_LIMIT = 0.25
-"""Real seconds within which the agent answers a move; 5 ms is usual."""
 SILENCE_LIMIT = 1.0
-"""Real seconds without any word of the agent, after which it counts as dead."""
+"""Real seconds without a word from the agent, after which it counts as dead, unless set."""
 ALIVE_PERIOD = 0.05
 """Real seconds between two signs of life, if the dead-man does not need them more often."""
 _LONGEST_LINE = 65536
@@ -59,16 +57,25 @@ class LinuxCnc:
         machine: travel, feed limit and in-position window.
         sample_rate: of the position samples, Hz.
         dead_man: s; the agent brakes when nothing is heard from here for so long.
+        silence: s without a word from the agent, after which it counts as dead. A quarter of it is
+            the limit for the answer to a move, for which the bridge waits; 5 ms is usual.
 
     Raises:
         OSError: the agent does not answer.
         ValueError: what it answers makes no sense, or it refuses this client.
     """
 
-    def __init__(self, path: str, machine: Machine, sample_rate: float, dead_man: float) -> None:
+    def __init__(
+        self,
+        path: str,
+        machine: Machine,
+        sample_rate: float,
+        dead_man: float,
+        silence: float = SILENCE_LIMIT,
+    ) -> None:
         self._path = path
         self._machine = machine
-        self._dead_man = dead_man
+        self._dead_man, self._silence = dead_man, silence
         self._in, self._out = b"", b""
         self._state, self._reason = CncState.FAULT, ""
         self._position: Point = (nan, nan, nan)
@@ -155,8 +162,8 @@ class LinuxCnc:
         if now - self._spoken > min(ALIVE_PERIOD, self._dead_man / 4.0):
             self._send("alive")
         self._take()
-        if now - self._heard > SILENCE_LIMIT and time.monotonic() - self._heard > SILENCE_LIMIT:
-            raise OSError(errno.ETIMEDOUT, f"{self._whom} has said nothing for {SILENCE_LIMIT:g} s")
+        if now - self._heard > self._silence:
+            raise OSError(errno.ETIMEDOUT, f"{self._whom} has said nothing for {self._silence:g} s")
         events, self._events = self._events, []
         return events
 
@@ -195,7 +202,7 @@ class LinuxCnc:
         """Return the answer of the agent to a request."""
         number = self._send(op, **content)
         # Nothing moves while the agent greets or lets the machine move again.
-        limit = ANSWER_LIMIT if op == "move" else SILENCE_LIMIT
+        limit = 0.25 * self._silence if op == "move" else self._silence
         deadline = time.monotonic() + limit
         while number not in self._answers:
             left = deadline - time.monotonic()
@@ -292,7 +299,8 @@ def from_settings(
 
     Settings: ``socket``, the path of the agent's Unix socket ([STEPDIAG] SOCKET in the INI file);
     ``dead_man_s`` (default 0.5, 0.1 to 2): the agent brakes when it hears nothing for so long;
-    ``position_rate_hz`` (default 200).
+    ``position_rate_hz`` (default 200); ``silence_s`` (default 1, 0.5 to 30): without a word from
+    the agent for so long, it counts as dead.
 
     Raises:
         ValueError: a setting is wrong, or there is no machine.
@@ -302,5 +310,6 @@ def from_settings(
     path = section.text("socket")
     dead_man = section.number("dead_man_s", low=0.1, high=2.0, default=0.5)
     rate = section.number("position_rate_hz", low=1.0, high=500.0, default=200.0)
+    silence = section.number("silence_s", low=0.5, high=30.0, default=SILENCE_LIMIT)
     section.finish()
-    return lambda _: LinuxCnc(path, machine, rate, dead_man)
+    return lambda _: LinuxCnc(path, machine, rate, dead_man, silence)

@@ -28,8 +28,8 @@ from stepdiag_ros.metrology.geometry import AXES
 
 SERVO_PERIOD = 0.001
 """s: of the simulated machine."""
-START_LIMIT = 30.0
-"""Real seconds within which LinuxCNC must be up."""
+START_LIMIT = 120.0
+"""Real seconds within which LinuxCNC must be up, or have done what it is asked for; 2 are usual."""
 PYTHON = "/usr/bin/python3"
 """Python that has LinuxCNC's modules."""
 _NML = Path("/usr/share/linuxcnc/linuxcnc.nml")
@@ -52,27 +52,30 @@ exec "$@"
 _OPERATOR = """\
 import sys, time, linuxcnc
 c, s = linuxcnc.command(), linuxcnc.stat()
-def wait(reached):
-    end = time.monotonic() + 10.0
+end = time.monotonic() + float(sys.argv[1])
+def reach(reached, command, *arguments):
     s.poll()
+    asked = 0.0
     while not reached():
-        if time.monotonic() > end:
+        now = time.monotonic()
+        if now > end:
             sys.exit('LinuxCNC does not follow: task state %d, homed %s' % (s.task_state, s.homed))
+        # On a busy computer LinuxCNC loses commands.
+        if now > asked + 1.0:
+            asked = now
+            command(*arguments)
         time.sleep(0.005)
         s.poll()
-for step in sys.argv[1:]:
+for step in sys.argv[2:]:
     if step == 'home':
-        c.mode(linuxcnc.MODE_MANUAL)
-        wait(lambda: s.task_mode == linuxcnc.MODE_MANUAL)
-        c.teleop_enable(0)
-        c.wait_complete()
+        reach(lambda: s.task_mode == linuxcnc.MODE_MANUAL, c.mode, linuxcnc.MODE_MANUAL)
+        reach(lambda: s.motion_mode == linuxcnc.TRAJ_MODE_FREE, c.teleop_enable, 0)
         for joint in range(s.joints):
-            c.home(joint)
-        wait(lambda: all(s.homed[:s.joints]))
+            reach(lambda: s.homed[joint], c.home, joint)
     else:
         state = getattr(linuxcnc, step)
-        c.state(state)
-        wait(lambda: s.task_state == state or step == 'STATE_OFF' and s.task_state != 4)
+        reach(lambda: s.task_state == state or step == 'STATE_OFF' and s.task_state != 4,
+              c.state, state)
 """
 
 
@@ -102,6 +105,7 @@ class LinuxCncInstance:
         beside: the agent runs beside another display (which shows nothing), so that LinuxCNC goes
             on when the agent ends.
         programs: command lines that LinuxCNC starts too (``[APPLICATIONS] APP``).
+        watchdog_s: s of the agent's silence after which the watchdog in HAL inhibits the feed.
 
     Attributes:
         socket: path of the agent's socket, for the driver.
@@ -117,11 +121,12 @@ class LinuxCncInstance:
         table_type: int = 1,
         beside: bool = False,
         programs: Sequence[str] = (),
+        watchdog_s: float = 0.5,
     ) -> None:
         self._folder = folder.resolve()
         self._lag, self._lost = lag_s, lost_motion_m
         self._tables, self._table_type = dict(tables or {}), table_type
-        self._beside, self._programs = beside, list(programs)
+        self._beside, self._programs, self._watchdog = beside, list(programs), watchdog_s
         self._process: subprocess.Popen[bytes] | None = None
         self.socket = self._folder / "stepdiag.sock"
         self.log = self._folder / "linuxcnc.log"
@@ -214,7 +219,7 @@ class LinuxCncInstance:
         Raises:
             OSError: LinuxCNC does not follow.
         """
-        self.run(PYTHON, "-c", _OPERATOR, *steps)
+        self.run(PYTHON, "-c", _OPERATOR, str(0.5 * START_LIMIT), *steps)
 
     def freeze(self, axis: str) -> None:
         """Let the encoder of an axis stand still from now on, as one that has failed."""
@@ -240,7 +245,8 @@ class LinuxCncInstance:
             copied = Path(shutil.copyfile(source, self._folder / "linuxcnc_agent" / source.name))
             copied.chmod(0o755)
         for source in config.glob("*.hal"):
-            shutil.copyfile(source, self._folder / source.name)
+            text = source.read_text().replace("timeout-0 0.5", f"timeout-0 {self._watchdog}")
+            (self._folder / source.name).write_text(text)
         # Without the TCP ports that linuxcncsvr would open to the network.
         nml = _NML.read_text().replace("TCP=5005 xdr", "")
         (self._folder / "machine.nml").write_text(nml)

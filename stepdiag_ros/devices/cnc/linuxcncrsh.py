@@ -46,13 +46,12 @@ from stepdiag_ros.metrology.refusal import Refusal
 
 RESOLUTION = 1e-9
 """m: positions are told with six decimals of a millimetre."""
-OPEN_LIMIT = 0.4
-"""Real seconds within which a connection is made, and the server lets this client in."""
-MODE_LIMIT = 0.4
-"""Real seconds within which LinuxCNC takes single lines; 0.1 s is usual."""
 SILENCE_LIMIT = 1.5
-"""Real seconds after which an unanswered request counts as a dead server; it takes 0.1 s for one
-that changes something."""
+"""Real seconds after which an unanswered request counts as a dead server, unless set; the answer to
+one that changes something takes 0.1 s."""
+WAIT_SHARE = 0.3
+"""Share of that time for which the bridge waits: for a connection, to be let in, and for LinuxCNC
+to take single lines, which is usually 0.1 s."""
 STANDING = 0.1
 """Seconds for which no axis may have left the window, for the machine to stand."""
 ERROR_LAG = 0.15
@@ -88,6 +87,7 @@ class Access:
         connect_password: option --connectpw of the server.
         enable_password: option --enablepw of the server.
         joints: of the machine, which must be homed.
+        silence: s after which an unanswered request counts as a dead server.
     """
 
     host: str
@@ -95,6 +95,7 @@ class Access:
     connect_password: str
     enable_password: str
     joints: int
+    silence: float
 
 
 @dataclass
@@ -121,6 +122,7 @@ class LinuxCncRsh:
 
     def __init__(self, access: Access, machine: Machine, sample_rate: float) -> None:
         self._access, self._machine = access, machine
+        self._wait_limit = WAIT_SHARE * access.silence
         self._period = 1.0 / sample_rate
         self._window = machine.position_window_m + RESOLUTION
         self._in, self._out = b"", b""
@@ -140,7 +142,7 @@ class LinuxCncRsh:
         self._abort_refused = False
         self._move: _Move | None = None
         try:
-            self._socket = socket.create_connection((access.host, access.port), OPEN_LIMIT)
+            self._socket = socket.create_connection((access.host, access.port), self._wait_limit)
         except OSError as error:
             raise OSError(error.errno, f"{self._whom} cannot be reached ({error})") from None
         try:
@@ -218,7 +220,7 @@ class LinuxCncRsh:
             raise MoveRefused(trouble, fault="not_ready")
         self._set_up()
         self._send("set mode mdi", "SET MODE")
-        deadline = time.monotonic() + MODE_LIMIT
+        deadline = time.monotonic() + self._wait_limit
         for name in ("MODE", "ERROR"):
             self._told.pop(name, None)
         # ERROR is the last one of a whole look at the machine.
@@ -261,7 +263,7 @@ class LinuxCncRsh:
             ("set echo off", "SET ECHO"),
             ("set verbose on", "SET VERBOSE"),
         ]
-        deadline = time.monotonic() + OPEN_LIMIT + 0.1 * len(requests)
+        deadline = time.monotonic() + self._wait_limit + 0.1 * len(requests)
         for line, reply in requests:
             self._send(line, reply)
             while self._awaited:
@@ -305,10 +307,9 @@ class LinuxCncRsh:
         self._take()
         now = time.monotonic()
         if self._awaited:
-            if now - self._awaited[0][1] > SILENCE_LIMIT:
-                raise OSError(
-                    errno.ETIMEDOUT, f"{self._whom} has not answered for {SILENCE_LIMIT:g} s"
-                )
+            limit = self._access.silence
+            if now - self._awaited[0][1] > limit:
+                raise OSError(errno.ETIMEDOUT, f"{self._whom} has not answered for {limit:g} s")
         elif now - self._cycle_begun >= self._period:
             self._cycle_begun = now
             for name in _STATUS:
@@ -469,7 +470,8 @@ def from_settings(
 
     Settings: ``host`` (default 127.0.0.1), ``port`` (5007), ``connect_password`` (EMC),
     ``enable_password`` (EMCTOO), ``joints`` that must be homed (3), ``position_rate_hz`` (50, at
-    most 100).
+    most 100), ``silence_s`` (1.5, 0.5 to 30): a request that is not answered for so long means that
+    the server is dead.
 
     Raises:
         ValueError: a setting is wrong, or there is no machine.
@@ -482,6 +484,7 @@ def from_settings(
         connect_password=section.text("connect_password", default="EMC"),
         enable_password=section.text("enable_password", default="EMCTOO"),
         joints=section.integer("joints", low=1, high=16, default=3),
+        silence=section.number("silence_s", low=0.5, high=30.0, default=SILENCE_LIMIT),
     )
     # Above, the server itself limits it.
     rate = min(section.number("position_rate_hz", low=1.0, high=10_000.0, default=50.0), 100.0)

@@ -23,6 +23,9 @@ TASK_LIMIT = 30.0
 EXPLAINED = (linuxcnc.NML_ERROR, linuxcnc.OPERATOR_ERROR)
 
 ESTOP_CHAIN = "iocontrol.0.emc-enable-in"
+WATCHDOG_BIT = "stepdiag-agent-lost"
+"""HAL signal of ``stepdiag_watch.hal``: the watchdog has inhibited the feed, and keeps it so until
+the session ends."""
 
 
 class Controller:
@@ -121,6 +124,8 @@ class Controller:
             return "e-stop"
         if state != linuxcnc.STATE_ON:
             return "the machine is switched off"
+        if self._bitten():
+            return "the agent was silent for too long, and the watchdog has inhibited the feed"
         return self._slow
 
     def _enabled(self) -> bool:
@@ -130,6 +135,14 @@ class Controller:
         except (RuntimeError, hal.error):
             # A machine without iocontrol: the state alone tells.
             return True
+
+    def _bitten(self) -> bool:
+        """Say whether the watchdog inhibits the feed: this process was stopped or starved."""
+        try:
+            return bool(hal.get_value(WATCHDOG_BIT))
+        except (RuntimeError, hal.error):
+            # A machine without the watchdog.
+            return False
 
     def hindrance(self) -> str:
         """Say why the state of the interpreter does not allow moves; empty if it does."""
