@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from fault_judging import DeviceLog, doubled, whole, wrong_lines
 from faulty_devices import install
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.cell import simulated_cell, twin_cell
 from stepdiag_ros.session.processes import NodeProcess, Processes

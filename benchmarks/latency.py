@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from shared import gaps, processor_seconds
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.embedded import client
 from stepdiag_ros.messages.conversion import from_reading, new_message, set_stamp, to_reading

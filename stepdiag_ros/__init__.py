@@ -1,7 +1,7 @@
 """Laser measurement of machine tools along step diagonals and linear axes, on ROS 2 nodes.
 
-Importing the package makes ``import rclpy`` and the message packages work on machines without
-ROS 2, by the client in ``stepdiag_ros.embedded``; a sourced ROS 2 always wins.
+Nothing here needs ROS 2. ``import stepdiag_ros.client`` makes ``import rclpy`` and the message
+packages work on machines without it.
 
 For notebooks and scripts it offers ``open_run``, ``solve``, ``error_map``, ``worst_point``,
 ``diagnose``, ``compare`` (see ``stepdiag_ros.notebook``) and ``plots``; they are imported when they
@@ -10,8 +10,6 @@ are first asked for.
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from stepdiag_ros.embedded import activate
 
 if TYPE_CHECKING:
     from stepdiag_ros.notebook import (
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = ["compare", "diagnose", "error_map", "open_run", "plots", "solve", "worst_point"]
-
-activate()
 
 
 def __getattr__(name: str) -> Any:

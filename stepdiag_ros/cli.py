@@ -141,8 +141,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str] | None) -> int:
-    arguments = make_parser().parse_args(argv)
+    arguments = argparse.Namespace(traceback=False)
     try:
+        # Help and choices name what other packages add, and one of these may be broken.
+        make_parser().parse_args(argv, arguments)
         code: int = arguments.run(arguments)
         sys.stdout.flush()
         return code

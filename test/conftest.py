@@ -18,6 +18,7 @@ from forked import ForkedPopen
 from hypothesis import settings
 from threadpoolctl import ThreadpoolController
 
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import schemas
 
 # How long an example takes says how busy the computer is. The same examples every time: a change

@@ -18,7 +18,7 @@ import pytest
 from domains import own_domain
 from patience import PATIENCE
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 
 _ROOT = Path(__file__).parents[1]
 
@@ -52,7 +52,7 @@ class Peer:
     """Another process that runs a piece of code."""
 
     def __init__(self, code: str, arguments: tuple[str, ...]) -> None:
-        program = "import stepdiag_ros\nimport rclpy\n" + textwrap.dedent(code)
+        program = "import stepdiag_ros.client\nimport rclpy\n" + textwrap.dedent(code)
         self.process = subprocess.Popen(
             [sys.executable, "-c", program, *arguments],
             stdout=subprocess.PIPE,

@@ -5,7 +5,7 @@ import re
 import pytest
 from patience import PATIENCE
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.run.sequence import State
 

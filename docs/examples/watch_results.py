@@ -12,7 +12,7 @@ The same on a machine without ROS 2, with stepdiag_ros installed by pip.
 import math
 from contextlib import suppress
 
-import stepdiag_ros  # noqa: F401 - where no ROS 2 is sourced, this makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - where no ROS 2 is sourced, this makes rclpy importable
 
 # isort: split
 import rclpy

@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
@@ -17,6 +17,15 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     _intermixed = False
+
+    def __init__(self, *args: Any, further_help: Callable[[], str] | None = None, **more: Any):
+        """Make the parser; ``further_help`` returns the end of the help once it is asked for."""
+        super().__init__(*args, **more)
+        self._further_help = further_help
+
+    def format_help(self) -> str:
+        """Return the help, with what takes long to find out only here."""
+        return super().format_help() + (self._further_help() if self._further_help else "")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -50,6 +59,20 @@ class CommandParser(argparse.ArgumentParser):
         near = get_close_matches(wrong, self._option_string_actions, n=1)
         hint = f"did you mean {near[0]}?" if near else f"'{self.prog} --help' lists them"
         self.error(f"there is no option {wrong}; {hint}")
+
+
+class Controls:
+    """The names of the controls, as an option's choices; looked up once somebody asks for them."""
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names one after the other."""
+        from stepdiag_ros.compensation import controls
+
+        return iter(controls())
+
+    def __contains__(self, name: object) -> bool:
+        """Say whether there is a control of that name."""
+        return name in list(self)
 
 
 def add_namespace_option(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from stepdiag_ros.commands.direct_files import add_direct_option, direct_measure
 from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_run_option,
+    methods_help,
     number,
     progress_bar,
     say,
@@ -43,6 +44,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  stepdiag budget run.mcap --instrument my.yaml --monte-carlo\n"
         "  stepdiag budget run.mcap --instrument demo --expansion-per-K 11.5e-6 --json",
         formatter_class=HelpFormatter,
+        further_help=partial(methods_help, replicable=True),
     )
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
     add_run_option(parser)
@@ -55,7 +57,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--method",
         default="least_squares",
-        help="conventional, setup_robust, alternative, least_squares (default) or rigid_body",
+        help="of the solver, one of those below (default: least_squares)",
     )
     parser.add_argument(
         "--coverage",

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.commands.arguments import Controls
 from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 from stepdiag_ros.metrology.units import MILLI
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
     from stepdiag_ros.evaluation.compensation import CompensationReport
 
-CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
-"""As in ``compensation``, which is slow to import."""
 _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
 settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
@@ -53,7 +52,12 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="the measurement (.mcap), or results.json of 'stepdiag solve'",
     )
     parser.add_argument(
-        "--for", dest="control", choices=CONTROLS, required=True, help="the control"
+        "--for",
+        dest="control",
+        choices=Controls(),
+        metavar="CONTROL",
+        required=True,
+        help="the control: %(choices)s",
     )
     parser.add_argument(
         "--output",
@@ -61,9 +65,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="FOLDER",
         help="a new folder for the tables (default: NAME_for_CONTROL beside the result)",
     )
-    parser.add_argument(
-        "--method", default="", help="of the solver (default: the one to rely on, least_squares)"
-    )
+    parser.add_argument("--method", default="", help="of the solver (default: the one to rely on)")
     add_run_option(parser)
     parser.add_argument(
         "--spacing",

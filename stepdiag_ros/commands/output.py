@@ -27,6 +27,23 @@ class HelpFormatter(argparse.HelpFormatter):
         return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
 
 
+def methods_help(replicable: bool = False) -> str:
+    """Return the methods for the end of a help: name and summary, a line each.
+
+    Args:
+        replicable: of those alone that a budget can be made for.
+    """
+    from stepdiag_ros.metrology.solvers import methods, solvers
+
+    chosen = [methods()[name] for name in solvers()]
+    lines = [
+        f"  {one.name:14} {one.summary}\n"
+        for one in chosen
+        if one.estimator is not None or not replicable
+    ]
+    return "\nmethods:\n" + "".join(lines)
+
+
 def number(text: str, low: float, high: float) -> float:
     """Return the number that an option was given.
 

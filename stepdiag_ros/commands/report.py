@@ -7,6 +7,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import Controls
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     HelpFormatter,
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from stepdiag_ros.report.pages.material import Material
     from stepdiag_ros.report.pages.tracker import TrackerHandover
 
-_CONTROLS = ("linuxcnc", "siemens", "heidenhain", "fanuc", "generic")
-"""As in ``compensation``, which is slow to import."""
 _PIECES = 20
 """So many pieces of work, or a few more, are told to a progress bar."""
 
@@ -95,9 +94,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     add_direct_option(parser)
     parser.add_argument(
         "--control",
-        choices=_CONTROLS,
+        choices=Controls(),
+        metavar="CONTROL",
         default="generic",
-        help="that compensation is shown for (default: generic, the whole error map)",
+        help="that compensation is shown for: %(choices)s (default: generic, the whole error map)",
     )
     parser.set_defaults(run=run)
 

@@ -11,6 +11,7 @@ from stepdiag_ros.commands.output import (
     HelpFormatter,
     add_result_options,
     add_run_option,
+    methods_help,
     progress_bar,
     show_report,
     warn,
@@ -40,6 +41,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew\n"
         "  stepdiag solve run.mcap --direct angles.csv             with angles measured directly",
         formatter_class=HelpFormatter,
+        further_help=methods_help,
     )
     parser.add_argument(
         "bag", type=Path, help="the measurement: a bag (.mcap), or a folder of 'ros2 bag record'"

@@ -4,22 +4,30 @@ One control a module behind the interface in ``control``; ``identified`` is what
 ``applied`` what a control does with its tables, ``remaining`` what is left of the errors then.
 Nothing here writes a file, and nothing is ever installed on a machine: whoever loads a table does
 so by hand.
+
+A control is found, not listed: a module here holds it as ``CONTROL``, another package names it by
+an entry point of the group ``stepdiag_ros.controls``.
 """
 
-from importlib import import_module
+import re
+from functools import cache
 
 from stepdiag_ros.compensation.control import Control
+from stepdiag_ros.metrology.registry import of_modules, with_added
 
-_CONTROLS = {
-    "linuxcnc": "stepdiag_ros.compensation.linuxcnc",
-    "siemens": "stepdiag_ros.compensation.siemens",
-    "heidenhain": "stepdiag_ros.compensation.heidenhain",
-    "fanuc": "stepdiag_ros.compensation.fanuc",
-    "generic": "stepdiag_ros.compensation.generic",
-}
-"""Name of a control → module, which holds it as ``CONTROL``."""
+ENTRY_POINTS = "stepdiag_ros.controls"
+"""Group of entry points by which another package adds controls; each names a ``Control``."""
 
-CONTROLS = tuple(_CONTROLS)
+
+@cache
+def controls() -> dict[str, Control]:
+    """Return all controls by name: those of this package, then those that others add.
+
+    Raises:
+        ValueError: an entry point cannot be loaded, is no control, or takes a name that is there.
+    """
+    own: list[Control] = of_modules("stepdiag_ros.compensation", "CONTROL")
+    return with_added(own, ENTRY_POINTS, "control", _fault)
 
 
 def control(name: str) -> Control:
@@ -28,7 +36,16 @@ def control(name: str) -> Control:
     Raises:
         ValueError: there is none of that name.
     """
-    if name not in _CONTROLS:
-        raise ValueError(f"there are no tables for '{name}'; there are for {', '.join(CONTROLS)}")
-    found: Control = import_module(_CONTROLS[name]).CONTROL
-    return found
+    known = controls()
+    if name not in known:
+        raise ValueError(f"there are no tables for '{name}'; there are for {', '.join(known)}")
+    return known[name]
+
+
+def _fault(found: object) -> str:
+    """Return what keeps an object from being a control; empty if nothing does."""
+    if not isinstance(found, Control):
+        return "is no Control"
+    if not re.fullmatch("[a-z][a-z0-9_]*", found.name):
+        return "has a name that is not of small letters, digits and underscores"
+    return ""

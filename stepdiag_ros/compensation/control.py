@@ -13,7 +13,7 @@ counted from an arbitrary zero.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -79,6 +79,7 @@ class Layout:
         return [line for text in (*self.header, *further) for line in kind.lines(text)]
 
 
+@runtime_checkable
 class Control(Protocol):
     """A kind of controller; a module of this package has one as ``CONTROL``.
 

@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns, all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
@@ -261,7 +262,7 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
 
     Args:
         path: of the document.
-        method: of the solver; empty: the last in the document, which is the one to rely on.
+        method: of the solver; empty: the one to rely on.
         digest: SHA-256 of the file.
 
     Raises:
@@ -281,7 +282,7 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
             raise ValueError(f"{path} has no method '{method}'; it has {', '.join(known)}")
         if not known:
             raise ValueError(f"{path}: no method could be used on its lines")
-        name = method or known[-1]
+        name = method or require_to_rely_on(known, str(path))
         result = _result(methods[name], name)
         run = document["run"]
         origin = Origin(

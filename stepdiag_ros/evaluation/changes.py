@@ -10,6 +10,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.agreement import Changes, Measured, compare
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers.catalogue import to_rely_on
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
@@ -104,14 +105,17 @@ def common_method(before: Side, after: Side) -> str:
     Raises:
         ValueError: there is none.
     """
-    for method in reversed(tuple(before.results)):
-        if method in after.results:
-            return method
-    raise Refusal(
-        f"no method has a result of both: {before.name} was solved by {', '.join(before.results)},"
-        f" {after.name} by {', '.join(after.results)}",
-        fault="mismatch",
-    )
+    common = [method for method in before.results if method in after.results]
+    if len(common) == 1:
+        return common[0]
+    best = to_rely_on(common)
+    if best is None:
+        raise Refusal(
+            f"no method to rely on has a result of both: {before.name} was solved by"
+            f" {', '.join(before.results)}, {after.name} by {', '.join(after.results)}",
+            fault="mismatch",
+        )
+    return best
 
 
 def changes_of(

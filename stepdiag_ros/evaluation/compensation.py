@@ -9,6 +9,7 @@ from stepdiag_ros.compensation.control import Control, Files, Layout, checked_fi
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.compensation.remaining import Remainder, remainder
 from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
 
 _ANY_DATE = 1e8
 """s since 1970: no run that was recorded is older."""
@@ -57,7 +58,7 @@ def identified_of(
     if method and method not in results:
         reason = report.refused.get(method, f"there is no such method; use {', '.join(results)}")
         raise ValueError(f"{path}: method '{method}': {reason}")
-    result = results[method] if method else list(results.values())[-1]
+    result = results[method or require_to_rely_on(results, str(path))]
     start = start_time * 1e-9
     # A table of stops tells no date; its times count from zero.
     begun = datetime.fromtimestamp(start, timezone.utc) if start > _ANY_DATE else None

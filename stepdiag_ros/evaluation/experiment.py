@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.setup_errors import (
     conventional_sensitivity,
     setup_errors,
 )
-from stepdiag_ros.metrology.solvers import SOLVERS
+from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.soons import AngleUncertainty, angle_uncertainty
 from stepdiag_ros.metrology.table_one import Row, table_one
@@ -96,7 +96,7 @@ def experiment_of(report: Report, direct: DirectMeasurement | None = None) -> Ex
         return None
     repeats: dict[str, RepeatResults] = {}
     if len(split_repeats(measurement)) >= ENOUGH_REPEATS:
-        repeats, _ = solve_repeats(measurement, [name for name in methods if name in SOLVERS])
+        repeats, _ = solve_repeats(measurement, [name for name in methods if name in solvers()])
     try:
         setups = setup_errors(measurement)
     except NotDeterminable:

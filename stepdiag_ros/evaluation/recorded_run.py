@@ -23,7 +23,7 @@ from stepdiag_ros.metrology.measurement import (
     latest_attempts,
 )
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.solvers import SOLVERS
+from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.limits import (
     DIAGNOSIS,
     VISIBILITY,
@@ -109,7 +109,7 @@ def _report_of_run(
         measurement = replace(measurement, plausible=plausible)
     name = recorded.machine.get("name", "")
     blocks, stops = measurement.volume.blocks, measurement.stop_count
-    asked = (*SOLVERS, *further)
+    asked = (*solvers(), *further)
     asked += (DIAGNOSIS,) * with_verdict + (VISIBILITY,) * with_visibility
     sentence = left_out_sentence(blocks, stops, asked)
     if sentence:

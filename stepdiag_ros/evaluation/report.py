@@ -1,6 +1,6 @@
 """What a report is made of, and how a result compares with the truth of a simulated cell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance, methods, to_rely_on
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.visibility import Visibility
@@ -19,32 +20,25 @@ from stepdiag_ros.metrology.visibility import Visibility
 ZERO_BY_DEFINITION = 1e-15
 """Below this standard uncertainty, m, a value is fixed by the frame; what is left is rounding."""
 
-METHOD_TITLES = {
-    "conventional": "Conventional (Wang)",
-    "setup_robust": "Setup-robust (Ibaraki & Hata)",
-    "alternative": "Alternative (Ibaraki & Hata, KIMM)",
-    "soons": "Soons' angles (Ibaraki & Hata)",
-    "rigid_body": "Rigid body (all 21 errors)",
-    "least_squares": "Least squares",
-}
-METHODS = tuple(METHOD_TITLES)
-"""In the order in which they are shown; the last is the one to rely on."""
-
-
-_TRACKER_TITLES = {
-    "seven_lines": "Seven lines (tracker)",
-    "multilateration": "Multilateration (tracker)",
-}
-
 
 def method_title(method: str) -> str:
     """Return the name of a method for people."""
-    return METHOD_TITLES.get(method) or _TRACKER_TITLES.get(method, method)
+    return methods()[method].title if method in methods() else method
 
 
 def short_title(method: str) -> str:
     """Return the name of a method for the head of a narrow column."""
     return method_title(method).split(" (")[0]
+
+
+def robust_to_setup(results: Iterable[VolumetricErrors]) -> list[VolumetricErrors]:
+    """Return the results of methods that do not take the setup as perfect."""
+    known = methods()
+    return [
+        one
+        for one in results
+        if one.method not in known or not known[one.method].takes_setup_as_perfect
+    ]
 
 
 @dataclass(frozen=True)
@@ -132,13 +126,13 @@ class Report:
 
     def ordered_results(self) -> tuple[VolumetricErrors, ...]:
         """Return the results in the order in which they are shown."""
-        known = [result for name in METHODS for result in self.results if result.method == name]
-        return (*known, *(result for result in self.results if result.method not in METHODS))
+        order = in_order_of_reliance(one.method for one in self.results)
+        return tuple(sorted(self.results, key=lambda one: order.index(one.method)))
 
     def preferred(self) -> VolumetricErrors | None:
-        """Return the result to rely on: least squares before setup-robust before conventional."""
-        ordered = self.ordered_results()
-        return ordered[-1] if ordered else None
+        """Return the result to rely on; None if there is none of a method to rely on."""
+        best = to_rely_on(one.method for one in self.results)
+        return next((one for one in self.results if one.method == best), None)
 
 
 def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:

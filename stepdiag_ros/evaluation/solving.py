@@ -8,8 +8,9 @@ from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
+from stepdiag_ros.metrology.solvers.tracker_methods import SEVEN_LINES
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
-from stepdiag_ros.metrology.tracker.run_result import SEVEN_LINE_METHOD, solve_station
+from stepdiag_ros.metrology.tracker.run_result import solve_station
 
 
 @dataclass(frozen=True)
@@ -60,5 +61,5 @@ def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solve
         try:
             result, tests = solve_station(last, measurement.lines, plan, measurement.chain)
         except NotDeterminable as why:
-            return Solved({}, {SEVEN_LINE_METHOD: str(why)})
+            return Solved({}, {SEVEN_LINES.name: str(why)})
     return Solved({result.method: result}, {}, tests)

@@ -15,13 +15,13 @@ from stepdiag_ros.evaluation.report import Report, same_to_the_last_bit
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.solvers.tracker_methods import SEVEN_LINES
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.tracker.campaign import true_values
 from stepdiag_ros.metrology.tracker.curves import grid_of
 from stepdiag_ros.metrology.tracker.evaluation import SevenLineResult
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.run_result import (
-    SEVEN_LINE_METHOD,
     errors_of,
     evaluate_station,
     grid_errors,
@@ -97,7 +97,7 @@ def reports_of_run(
         except ValueError as error:
             raise ValueError(f"{recorded.path}: station {run.station}: {error}") from None
         errors = errors_of(run, result, measurement.lines)
-        live = [one for one in recorded.results if one.method == SEVEN_LINE_METHOD]
+        live = [one for one in recorded.results if one.method == SEVEN_LINES.name]
         equal = None
         if live and errors is not None and air is None:
             equal = any(same_to_the_last_bit(errors, one) for one in live)

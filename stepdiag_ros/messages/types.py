@@ -4,6 +4,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+from stepdiag_ros.embedded import activate
 from stepdiag_ros.metrology.refusal import Refusal
 
 NewMessage = Callable[[str], Any]
@@ -16,6 +17,7 @@ def message_type(type_name: str) -> Any:
     Raises:
         ValueError: there is none, as where ROS 2 is sourced and the package run from its sources.
     """
+    activate()
     package, _, name = type_name.split("/")
     try:
         module = importlib.import_module(f"{package}.msg")

@@ -4,6 +4,7 @@ Plain data, no ROS client. Says in words why a value cannot be a parameter's.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
@@ -37,7 +38,8 @@ class Declaration:
         unit: of the value and the range, such as ``s``; empty if it has none.
         low: least allowed number, itself allowed; None for a text or a truth value.
         high: greatest allowed number, itself allowed; None likewise.
-        choices: the only texts allowed; empty if any is.
+        choices: the only texts allowed, or what returns them, which is called when they are asked
+            for; empty if any is.
         change: when it may be changed.
 
     Raises:
@@ -50,7 +52,7 @@ class Declaration:
     unit: str = ""
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
     change: Change = Change.AT_START
 
     def __post_init__(self) -> None:
@@ -59,8 +61,13 @@ class Declaration:
             raise Refusal(
                 f"parameter '{self.name}': a number, and no other, has a range", fault="mismatch"
             )
-        if refusal := self.refusal(self.default):
+        if not callable(self.choices) and (refusal := self.refusal(self.default)):
             raise Refusal(f"the default of parameter '{self.name}' is {refusal}", fault="malformed")
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """Return the only texts allowed; empty if any is."""
+        return self.choices() if callable(self.choices) else self.choices
 
     @property
     def type_name(self) -> str:
@@ -70,8 +77,8 @@ class Declaration:
     @property
     def limits(self) -> str:
         """Return range or choices in words, without the unit; empty if there are none."""
-        if self.choices:
-            return f"{', '.join(self.choices[:-1])} or {self.choices[-1]}"
+        if allowed := self.allowed:
+            return f"{', '.join(allowed[:-1])} or {allowed[-1]}"
         if self.low is None or self.high is None:
             return ""
         if isinstance(self.default, int):
@@ -98,7 +105,7 @@ class Declaration:
         """
         if type(value) is not type(self.default):
             return f"{value!r}; expected {self.expected}{self._hint(value)}"
-        allowed = value in self.choices if self.choices else True
+        allowed = value in self.allowed if self.choices else True
         if isinstance(value, int | float) and self.low is not None and self.high is not None:
             # NaN is neither within nor without.
             allowed = self.low <= value <= self.high
@@ -119,7 +126,7 @@ class Declaration:
         return ""
 
     def _near(self, value: object) -> str:
-        near = get_close_matches(str(value), self.choices, n=1) if self.choices else []
+        near = get_close_matches(str(value), self.allowed, n=1)
         return f"; did you mean {near[0]}?" if near else ""
 
 

@@ -29,6 +29,14 @@ _READING_TIMEOUT = Declaration(
     change=Change.ANY_TIME,
 )
 
+
+def _shown_methods() -> tuple[str, ...]:
+    # With the solvers comes numpy, which no other parameter needs.
+    from stepdiag_ros.metrology.solvers import solvers
+
+    return ("preferred", "all", *solvers())
+
+
 NODES: tuple[DeclaredNode, ...] = (
     DeclaredNode(
         "sequencer",
@@ -187,16 +195,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "method",
                 "preferred",
                 "whose result is shown; preferred: the most reliable one so far",
-                choices=(
-                    "preferred",
-                    "all",
-                    "conventional",
-                    "setup_robust",
-                    "alternative",
-                    "soons",
-                    "least_squares",
-                    "rigid_body",
-                ),
+                choices=_shown_methods,
                 change=Change.ANY_TIME,
             ),
             Declaration(

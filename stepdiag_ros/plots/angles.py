@@ -7,7 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stepdiag_ros.evaluation.report import Truth, frame_sentences, method_title, short_title
+from stepdiag_ros.evaluation.report import (
+    Truth,
+    frame_sentences,
+    method_title,
+    robust_to_setup,
+    short_title,
+)
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.solvers.result import Figure as Number
@@ -21,8 +27,6 @@ from stepdiag_ros.plots.curves import many
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
 from stepdiag_ros.plots.style import (
     BLUE,
-    OTHER,
-    STYLES,
     TRUTH,
     TRUTH_TITLE,
     VERMILION,
@@ -30,6 +34,7 @@ from stepdiag_ros.plots.style import (
     Style,
     panel_title,
     scales,
+    style_of,
     zero_line,
 )
 from stepdiag_ros.text.numbers import ARC_SECONDS, plain, plus_minus
@@ -55,8 +60,8 @@ def squareness(
 ) -> Figure:
     """Draw the three squareness errors with their sign, the angles greatly exaggerated.
 
-    The conventional result is given in figures but, beside others, not drawn: its setup errors
-    would hide the rest.
+    The result of a method that takes the setup as perfect is given in figures but, beside others,
+    not drawn: its setup errors would hide the rest.
 
     Args:
         results: of one method or of several.
@@ -68,7 +73,7 @@ def squareness(
         axes: three to draw in instead of a new figure.
     """
     given = many(results)
-    drawn = [one for one in given if one.method != "conventional"] or given
+    drawn = robust_to_setup(given) or given
     sizes = [abs(one.value) for result in drawn for one in _known(result.figures)]
     if not sizes and truth is not None:
         sizes = [abs(one.value) for one in _known(truth.figures)]
@@ -82,7 +87,7 @@ def squareness(
     for panel, name in zip(sheet.panels, SQUARENESS, strict=True):
         _draw_square(panel, name)
         for result in drawn:
-            style = STYLES.get(result.method, OTHER)
+            style = style_of(result.method)
             _lean(panel, result.figures, name, exaggeration, style, method_title(result.method))
         if truth is not None:
             _lean(panel, truth.figures, name, exaggeration, TRUTH, TRUTH_TITLE)

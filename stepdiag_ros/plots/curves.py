@@ -28,8 +28,6 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
-    OTHER,
-    STYLES,
     TRUTH,
     TRUTH_TITLE,
     Sheet,
@@ -39,6 +37,7 @@ from stepdiag_ros.plots.style import (
     panel_title,
     say_unknown,
     scales,
+    style_of,
     zero_line,
 )
 
@@ -124,7 +123,7 @@ def error_curves(
     sheet = curve_sheet(shown, axes)
     for panel, name in zip(sheet.panels, shown, strict=True):
         known = [
-            draw_curve(panel, one, name, STYLES.get(one.method, OTHER), method_title(one.method))
+            draw_curve(panel, one, name, style_of(one.method), method_title(one.method))
             for one in drawn
         ]
         if not any(known):

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stepdiag_ros.evaluation.experiment import Experiment
-from stepdiag_ros.evaluation.report import frame_sentences, method_title
+from stepdiag_ros.evaluation.report import frame_sentences, method_title, robust_to_setup
 from stepdiag_ros.metrology.comparison import CurveComparison, DirectComparison, in_result_frame
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis, translation
 from stepdiag_ros.metrology.repeats import Spread
@@ -21,8 +21,6 @@ from stepdiag_ros.plots.curves import BAND_WORDS, curve_words, shown_unit
 from stepdiag_ros.plots.panel import LABEL_SIZE
 from stepdiag_ros.plots.style import (
     DIRECT,
-    OTHER,
-    STYLES,
     TRUTH,
     TRUTH_TITLE,
     Sheet,
@@ -31,6 +29,7 @@ from stepdiag_ros.plots.style import (
     curve,
     panel_title,
     scales,
+    style_of,
     zero_line,
 )
 
@@ -61,26 +60,22 @@ def motion_with_repeats(
     """
     axis = AXES.index(letter)
     sheet = Sheet(6, 3, 2.0, axes=axes, gap=(0.5, 0.4))
-    methods = [
-        result.method
-        for result in experiment.translational()
-        if result.method in experiment.repeats
-    ]
+    results = [one for one in experiment.translational() if one.method in experiment.repeats]
     direct = {} if experiment.direct is None else in_result_frame(experiment.direct)
     truth = experiment.report.truth
     nodes = experiment.translational()[0].nodes[axis]
     for error, direction in enumerate(AXES):
         name = translation(error, axis)
-        for row, shown in enumerate((methods, [m for m in methods if m != "conventional"])):
+        for row, shown in enumerate((results, robust_to_setup(results))):
             panel = sheet.panels[3 * row + error]
-            for number, method in enumerate(shown):
+            for number, result in enumerate(shown):
                 shift = (number - 0.5 * (len(shown) - 1)) * _BESIDE * (nodes[1] - nodes[0])
                 _draw_spread(
                     panel,
                     nodes + shift,
-                    experiment.repeats[method].spread(name),
-                    STYLES.get(method, OTHER),
-                    method_title(method),
+                    experiment.repeats[result.method].spread(name),
+                    style_of(result.method),
+                    method_title(result.method),
                 )
             if name in direct:
                 positions = experiment.direct.curves[name].positions  # type: ignore[union-attr]
@@ -132,7 +127,7 @@ def angles_with_repeats(
         if one.method != "soons" and any(name in one.curves for name in result.curves)
     ]
     sheet = Sheet(6, 3, 1.7, axes=axes, share_up=True, gap=(0.25, 0.95))
-    style = STYLES["soons"]
+    style = style_of("soons")
     truth = experiment.report.truth
     for panel, name in zip(sheet.panels, result.curves, strict=False):
         nodes = result.nodes[moving_axis(name)]
@@ -142,7 +137,7 @@ def angles_with_repeats(
         _draw_spread(panel, nodes, spread, style, method_title("soons"))
         for other in others:
             if name in other.curves and np.any(np.isfinite(other.curves[name])):
-                look = STYLES.get(other.method, OTHER)
+                look = style_of(other.method)
                 drawn = other.curves[name] * IN_MICRO
                 curve(panel, nodes * IN_MILLI, drawn, look, method_title(other.method))
         if experiment.direct is not None and name in experiment.direct.curves:
@@ -205,7 +200,7 @@ def direct_comparison(
     """
     sheet = Sheet(len(comparison.curves), _COLUMNS, 1.6, axes=axes, gap=(0.6, 0.6))
     for panel, one in zip(sheet.panels, comparison.curves, strict=True):
-        _draw_comparison(panel, one, STYLES.get(comparison.method, OTHER))
+        _draw_comparison(panel, one, style_of(comparison.method))
     heading = f"{method_title(comparison.method)} beside the direct measurement, 95 % bands"
     return sheet.finish(heading if title is None else title, stamp=stamp)
 

@@ -24,6 +24,7 @@ from matplotlib.textpath import TextPath
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.panel import GRID, INK, LABEL_SIZE, TICK_SIZE, Panel
 
@@ -59,15 +60,17 @@ class Style:
     line: LineStyle
 
 
-STYLES = {
-    "conventional": Style(PURPLE, "s", "-."),
-    "setup_robust": Style(VERMILION, "o", "--"),
-    "alternative": Style(ORANGE, "v", "--"),
-    "soons": Style(SKY, "P", "-."),
-    "rigid_body": Style(GREEN, "D", "-"),
-    "least_squares": Style(BLUE, "^", "-"),
-}
-"""By method."""
+_OF_METHODS = (
+    Style(PURPLE, "s", "-."),
+    Style(VERMILION, "o", "--"),
+    Style(ORANGE, "v", "--"),
+    Style(SKY, "P", "-."),
+    Style(BLUE, "^", "-"),
+    Style(GREEN, "D", "-"),
+    Style(GREY, "X", ":"),
+    Style(BLACK, "*", "--"),
+)
+"""Of the methods that solve measured lines, in their order; of further ones from the first on."""
 OTHER = Style("#666666", "D", "-")
 TRUTH = Style(BLACK, "x", ":")
 DIRECT = Style(BLACK, "D", "-")
@@ -75,6 +78,13 @@ FORWARD = Style(BLUE, "^", "-")
 BACKWARD = Style(VERMILION, "v", "--")
 BEFORE = Style(VERMILION, "o", "--")
 AFTER = Style(BLUE, "^", "-")
+
+
+def style_of(method: str) -> Style:
+    """Return how the curves of a method are drawn."""
+    known = tuple(solvers())
+    return _OF_METHODS[known.index(method) % len(_OF_METHODS)] if method in known else OTHER
+
 
 _LINE_INCHES = 0.155
 """Height of a line of small print, and of a row of the legend."""

@@ -2,7 +2,8 @@
 
 Every document begins with ``schema``, the name and version of its schema, and ``software_version``.
 Numbers are in SI units; what is not known is ``null``, never 0. A schema (JSON Schema 2020-12) has
-an entry, with meaning and unit, for every field that a document may have. A version grows when a
+an entry, with meaning and unit, for every field that a document may have. The names of methods in
+it are those of the methods that are installed. A version grows when a
 field changes its meaning or goes; new fields do not change it.
 """
 
@@ -47,6 +48,9 @@ VERSIONS = {
 }
 """Name of every document → version of its schema."""
 
+_METHODS = "methods"
+"""Part of a schema that is not in a file, but made from the methods that are installed."""
+
 
 def identifier(name: str) -> str:
     """Return what a document names its schema by, which is the schema's ``$id``."""
@@ -73,8 +77,33 @@ def schema(name: str) -> dict[str, Any]:
     file = package_files.files(__name__).joinpath(f"{name}.schema.json")
     loaded: dict[str, Any] = json.loads(file.read_text("utf-8"))
     if parts := sorted(set(_parts(loaded))):
-        loaded["$defs"] = {**loaded.get("$defs", {}), **{part: schema(part) for part in parts}}
+        found = {part: _methods() if part == _METHODS else schema(part) for part in parts}
+        loaded["$defs"] = {**loaded.get("$defs", {}), **found}
     return loaded
+
+
+def _methods() -> dict[str, Any]:
+    """Return what is asked of an object with an entry for each method, from the methods there are.
+
+    Its ``solver`` is the name of a method that solves measured lines.
+    """
+    # With the methods come the numerical libraries, which nothing else here needs.
+    from stepdiag_ros.metrology.solvers import methods, solvers
+
+    return {
+        "$id": f"urn:stepdiag_ros:{_METHODS}:1",
+        "propertyNames": {"enum": list(methods())},
+        "properties": {
+            name: {
+                "properties": {
+                    "curves": {"required": list(method.curves)},
+                    "standard_uncertainty": {"required": list(method.curves)},
+                }
+            }
+            for name, method in methods().items()
+        },
+        "$defs": {"solver": {"enum": list(solvers())}},
+    }
 
 
 def _parts(of: Any) -> Iterator[str]:

@@ -5,7 +5,7 @@ from array import array
 
 import pytest
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.peek import block_head_of, head_of, stamp_of
 

@@ -8,7 +8,7 @@ from control_doubles import DOUBLES
 from machines_for_tables import along, measured, positioning, tool_errors
 from refused import a_fault, refused
 
-from stepdiag_ros.compensation import CONTROLS, control
+from stepdiag_ros.compensation import control, controls
 from stepdiag_ros.compensation.applied import Beyond, Table, TableSet
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.compensation.identified import Identified, reversal_of
@@ -16,7 +16,7 @@ from stepdiag_ros.compensation.remaining import remainder
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
 
-TABLES = tuple(name for name in CONTROLS if name != "generic")
+TABLES = tuple(name for name in controls() if name != "generic")
 ROUNDING = {"linuxcnc": 0.05e-9, "siemens": 5e-9, "heidenhain": 50e-9, "fanuc": 0.5e-6}
 """m: half of the last digit, or of the detection unit."""
 

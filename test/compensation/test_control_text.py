@@ -19,7 +19,7 @@ from nc_examples import PROGRAM as SETUP
 from refused import refused
 
 from stepdiag_ros.commands import compensate, compensate_nc
-from stepdiag_ros.compensation import CONTROLS, control
+from stepdiag_ros.compensation import control, controls
 from stepdiag_ros.compensation.control import Layout, checked_files, checked_settings
 from stepdiag_ros.compensation.identified import Identified, Origin
 from stepdiag_ros.compensation.nc_readback import refuse_foreign_words
@@ -93,7 +93,7 @@ def did(files):
 harmless = cache(lambda name: did(files_of(name, Origin(file="run.mcap"))))
 
 
-@pytest.mark.parametrize("name", CONTROLS)
+@pytest.mark.parametrize("name", controls())
 @settings(max_examples=60)
 @given(origin=ORIGINS)
 def test_tables_do_the_same_whatever_their_origin_says(name, origin):
@@ -107,7 +107,7 @@ def test_tables_do_the_same_whatever_their_origin_says(name, origin):
 
 
 @pytest.mark.parametrize("field", TEXTS)
-@pytest.mark.parametrize("name", CONTROLS)
+@pytest.mark.parametrize("name", controls())
 def test_no_field_of_the_origin_gets_a_line_of_its_own(name, field):
     files = files_of(name, replace(Origin(), **{field: ATTACK}))
     assert did(files) == harmless(name)
@@ -180,7 +180,7 @@ def foreign(text, line):
 
 
 @pytest.mark.parametrize("line", [*PIECES[:4], "$AN_CEC[0,1]=1e9", "; tab\t", "X\rY", "nan"])
-@pytest.mark.parametrize("name", [name for name in CONTROLS if name != "generic"])
+@pytest.mark.parametrize("name", [name for name in controls() if name != "generic"])
 def test_a_line_that_is_not_ours_is_found_when_a_file_is_read_once_more(name, line):
     found = control(name)
     for file, text in files_of(name, Origin()).items():
@@ -191,7 +191,7 @@ def test_a_line_that_is_not_ours_is_found_when_a_file_is_read_once_more(name, li
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 100.1, -1e9])
-@pytest.mark.parametrize("name", [name for name in CONTROLS if name != "generic"])
+@pytest.mark.parametrize("name", [name for name in controls() if name != "generic"])
 def test_positions_that_no_control_can_take_are_refused(name, value):
     _, identified = measured()
     error_map = identified.error_map

@@ -15,7 +15,7 @@ from rclpy.qos import (
 )
 from std_msgs.msg import String
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HURRIED = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -36,7 +36,7 @@ def test_real_ros_wins(tmp_path: Path) -> None:
         (folder / "__init__.py").write_text("REAL = True\n")
     (tmp_path / "std_msgs" / "__init__.py").write_text("")
     code = (
-        "import sys, stepdiag_ros, rclpy, std_msgs.msg\n"
+        "import sys, stepdiag_ros.client, rclpy, std_msgs.msg\n"
         "from stepdiag_ros.embedded import client\n"
         "assert rclpy.REAL and std_msgs.msg.REAL and client() == 'rclpy'\n"
         "assert not any(item.endswith('embedded/modules') for item in sys.path)\n"
@@ -49,7 +49,7 @@ def test_real_ros_wins(tmp_path: Path) -> None:
 
 def test_embedded_is_used_without_ros() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from stepdiag_ros.embedded import activate, client\n"
         "assert rclpy.IS_EMBEDDED and client() == 'embedded' == activate()\n"
         "assert sys.path[-1].endswith('modules')\n"
@@ -61,7 +61,7 @@ def test_embedded_is_used_without_ros() -> None:
 
 def test_start_is_quick_and_light() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from rclpy.node import Node\n"
         "from std_msgs.msg import Header\n"
         "from diagnostic_msgs.msg import DiagnosticArray\n"
@@ -74,7 +74,7 @@ def test_start_is_quick_and_light() -> None:
 
 def test_lifecycle_and_actions_are_loaded_by_those_who_use_them() -> None:
     code = (
-        "import sys, stepdiag_ros, rclpy\n"
+        "import sys, stepdiag_ros.client, rclpy\n"
         "from rclpy.node import Node\n"
         "parts = ('rclpy.lifecycle', 'rclpy.action', 'stepdiag_ros.embedded.actions')\n"
         "assert not any(name.startswith(parts) for name in sys.modules)\n"
@@ -118,13 +118,13 @@ def assert_light(code: str, most: float) -> None:
     ],
 )
 def test_missing_parts_are_named(code: str, reason: str) -> None:
-    result = run(f"import stepdiag_ros\n{code}")
+    result = run(f"import stepdiag_ros.client\n{code}")
     assert result.returncode == 1
     assert reason in result.stderr.splitlines()[-1]
 
 
 def test_bad_environment_is_explained() -> None:
-    code = "import stepdiag_ros, rclpy; rclpy.init()"
+    code = "import stepdiag_ros.client, rclpy; rclpy.init()"
     for env, reason in (
         ({"ROS_DOMAIN_ID": "abc"}, "ROS_DOMAIN_ID is 'abc'"),
         ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID is 233"),
@@ -160,7 +160,7 @@ def test_self_test_notices_a_library_that_loses_samples(
 
 def test_client_is_named_once_in_the_log() -> None:
     code = (
-        "import stepdiag_ros, rclpy\n"
+        "import stepdiag_ros.client, rclpy\n"
         "for _ in range(2):\n"
         "    rclpy.init()\n"
         "    rclpy.create_node('a')\n"

@@ -20,7 +20,7 @@ from .conftest import spin_until
 
 TALKER = """
 import sys
-import stepdiag_ros
+import stepdiag_ros.client
 import rclpy
 from std_msgs.msg import String
 rclpy.init(args=[])

@@ -6,22 +6,18 @@ the path; every command runs in a process of its own, which finds the effect by 
 
 import csv
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
-from patience import PATIENCE
+from other_package import ROOT, install, python, stepdiag
 
 try:
     import tomllib
 except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 SETTING = {"axis": "Z", "period_s": 300.0}
 SIZES = {"sine": 0.6e-6, "cosine": 0.3e-6}
@@ -46,37 +42,10 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     project = tomllib.loads(_block("toml"))
     described = project["project"]
-    for module in project["tool"]["setuptools"]["py-modules"]:
-        (folder / f"{module}.py").write_text(_block("python"), encoding="utf-8")
-    name = described["name"].replace("-", "_")
-    record = folder / f"{name}-{described['version']}.dist-info"
-    record.mkdir()
-    (record / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {described['name']}\nVersion: {described['version']}\n"
-    )
-    points = "".join(
-        f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
-        for group, entries in described["entry-points"].items()
-    )
-    (record / "entry_points.txt").write_text(points)
+    modules = project["tool"]["setuptools"]["py-modules"]
+    texts = dict.fromkeys(modules, _block("python"))
+    install(folder, described["name"], texts, described["entry-points"], described["version"])
     return folder
-
-
-def _python(*arguments, site=None):
-    """Run Python in a process of its own, with or without the other package on its path."""
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    environment["PYTHONPATH"] = os.pathsep.join(str(part) for part in (site, ROOT) if part)
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        timeout=PATIENCE,
-    )
-
-
-def _stepdiag(*arguments, site=None):
-    return _python("-m", "stepdiag_ros.cli", *arguments, site=site)
 
 
 def write_run(folder, cell_file):
@@ -155,7 +124,7 @@ def hidden(installed, tmp_path_factory):
         folder=str(folder),
         cell=str(folder / "cell.yaml"),
     )
-    done = _python("-c", script, site=installed)
+    done = python("-c", script, site=installed)
     assert done.returncode == 0, done.stderr
     return folder / "run.csv"
 
@@ -164,7 +133,7 @@ def hidden(installed, tmp_path_factory):
 def named(installed, hidden):
     """Diagnose the run with the package installed; return the document and the folder."""
     folder = hidden.parent / "out"
-    done = _stepdiag(
+    done = stepdiag(
         *("diagnose", hidden, "--json", "--extend", hidden.parent / "mine.yaml"),
         *("--output", folder),
         site=installed,
@@ -206,14 +175,14 @@ def test_a_model_holds_it_and_the_run_agrees_with_the_model(hidden, named):
 
 @pytest.mark.usefixtures("named")
 def test_without_the_package_nothing_is_named_and_its_model_is_refused(hidden):
-    done = _stepdiag(
+    done = stepdiag(
         *("diagnose", hidden, "--json", "--pictures", "none", "--output", hidden.parent / "bare")
     )
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["verdict"] == "UNEXPLAINED"
     assert document["findings"] == []
-    refused = _stepdiag("diagnose", hidden, "--model", hidden.parent / "mine.yaml")
+    refused = stepdiag("diagnose", hidden, "--model", hidden.parent / "mine.yaml")
     assert refused.returncode == 1
     assert "cooler cycle" in refused.stderr
     assert len(refused.stderr.strip().splitlines()) == 1
@@ -228,7 +197,7 @@ def test_a_package_that_is_broken_is_named_in_one_sentence(installed, hidden, tm
             copy.parent.mkdir(exist_ok=True)
             copy.write_text(path.read_text())
     (broken / "cooler_cycle.py").write_text("import a_module_that_is_not_there\n")
-    done = _stepdiag("diagnose", hidden, "--output", tmp_path / "none", site=broken)
+    done = stepdiag("diagnose", hidden, "--output", tmp_path / "none", site=broken)
     assert done.returncode == 1
     assert "of the package cooler-cycle" in done.stderr
     assert "a_module_that_is_not_there" in done.stderr
@@ -241,5 +210,5 @@ def test_the_example_is_clean(tmp_path):
     source.write_text(_block("python"))
     settings = ROOT / "pyproject.toml"
     for check in (("ruff", "check"), ("ruff", "format", "--check")):
-        done = _python("-m", *check, "--config", settings, source)
+        done = python("-m", *check, "--config", settings, source)
         assert done.returncode == 0, done.stdout

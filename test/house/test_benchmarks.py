@@ -50,7 +50,7 @@ def test_ratios_are_of_one_round_and_held_against_the_bars(clients: Any) -> None
 
 
 def test_messages_have_their_size_and_number(clients: Any) -> None:
-    import stepdiag_ros  # noqa: F401 - makes rclpy importable
+    import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 
     for name in clients.KINDS:
         for size in clients.SIZES:

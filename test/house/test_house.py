@@ -129,6 +129,17 @@ def test_nodes_that_solve_nothing_start_without_the_solvers():
     assert told.stdout.strip() == "[]"
 
 
+def test_results_are_had_without_any_client():
+    """Neither rclpy nor what stands in for it is made importable by who only evaluates."""
+    probe = (
+        "import importlib.util, sys\n"
+        "import stepdiag_ros.notebook, stepdiag_ros.plots, stepdiag_ros.report.publish\n"
+        "print('stepdiag_ros.client' in sys.modules, 'stepdiag_ros.embedded.finder' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "False"], done.stderr
+
+
 def test_devices_and_metrology_know_no_ros():
     for folder in ("metrology", "devices"):
         for path in (ROOT / "stepdiag_ros" / folder).rglob("*.py"):
@@ -142,13 +153,14 @@ FLOORS = (
     "resources",
     "topics",
     "parameters",
-    "messages",
     "configuration",
     "devices",
     "run",
     "planning",
     "schemas",
     "embedded",
+    "client",
+    "messages",
     "bags",
     "compensation",
     "evaluation",

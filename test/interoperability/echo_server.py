@@ -15,7 +15,7 @@ from typing import Any
 import random_content
 from random_content import content
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable where no ROS 2 is
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable where no ROS 2 is
 
 # isort: split
 import rclpy

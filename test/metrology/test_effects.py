@@ -9,7 +9,7 @@ import pytest
 from cells_for_tests import make_cell, make_plan
 from refused import a_fault, refused
 
-from stepdiag_ros.metrology import effects
+from stepdiag_ros.metrology import effects, registry
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.backlash import Backlash
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
@@ -463,8 +463,7 @@ def offer(monkeypatch, **objects):
     for name, value in objects.items():
         monkeypatch.setattr(module, name, value, raising=False)
     points = [EntryPoint(n, f"{__name__}:{n}", effects.ENTRY_POINTS) for n in objects]
-    where = sys.modules["stepdiag_ros.metrology.effects.catalogue"]
-    monkeypatch.setattr(where, "entry_points", lambda **_: points)
+    monkeypatch.setattr(registry, "installed_points", lambda _: points)
 
 
 def test_another_package_adds_an_effect(monkeypatch):

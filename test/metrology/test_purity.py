@@ -25,11 +25,11 @@ class Refusal(Loader):
         pass
 
 class Wall(MetaPathFinder):
-    # Others may be looked for, as the package does for rclpy, but not loaded.
     def find_spec(self, name, path=None, target=None):
         top = name.partition(".")[0]
-        inside = name in ("stepdiag_ros", "stepdiag_ros.embedded", "stepdiag_ros.metrology")
-        if inside or name.startswith(("stepdiag_ros.metrology.", "stepdiag_ros.embedded.")):
+        if name in ("stepdiag_ros", "stepdiag_ros.metrology"):
+            return None
+        if name.startswith("stepdiag_ros.metrology."):
             return None
         if top in sys.stdlib_module_names or top in ("numpy", "scipy"):
             return None

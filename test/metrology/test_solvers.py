@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import NotDeterminable, solve, solve_all
-from stepdiag_ros.metrology.solvers.monte_carlo import METHODS, replicate
+from stepdiag_ros.metrology.solvers.monte_carlo import replicable, replicate
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line
@@ -210,7 +210,7 @@ def test_covariance_is_that_of_the_readings_with_shared_zeros_and_stops(method):
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", replicable())
 def test_replicates_have_the_covariance_of_the_result(method):
     measured = by_noise_alone(simulate(make_plan(4), make_cell(high=(0.04,) * 3)))
     result = solve(measured, method)

@@ -11,7 +11,7 @@ from domains import own_domain
 from patience import PATIENCE
 from running_cell import RunningCell
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 

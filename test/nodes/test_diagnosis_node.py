@@ -7,7 +7,7 @@ import rclpy
 import yaml
 from patience import PATIENCE
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.run import load_run

@@ -5,7 +5,7 @@ from pathlib import Path
 import rclpy
 from patience import PATIENCE
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.evaluation.positioning import same_test

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.health import Finding, Level
 from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, measure_together, peer_of
 

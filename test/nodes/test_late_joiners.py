@@ -6,7 +6,7 @@ import sys
 from patience import PATIENCE
 from rclpy.qos import QoSProfile
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.repetitions import without_repetitions

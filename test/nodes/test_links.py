@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 from refused import refused
 from std_msgs.msg import String
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.messages.conversion import new_message, set_header
 from stepdiag_ros.metrology.refusal import Refusal

@@ -13,7 +13,7 @@ import pytest
 from patience import PATIENCE
 from refused import refused
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.metrology.refusal import Refusal

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import rclpy
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.reader import BagReader

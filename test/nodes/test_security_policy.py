@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 from patience import PATIENCE
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.commands.node import NODES
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.foxglove_server import STREAMS

@@ -7,8 +7,9 @@ from standard_runs import PLAN, measured
 from stepdiag_ros import plots
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL
+from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.plots.discrepancy import _MARKED, _mark_negative
-from stepdiag_ros.plots.style import STYLES, Sheet, band
+from stepdiag_ros.plots.style import Sheet, band, style_of
 
 
 @pytest.mark.parametrize(
@@ -26,7 +27,7 @@ def test_every_line_of_a_plan_bears_its_name_in_its_panel(plan):
 
 
 def test_no_two_methods_share_marker_and_line():
-    looks = [(style.marker, style.line) for style in STYLES.values()]
+    looks = [(style.marker, style.line) for style in map(style_of, solvers())]
     assert len(set(looks)) == len(looks)
 
 
@@ -34,7 +35,7 @@ def test_a_band_has_the_border_of_its_curves_line():
     panel = Sheet(1, 1, 1.0).panels[0]
     places, values = np.arange(3.0), np.zeros(3)
     for method in ("setup_robust", "least_squares"):
-        band(panel, places, values, np.ones(3), STYLES[method])
+        band(panel, places, values, np.ones(3), style_of(method))
     dashed, solid = (one.get_linestyle()[0][1] for one in panel.collections)
     assert dashed is not None and solid is None
 

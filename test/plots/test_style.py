@@ -14,6 +14,7 @@ from results_by_hand import make_result
 
 from stepdiag_ros import plots
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.plots import style
 from stepdiag_ros.plots.style import Sheet, say_unknown
 
@@ -159,8 +160,9 @@ def test_an_unknown_panel_is_hatched():
 
 
 def test_colours_differ_in_grey_or_by_marker_and_line():
-    looks = {(one.marker, one.line) for one in style.STYLES.values()}
-    assert len(looks) == len(style.STYLES)
+    looks = {(one.marker, one.line) for one in map(style.style_of, solvers())}
+    assert len(looks) == len(solvers())
+    assert style.style_of("a method of nobody") == style.OTHER
     assert (style.BEFORE.line, style.BEFORE.marker) != (style.AFTER.line, style.AFTER.marker)
 
 

@@ -29,9 +29,9 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.metrology.solvers import SOLVERS, solve
+from stepdiag_ros.metrology.solvers import solve, solvers
 
-METHODS = tuple(SOLVERS)
+METHODS = tuple(solvers())
 ROBUST = tuple(m for m in METHODS if m not in ("conventional", "soons", "rigid_body"))
 FEW = settings(
     max_examples=5,

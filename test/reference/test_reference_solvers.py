@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from certified import digits_at_hand, matching_digits, measurement_of, names_of, read
 
-from stepdiag_ros.metrology.solvers import SOLVERS, solve
+from stepdiag_ros.metrology.solvers import solve, solvers
 
 CASES = [
     (problem, method)
     for problem in names_of("solver")
     for method in read(problem)["certified"]
-    if method in SOLVERS
+    if method in solvers()
 ]
 LOST = 1.0
 """Digits that a hundred roundings lose of those that are at hand, their signs being by chance."""

@@ -10,9 +10,9 @@ import pytest
 
 from stepdiag_ros import cli
 from stepdiag_ros.commands.selftest import solve_as_a_user
-from stepdiag_ros.metrology import solvers
 from stepdiag_ros.metrology.air import edlen_index
 from stepdiag_ros.metrology.forward import Alignment, ErrorCurves, reading
+from stepdiag_ros.metrology.solvers import methods, solvers, summary
 from stepdiag_ros.selftest import evaluations, judging, session
 from stepdiag_ros.selftest.problems import (
     ALIGNED,
@@ -104,6 +104,11 @@ def test_readings_are_those_of_the_packages_own_model(kind):
         assert np.max(np.abs(difference - difference[0])) < noise
 
 
+def solve_by(monkeypatch, method, solver):
+    """Put another solver in the place of a method's."""
+    monkeypatch.setitem(methods(), method, replace(methods()[method], solve=solver))
+
+
 def flipped(solver, name):
     def broken(measurement):
         result = solver(measurement)
@@ -126,7 +131,7 @@ def flipped(solver, name):
 )
 def test_a_wrong_sign_in_one_curve_fails(monkeypatch, method, kind, name):
     assert passes(kind)
-    monkeypatch.setitem(solvers.SOLVERS, method, flipped(solvers.SOLVERS[method], name))
+    solve_by(monkeypatch, method, flipped(solvers()[method], name))
     broken = solved(kind)
     assert not broken.passed
     assert any(c.what.startswith(method) and not c.passed for c in broken.checks)
@@ -134,30 +139,28 @@ def test_a_wrong_sign_in_one_curve_fails(monkeypatch, method, kind, name):
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_wrong_uncertainty_fails(monkeypatch, factor):
-    solver = solvers.SOLVERS["least_squares"]
+    solver = solvers()["least_squares"]
 
     def broken(measurement):
         result = solver(measurement)
         return replace(result, covariance=factor**2 * result.covariance)
 
-    monkeypatch.setitem(solvers.SOLVERS, "least_squares", broken)
+    solve_by(monkeypatch, "least_squares", broken)
     assert not solved(NOISY).passed
 
 
 def test_a_number_where_nothing_is_known_fails(monkeypatch):
-    solver = solvers.SOLVERS["least_squares"]
+    solver = solvers()["least_squares"]
 
     def broken(measurement):
         result = solver(measurement)
         return replace(result, curves={k: np.nan_to_num(v) for k, v in result.curves.items()})
 
-    monkeypatch.setitem(solvers.SOLVERS, "least_squares", broken)
+    solve_by(monkeypatch, "least_squares", broken)
     assert not solved(DIAGONALS).passed
 
 
 def test_a_wrong_sign_of_squareness_fails(monkeypatch):
-    from stepdiag_ros.metrology.solvers import summary
-
     slopes = {k: (-f if k == "B0Z" else f, p) for k, (f, p) in summary.SQUARENESS_SLOPES.items()}
     monkeypatch.setattr(summary, "SQUARENESS_SLOPES", slopes)
     failed = [c.what for c in solved(ALIGNED).checks if not c.passed]
@@ -169,7 +172,7 @@ def test_a_solver_that_breaks_is_a_failure_and_not_the_end(monkeypatch):
     def broken(measurement):
         raise ZeroDivisionError(f"no luck with {len(measurement.lines)} lines")
 
-    monkeypatch.setitem(solvers.SOLVERS, "least_squares", broken)
+    solve_by(monkeypatch, "least_squares", broken)
     failed = solved(TILTED)
     assert not failed.passed
     assert "no luck" in failed.failure
@@ -254,8 +257,8 @@ def test_the_command_line_prints_and_writes_a_record(tmp_path, capsys):
 
 
 def test_the_command_line_ends_with_1_if_anything_fails(monkeypatch, capsys):
-    solver = solvers.SOLVERS["conventional"]
-    monkeypatch.setitem(solvers.SOLVERS, "conventional", flipped(solver, "E_ZY"))
+    solver = solvers()["conventional"]
+    solve_by(monkeypatch, "conventional", flipped(solver, "E_ZY"))
     assert cli.main(["selftest", "--seed", "5", "--problems", "1"]) == 1
     text = capsys.readouterr().out
     assert "FAIL: problem 1." in text

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    TRANSLATIONS,
+    Vector,
+    beam_direction,
+    line_signs,
+)
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.linear import (
     DIAGONALS,
@@ -11,6 +17,8 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
+from stepdiag_ros.metrology.solvers.method import Method
+from stepdiag_ros.metrology.solvers.monte_carlo import linear
 from stepdiag_ros.metrology.solvers.observations import (
     ALL_READINGS,
     Observations,
@@ -135,3 +143,18 @@ def matrix_of_eq_20(step: Vector) -> Vector:
             if moving == axis:
                 matrix[row, column] = line_signs(line)[axis] * beam_direction(line, step)[error]
     return matrix
+
+
+METHOD = Method(
+    name="alternative",
+    title="Alternative (Ibaraki & Hata, KIMM)",
+    summary="nine curves; sums of a block's moves cancel the errors of the setups",
+    needs="three step diagonals and three linear lines",
+    source="IH eqs. 20-22; KIMM eq. 1",
+    solve=solve_alternative,
+    order=30,
+    reliance=3,
+    curves=TRANSLATIONS,
+    free_curves=len(TRANSLATIONS),
+    estimator=linear(alternative_map),
+)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import Vector, beam_direction, line_signs
+from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.linear import (
     DIAGONALS,
@@ -11,6 +11,8 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
+from stepdiag_ros.metrology.solvers.method import Method
+from stepdiag_ros.metrology.solvers.monte_carlo import linear
 from stepdiag_ros.metrology.solvers.observations import (
     ALL_READINGS,
     Observations,
@@ -79,3 +81,19 @@ def _solve_first(matrix: Vector, right: Vector) -> Vector:
     """Solve matrix @ x = right over the first index of a right side with more indices."""
     solved = np.linalg.solve(matrix, right.reshape(len(right), -1))
     return np.asarray(solved, dtype=np.float64).reshape(right.shape)
+
+
+METHOD = Method(
+    name="conventional",
+    title="Conventional (Wang)",
+    summary="nine curves; laser and mirror taken as perfectly aligned",
+    needs="three step diagonals",
+    source="IH eqs. 1-3",
+    solve=solve_conventional,
+    order=10,
+    reliance=1,
+    curves=TRANSLATIONS,
+    free_curves=len(TRANSLATIONS),
+    takes_setup_as_perfect=True,
+    estimator=linear(conventional_map),
+)

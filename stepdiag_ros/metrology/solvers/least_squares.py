@@ -14,6 +14,8 @@ measurement and its uncertainty. ``rigid_body`` has all rotations as free curves
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
 
+from functools import partial
+
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, FRAME, REFERENCE_POINT, TRANSLATIONS, Vector
@@ -23,6 +25,8 @@ from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.direct_rows import remarks_of
 from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.lengths import by_lengths
+from stepdiag_ros.metrology.solvers.method import Method
+from stepdiag_ros.metrology.solvers.monte_carlo import LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -228,3 +232,18 @@ def _not_determined(observations: Observations, estimate: CurveEstimate) -> list
             text += f" Measure the linear lines {', '.join(linear)}."
         words.append(text)
     return words
+
+
+METHOD = Method(
+    name="least_squares",
+    title="Least squares",
+    summary="nine curves and the tilts of the setups, all readings weighted by their uncertainty",
+    needs="any lines",
+    source="forward model; frame of IH eq. 17",
+    solve=solve_least_squares,
+    order=50,
+    reliance=6,
+    curves=TRANSLATIONS,
+    weighs_direct=True,
+    estimator=partial(LeastSquaresEstimator, rotations=False),
+)

@@ -9,6 +9,7 @@ passes and single places too, so that it has a limit of stops.
 
 from stepdiag_ros.metrology.geometry import CURVES, TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers.catalogue import methods
 
 MOST_VALUES = 1000
 """Free values at the nodes up to which whole matrices are made: they take 8 MB each."""
@@ -18,16 +19,11 @@ DIAGNOSIS = "diagnosis"
 BUDGET = "uncertainty budget"
 VISIBILITY = "visibility"
 _CURVES = {
-    "conventional": len(TRANSLATIONS),
-    "setup_robust": len(TRANSLATIONS),
-    "alternative": len(TRANSLATIONS),
-    "soons": 5,
-    "rigid_body": len(CURVES),
     DIAGNOSIS: len(TRANSLATIONS),
     BUDGET: len(TRANSLATIONS),
     VISIBILITY: len(CURVES),
 }
-"""Evaluation → number of curves of which each value is free."""
+"""Evaluation beside the methods → number of curves of which each value is free."""
 
 
 class TooLarge(Refusal):
@@ -44,12 +40,13 @@ def left_out(blocks: int, stops: int = 0) -> dict[str, str]:
     Returns:
         method, ``DIAGNOSIS``, ``BUDGET`` or ``VISIBILITY`` → why; empty where nothing is.
     """
+    curves = {name: one.free_curves for name, one in methods().items()} | _CURVES
     reasons = {
         name: (
             f"left out for its size: {blocks} blocks have {count * (blocks + 1):,} free values,"
             f" more than {MOST_VALUES:,}; up to {MOST_VALUES // count - 1} blocks are evaluated"
         )
-        for name, count in _CURVES.items()
+        for name, count in curves.items()
         if count * (blocks + 1) > MOST_VALUES
     }
     if stops > MOST_STOPS and DIAGNOSIS not in reasons:

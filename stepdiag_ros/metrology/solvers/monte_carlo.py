@@ -13,14 +13,11 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.solvers.alternative import alternative_map
-from stepdiag_ros.metrology.solvers.conventional import conventional_map
+from stepdiag_ros.metrology.solvers.catalogue import methods
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.linear import LinearMap, noise_of
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations, observe
-from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.solvers.rotations import turned
-from stepdiag_ros.metrology.solvers.setup_robust import setup_robust_map
 
 _CHUNK = 2_000_000
 _STEP = 1e-6
@@ -208,49 +205,38 @@ class LeastSquaresEstimator:
         return curves
 
 
-LINEAR_MAPS: dict[str, Callable[[Observations], LinearMap]] = {
-    "conventional": conventional_map,
-    "setup_robust": setup_robust_map,
-    "alternative": alternative_map,
-}
-"""Method → its matrix on the readings, for the formulations that are linear."""
+def linear(
+    formulation: Callable[[Observations], LinearMap],
+) -> Callable[[Measurement, Observations], LinearEstimator]:
+    """Return what makes a formulation that is linear in the readings an estimator."""
+    return lambda _, observations: LinearEstimator(observations, formulation(observations))
 
 
-METHODS = (*LINEAR_MAPS, "least_squares", "rigid_body")
-"""Methods that many sets of readings can be solved by at once."""
+def replicable() -> tuple[str, ...]:
+    """Return the methods that many sets of readings can be solved by at once."""
+    return tuple(name for name, one in methods().items() if one.estimator is not None)
 
 
-def estimator(
-    measurement: Measurement, observations: Observations, method: str
-) -> LinearEstimator | LeastSquaresEstimator:
+def estimator(measurement: Measurement, observations: Observations, method: str) -> Estimator:
     """Return a method made ready for many sets of readings.
 
     Args:
         measurement: the finished lines; ``rigid_body`` needs their chain.
         observations: the readings of it.
-        method: one of ``METHODS``.
+        method: one of ``replicable``.
 
     Raises:
         NotDeterminable: the lines are not enough for this method, or the chain is not known.
         ValueError: no such method.
     """
-    if method == "least_squares":
-        return LeastSquaresEstimator(measurement, observations, rotations=False)
-    if method == "rigid_body":
-        if not measurement.chain:
-            raise NotDeterminable(
-                "needs the kinematic chain of the machine, which is not known for this measurement",
-                fault="missing",
-                aspect="chain",
-            )
-        return LeastSquaresEstimator(measurement, observations, rotations=True)
-    if method in LINEAR_MAPS:
-        return LinearEstimator(observations, LINEAR_MAPS[method](observations))
-    raise Refusal(
-        f"'{method}' is no method for this; use one of {', '.join(METHODS)}",
-        fault="unknown",
-        aspect="replicated method",
-    )
+    chosen = methods().get(method)
+    if chosen is None or chosen.estimator is None:
+        raise Refusal(
+            f"'{method}' is no method for this; use one of {', '.join(replicable())}",
+            fault="unknown",
+            aspect="replicated method",
+        )
+    return chosen.estimator(measurement, observations)
 
 
 def replicate(
@@ -267,7 +253,7 @@ def replicate(
         measurement: lines with known standard uncertainties, or with repeats to take them from.
         count: number of replicates, at least 1.
         seed: of the noise.
-        method: one of ``METHODS``.
+        method: one of ``replicable``.
 
     Returns:
         m, shape (count, 9(N+1)) in the order of ``geometry.TRANSLATIONS``; for ``rigid_body`` those

@@ -18,10 +18,13 @@ is told only as far as its rotations are. What is not determined is NaN and name
 the same; see ``visibility`` for the same before measuring.
 """
 
+from stepdiag_ros.metrology.geometry import CURVES, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.least_squares import solve_design
-from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.method import Method
+from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
+from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 
 
@@ -35,6 +38,17 @@ def solve_rigid_body(measurement: Measurement) -> VolumetricErrors:
         ValueError: the lines contradict the volume or each other, or an axis stands between nodes
             on a face diagonal where its rotation counts.
     """
+    _require_chain(measurement)
+    design = Design(observe(measurement), measurement.chain)
+    return solve_design("rigid_body", design, measurement.plausible)
+
+
+def _estimator(measurement: Measurement, observations: Observations) -> Estimator:
+    _require_chain(measurement)
+    return LeastSquaresEstimator(measurement, observations, rotations=True)
+
+
+def _require_chain(measurement: Measurement) -> None:
     if not measurement.chain:
         raise NotDeterminable(
             "needs the order of the machine's axes from workpiece to tool (chain), which is not "
@@ -42,5 +56,19 @@ def solve_rigid_body(measurement: Measurement) -> VolumetricErrors:
             fault="missing",
             aspect="chain",
         )
-    design = Design(observe(measurement), measurement.chain)
-    return solve_design("rigid_body", design, measurement.plausible)
+
+
+METHOD = Method(
+    name="rigid_body",
+    title="Rigid body (all 21 errors)",
+    summary="all eighteen curves and squareness at once, by weighted least squares",
+    needs="any lines, and the chain of the axes",
+    source="IH eq. 23, for any chain",
+    solve=solve_rigid_body,
+    order=60,
+    reliance=5,
+    curves=TRANSLATIONS,
+    free_curves=len(CURVES),
+    weighs_direct=True,
+    estimator=_estimator,
+)

@@ -8,6 +8,7 @@ from stepdiag_ros.metrology.geometry import (
     FACE_DIAGONALS,
     FIXED_AT_END,
     LINEAR_LINES,
+    TRANSLATIONS,
     Vector,
     line_signs,
     translation,
@@ -20,6 +21,8 @@ from stepdiag_ros.metrology.solvers.linear import (
     apply,
     remarks_on_unused,
 )
+from stepdiag_ros.metrology.solvers.method import Method
+from stepdiag_ros.metrology.solvers.monte_carlo import linear
 from stepdiag_ros.metrology.solvers.observations import (
     ALL_READINGS,
     Observations,
@@ -200,3 +203,18 @@ def _of_faces(
         np.array(parameters),
         tuple(names),
     )
+
+
+METHOD = Method(
+    name="setup_robust",
+    title="Setup-robust (Ibaraki & Hata)",
+    summary="nine curves; linear lines cancel the errors of the setups",
+    needs="three step diagonals and three linear lines, or those of faces",
+    source="IH eqs. 6-19",
+    solve=solve_setup_robust,
+    order=20,
+    reliance=2,
+    curves=TRANSLATIONS,
+    free_curves=len(TRANSLATIONS),
+    estimator=linear(setup_robust_map),
+)

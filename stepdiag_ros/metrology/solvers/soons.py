@@ -36,6 +36,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.linear import DIAGONALS, noise_of
+from stepdiag_ros.metrology.solvers.method import Method
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.result import Figure, NotDeterminable, VolumetricErrors
@@ -375,3 +376,16 @@ def _remarks(volume: Volume, chain: str, noise: Vector) -> list[str]:
         f"{size.worst_per_block:.2g} rad in a block and {size.worst_over_travel:.2g} rad over the "
         f"travel; by chance, without repeats, by {size.standard_over_travel:.2g} rad."
     ]
+
+
+METHOD = Method(
+    name="soons",
+    title="Soons' angles (Ibaraki & Hata)",
+    summary="five of the nine angular errors, from moves in another order",
+    needs="step diagonals in three orders of the moves, and the chain of the axes",
+    source="IH eqs. 24-28",
+    solve=solve_soons,
+    order=40,
+    reliance=4,
+    free_curves=5,
+)

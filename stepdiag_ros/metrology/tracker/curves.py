@@ -28,9 +28,9 @@ from stepdiag_ros.metrology.geometry import (
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, make_result
+from stepdiag_ros.metrology.solvers.tracker_methods import MULTILATERATION
 from stepdiag_ros.metrology.tracker.multilateration import Points, rigid_motions
 
-METHOD = "multilateration"
 _NEAR = 1e-6
 _RANK = 1e-9
 _ZERO_AT_THE_END = ("E_YX", "E_ZX", "E_YZ")
@@ -154,7 +154,7 @@ def error_curves(points: Points, chain: str) -> VolumetricErrors:
             " reflector at another offset, or an angular measurement, would"
         )
     return make_result(
-        METHOD,
+        MULTILATERATION.name,
         volume,
         estimate,
         (),

@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.geometry import AXES, SQUARENESS
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.result import Figure, NotDeterminable, VolumetricErrors
+from stepdiag_ros.metrology.solvers.tracker_methods import SEVEN_LINES
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
@@ -20,9 +21,6 @@ from stepdiag_ros.metrology.tracker.measured_lines import readings_of
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE, TrackerReading, stations_of
 from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
 from stepdiag_ros.metrology.tracker.verdict import verdict_on
-
-SEVEN_LINE_METHOD = "seven_lines"
-"""Name of the method in a ``VolumetricErrors``."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +229,7 @@ def errors_of(
     ]
     ends = np.stack((box.low, box.low + side))
     return VolumetricErrors(
-        method=SEVEN_LINE_METHOD,
+        method=SEVEN_LINES.name,
         nodes=(ends[:, 0], ends[:, 1], ends[:, 2]),
         curves={},
         standard_uncertainty={},

@@ -105,7 +105,7 @@ def make_budget(
     Args:
         measurement: as solved: corrected to 20 degC if an expansion coefficient is given.
         instrument: what is known of how well everything is known.
-        method: one of ``monte_carlo.METHODS``.
+        method: one of ``monte_carlo.replicable``.
         coverage: probability, for example 0.95.
         expansion: coefficient that the measurement was corrected with, 1/K; NaN if it was not.
         material_temperature: taken instead of the recorded one, degC.

@@ -93,7 +93,7 @@ def sensitivity(measurement: Measurement, method: str = "least_squares") -> Sens
 
     Args:
         measurement: the finished lines.
-        method: one of ``monte_carlo.METHODS``.
+        method: one of ``monte_carlo.replicable``.
 
     Raises:
         NotDeterminable: the lines are not enough for this method.

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.report import Report, robust_to_setup
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.plots.angles import squareness
 from stepdiag_ros.plots.curves import error_curves
@@ -27,7 +27,7 @@ def draw_all(report: Report, definition: SignDefinition = "rotation") -> "dict[s
     pictures: dict[str, Picture] = {}
     results = report.ordered_results()
     said = stamp(run_id=report.run_id, plan=report.plan)
-    without = [one for one in results if one.method != "conventional"]
+    without = robust_to_setup(results)
     if without:
         pictures["error_curves"] = error_curves(without, truth=report.truth, stamp=said)
     if len(without) < len(results):

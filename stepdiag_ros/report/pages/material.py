@@ -26,7 +26,7 @@ from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagno
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
-from stepdiag_ros.evaluation.report import METHODS, Report
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
@@ -35,6 +35,8 @@ from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
+from stepdiag_ros.metrology.solvers import solvers
+from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
@@ -66,7 +68,9 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
     name = recorded.machine.get("name", "")
     return Report(
         results=(),
-        refused=dict.fromkeys(METHODS, _sentence(ValueError(why), recorded)),
+        refused=dict.fromkeys(
+            in_order_of_reliance(solvers()), _sentence(ValueError(why), recorded)
+        ),
         run_id=recorded.run_id,
         plan=recorded.plan.name,
         machine=name if isinstance(name, str) else "",

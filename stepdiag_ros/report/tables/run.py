@@ -17,6 +17,7 @@ from stepdiag_ros.evaluation.report import (
     compare_with_truth,
     frame_sentences,
     method_title,
+    robust_to_setup,
     short_title,
 )
 from stepdiag_ros.evaluation.single_errors import PEAK_TO_PEAK, with_ranges
@@ -347,7 +348,7 @@ def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErro
     )
     besides = (
         ", the conventional one with the setup taken as perfect besides"
-        if any(one.method == "conventional" for one in results)
+        if len(robust_to_setup(results)) < len(results)
         else ""
     )
     return [

@@ -103,10 +103,11 @@ def chosen_results(
         results: by method.
         method: name of one; ``all``; or ``preferred``: the one to rely on of those there are.
     """
-    ordered = Report(tuple(results.values())).ordered_results()
+    report = Report(tuple(results.values()))
     if method == "preferred":
-        return ordered[-1:]
-    return tuple(result for result in ordered if method in ("all", result.method))
+        preferred = report.preferred()
+        return () if preferred is None else (preferred,)
+    return tuple(one for one in report.ordered_results() if method in ("all", one.method))
 
 
 @dataclass(frozen=True)

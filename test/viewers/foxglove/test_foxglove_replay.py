@@ -14,7 +14,7 @@ from foxglove_viewer import Viewer
 from refused import refused
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-import stepdiag_ros  # noqa: F401 - makes message classes importable
+import stepdiag_ros.client  # noqa: F401 - makes message classes importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.runs import choose_run, records_of

@@ -8,7 +8,7 @@ from foxglove_viewer import Viewer
 from refused import refused
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-import stepdiag_ros  # noqa: F401 - makes message classes importable
+import stepdiag_ros.client  # noqa: F401 - makes message classes importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.messages.conversion import new_message

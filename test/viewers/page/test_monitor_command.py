@@ -9,7 +9,7 @@ import fake_launch
 import pytest
 from refused import refused
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main

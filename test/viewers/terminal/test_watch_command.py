@@ -12,7 +12,7 @@ import time
 import pytest
 from refused import refused
 
-import stepdiag_ros  # noqa: F401 - makes rclpy importable
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.cli import main
 
 COMMAND = (sys.executable, "-m", "stepdiag_ros.cli", "watch")

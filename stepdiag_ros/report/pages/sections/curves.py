@@ -2,7 +2,13 @@
 
 from typing import Any
 
-from stepdiag_ros.evaluation.report import Report, frame_sentences, method_title, short_title
+from stepdiag_ros.evaluation.report import (
+    Report,
+    frame_sentences,
+    method_title,
+    robust_to_setup,
+    short_title,
+)
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents.run import report_document
 from stepdiag_ros.report.pages.material import Material
@@ -26,7 +32,7 @@ def _tell(material: Material) -> Content | str:
         reasons = [f"{', '.join(names)}: {why}." for why, names in methods.items()]
         return " ".join(["The measured lines are not enough for any method.", *reasons])
     results = report.ordered_results()
-    robust = [one for one in results if one.method != "conventional" and one is not preferred]
+    robust = [one for one in robust_to_setup(results) if one is not preferred]
     shown = [*(one for one in robust if one.method in _BESIDE), preferred]
     drawings = {
         "curves": Drawing(
