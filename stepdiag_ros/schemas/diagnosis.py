@@ -21,6 +21,7 @@ from stepdiag_ros.schemas.parts import (
     Numbers,
     Text,
     Uncertainty,
+    Words,
     means,
     one_of,
 )
@@ -162,9 +163,9 @@ class Finding:
     ]
     probability: Annotated[Chance, means("Of this name among all, by the evidence.")]
     group: Annotated[
-        tuple[str, ...], means("Labels that show the same in this run whatever its readings are.")
+        Words, means("Labels that show the same in this run whatever its readings are.")
     ]
-    ambiguous_with: Annotated[tuple[str, ...], means("Labels that may as well be the cause.")]
+    ambiguous_with: Annotated[Words, means("Labels that may as well be the cause.")]
     runners_up: Annotated[Sequence[RunnerUp], means("What else was tried, best first.")]
 
 
@@ -208,7 +209,7 @@ class Pattern:
         means("The whole in words, for example `the Y moves of pnp and ppn, growing with time`."),
     ]
     place: Annotated[str, means("Where in the run.")]
-    lines: Annotated[tuple[str, ...], means("Lines that it is on; empty: all that have the place.")]
+    lines: Annotated[Words, means("Lines that it is on; empty: all that have the place.")]
     with_what: Annotated[str, means("What it goes with.")]
     rms_m: Annotated[
         Uncertainty, means("Of the pattern's part of the gap at the stops concerned, m.")
@@ -220,7 +221,7 @@ class Pattern:
     gain: Annotated[Number, means("What χ² loses by it.")]
     p_value: Annotated[Chance, means("Chance of so clear a pattern by noise alone.")]
     or_else: Annotated[
-        tuple[str, ...],
+        Words,
         means("What else it may go with, or where else it may be, as far as this run tells."),
     ]
 
@@ -259,12 +260,8 @@ class Verdict:
     after: Annotated[
         Fit, means("The same with the findings (where UNEXPLAINED: with `partial`) fitted too.")
     ]
-    where: Annotated[
-        tuple[str, ...], means("Where the gap of the model as it was lies, in sentences.")
-    ]
-    where_after: Annotated[
-        tuple[str, ...], means("Likewise of the gap that is left, where UNEXPLAINED.")
-    ]
+    where: Annotated[Words, means("Where the gap of the model as it was lies, in sentences.")]
+    where_after: Annotated[Words, means("Likewise of the gap that is left, where UNEXPLAINED.")]
     patterns: Annotated[
         Sequence[Pattern], means("What that gap looks like, clearest first; none where CONSISTENT.")
     ]
@@ -314,7 +311,7 @@ class Gap:
 class Pair:
     """Two causes and how well a plan tells them apart."""
 
-    labels: Annotated[tuple[str, ...], means("Two causes.")]
+    labels: Annotated[Words, means("Two causes.")]
     separation: Annotated[
         float, Meta(ge=0), means("Expected difference of the two, in standard deviations.")
     ]
@@ -325,7 +322,7 @@ class Pair:
 class LeftOpen:
     """Causes that no plan tells apart."""
 
-    labels: tuple[str, ...]
+    labels: Words
     why: str
 
 
@@ -337,14 +334,12 @@ class Proposal:
     plan_file: Annotated[Text, means("It was written to.")]
     duration_s: Annotated[Uncertainty, means("Of the plan, s; null if there is none.")]
     certainty: Annotated[Chance, means("Chance that it leaves one name.")]
-    alignments: Annotated[tuple[str, ...], means("To be made, in order.")]
-    passes: Annotated[tuple[str, ...], means("In words.")]
-    rivals: Annotated[
-        Sequence[tuple[str, ...]], means("Groups of labels that are to be told apart.")
-    ]
+    alignments: Annotated[Words, means("To be made, in order.")]
+    passes: Annotated[Words, means("In words.")]
+    rivals: Annotated[Sequence[Words], means("Groups of labels that are to be told apart.")]
     pairs: Annotated[Sequence[Pair], means("The least certain first.")]
     left_open: Annotated[Sequence[LeftOpen], means("What no plan tells apart.")]
-    conditions: Annotated[tuple[str, ...], means("Under which the plan tells.")]
+    conditions: Annotated[Words, means("Under which the plan tells.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -376,7 +371,7 @@ class Proof:
 
     split: Annotated[str, means("What was held out, in words.")]
     readings: Annotated[Count, means("Number of them.")]
-    effects: Annotated[tuple[str, ...], means("Labels of those proven.")]
+    effects: Annotated[Words, means("Labels of those proven.")]
     named_by_the_other_readings_alone: Annotated[
         bool, means("The other readings alone name the same.")
     ]
@@ -430,4 +425,4 @@ class Document(Verdict, _Run):
         Model | None, means("The model with what was named; null if nothing was.")
     ]
     extended_model_file: Annotated[Text, means("It was written to.")]
-    remarks: tuple[str, ...]
+    remarks: Words

@@ -16,6 +16,7 @@ Uncertainty = Annotated[float, Meta(ge=0)] | None
 Chance = Annotated[float, Meta(ge=0, le=1)] | None
 Count = Annotated[int, Meta(ge=0)]
 Numbers = Sequence[Number]
+Words = Sequence[str]
 Text = Annotated[str, Meta(min_length=1)] | None
 """Of what has a name or a place, never empty."""
 

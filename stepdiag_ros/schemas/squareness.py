@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from stepdiag_ros.metrology.geometry import SQUARENESS
-from stepdiag_ros.schemas.parts import Number, Uncertainty, means, one_of
+from stepdiag_ros.schemas.parts import Number, Uncertainty, Words, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,7 +12,7 @@ class Angle:
     """Squareness of one pair of axes."""
 
     name: Annotated[str, one_of(*SQUARENESS)]
-    diagonals: tuple[str, ...]
+    diagonals: Words
     rotation: Annotated[Number, means("Right-handed rotation, rad.")]
     angle: Annotated[Number, means("Positive where the angle is larger than 90°, rad.")]
     theta: Annotated[Number, means("As RL defines it, rad.")]
@@ -39,5 +39,5 @@ class Document:
     mean_length_standard_uncertainty: Uncertainty
     closure: Annotated[Number, means("Disagreement of four body diagonals, m.")]
     closure_standard_uncertainty: Annotated[Uncertainty, means("m.")]
-    remarks: tuple[str, ...]
-    warnings: tuple[str, ...]
+    remarks: Words
+    warnings: Words

@@ -5,6 +5,7 @@ be written in another way; a document must not fit one and miss the other.
 """
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -16,6 +17,10 @@ from stepdiag_ros import schemas
 PUBLISHED = sorted((Path(__file__).parents[1] / "data" / "schemas").glob("*.json"))
 WRONG = ("wrong", -1.5, 7, True, None, {}, [], [None], ["wrong"], {"wrong": None})
 EXAMPLES = {"string": "some", "number": 0.5, "integer": 2, "boolean": True, "null": None}
+
+
+TEXTS = ("some", "E_XX", "XYZ", "0" * 64)
+"""One of them fits each pattern."""
 
 
 def example(node, root):
@@ -35,10 +40,12 @@ def example(node, root):
     if kind == "object":
         further = node.get("additionalProperties")
         made = {name: example(below, root) for name, below in node.get("properties", {}).items()}
-        names = node.get("propertyNames", {}).get("enum", ["some"])
-        return {**({names[0]: example(further, root)} if further else {}), **made}
+        name = example({"type": "string", **node.get("propertyNames", {})}, root)
+        return {**({name: example(further, root)} if further else {}), **made}
     if kind == "array":
         return [example(node["items"], root) for _ in range(node.get("minItems", 1))]
+    if "pattern" in node:
+        return next(text for text in TEXTS if re.search(node["pattern"], text))
     return EXAMPLES[kind]
 
 
