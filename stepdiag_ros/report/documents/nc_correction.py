@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
 
 from stepdiag_ros import schemas
+from stepdiag_ros.compensation import nc_proof
 from stepdiag_ros.compensation.identified import Origin
-from stepdiag_ros.compensation.nc_proof import Proof, Remaining
 from stepdiag_ros.compensation.nc_rewrite import RewriteSettings, Rewritten
+from stepdiag_ros.schemas.nc_correction import Document, Remaining, Uncorrected
+from stepdiag_ros.schemas.origin import origin_of
 
 REVERSAL = (
     "targets are corrected by the mean of both directions of approach: reversal errors (backlash)"
@@ -41,7 +42,7 @@ class NcReport:
     origin: Origin
     settings: RewriteSettings
     rewritten: Rewritten
-    proof: Proof
+    proof: nc_proof.Proof
     remarks: tuple[str, ...] = ()
 
     @property
@@ -88,38 +89,36 @@ def text_lines(report: NcReport) -> list[str]:
 def nc_json(report: NcReport) -> str:
     """Return the report as a document of the schema ``nc_correction``."""
     made, proof = report.rewritten, report.proof
-    content: dict[str, Any] = {
-        "program": report.program,
-        "program_sha256": report.program_sha256,
-        "written": report.written or None,
-        "origin": {key: text or None for key, text in vars(report.origin).items()},
-        "tolerance": report.settings.tolerance,
-        "decimals": report.settings.decimals,
-        "outside": report.settings.outside,
-        "changed_moves": made.changed,
-        "feed_moves": proof.moves,
-        "written_feed_moves": proof.pieces,
-        "feed_length": proof.length,
-        "before": _remaining(proof.before),
-        "after": _remaining(proof.after),
-        "map_standard_uncertainty": proof.map_uncertainty
-        if isfinite(proof.map_uncertainty)
-        else None,
-        "rapid_before": _remaining(proof.rapid_before),
-        "rapid_after": _remaining(proof.rapid_after),
-        "held_lines": list(made.held),
-        "uncorrected": [{"line": line, "reason": reason} for line, reason in made.uncorrected],
-        "remarks": list(report.all_remarks),
-    }
+    content = Document(
+        program=report.program,
+        program_sha256=report.program_sha256,
+        written=report.written or None,
+        origin=origin_of(vars(report.origin)),
+        tolerance=report.settings.tolerance,
+        decimals=report.settings.decimals,
+        outside=report.settings.outside,
+        changed_moves=made.changed,
+        feed_moves=proof.moves,
+        written_feed_moves=proof.pieces,
+        feed_length=proof.length,
+        before=_remaining(proof.before),
+        after=_remaining(proof.after),
+        map_standard_uncertainty=proof.map_uncertainty,
+        rapid_before=_remaining(proof.rapid_before),
+        rapid_after=_remaining(proof.rapid_after),
+        held_lines=made.held,
+        uncorrected=[Uncorrected(line=line, reason=reason) for line, reason in made.uncorrected],
+        remarks=report.all_remarks,
+    )
     return schemas.json_text(schemas.document("nc_correction", content))
 
 
-def _remaining(one: Remaining) -> dict[str, Any]:
-    return {
-        "largest": one.largest if isfinite(one.largest) else None,
-        "rms": one.rms if isfinite(one.rms) else None,
-        "line": one.line or None,
-    }
+def _remaining(one: nc_proof.Remaining) -> Remaining:
+    return Remaining(
+        largest=one.largest,
+        rms=one.rms,
+        line=one.line or None,
+    )
 
 
 def _micro(value: float) -> str:
