@@ -143,11 +143,11 @@ def document(name: str, content: Any) -> dict[str, Any]:
     Raises:
         ValueError: a number is not known where its type has no ``null``.
     """
-    fields = content if isinstance(content, Mapping) else _plain(content)
+    fields = content if isinstance(content, Mapping) else plain(content)
     return {"schema": identifier(name), "software_version": __version__, **fields}
 
 
-def _plain(content: Any) -> dict[str, Any]:
+def plain(content: Any) -> dict[str, Any]:
     """Return content as JSON knows it: ``null`` for a number that is NaN or infinite."""
     import msgspec
 

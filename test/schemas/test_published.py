@@ -41,7 +41,9 @@ def example(node, root):
         further = node.get("additionalProperties")
         made = {name: example(below, root) for name, below in node.get("properties", {}).items()}
         name = example({"type": "string", **node.get("propertyNames", {})}, root)
-        return {**({name: example(further, root)} if further else {}), **made}
+        for number in range(node.get("minProperties", 1) if further else 0):
+            made[f"{name}{number or ''}"] = example(further, root)
+        return made
     if kind == "array":
         return [example(node["items"], root) for _ in range(node.get("minItems", 1))]
     if "pattern" in node:
