@@ -50,5 +50,5 @@ class Visibility:
     errors: Annotated[
         Mapping[str, Verdict],
         Meta(min_length=12),
-        means("ISO 230-1 name, or name of an effect, to the verdict."),
+        means("ISO 230-1 name to the verdict."),
     ]
