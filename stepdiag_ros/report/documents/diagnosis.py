@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, rms_and_largest
 from stepdiag_ros.metrology.discrepancy import findings, held_out
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
 from stepdiag_ros.metrology.discrepancy.loose import repeated_passes
@@ -179,7 +179,7 @@ def _pattern(look: findings.Pattern) -> Pattern:
 
 
 def _fit(squares: float, freedom: int, chance: float, gap: Vector) -> Fit:
-    rms, largest = gap_figures(gap)
+    rms, largest = rms_and_largest(gap)
     return Fit(
         chi_squared=squares,
         degrees_of_freedom=freedom,

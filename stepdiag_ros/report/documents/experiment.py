@@ -1,8 +1,8 @@
-"""The evaluation of Ibaraki & Hata 2010, section 4: what it is made of, as text and as JSON.
+"""The evaluation of Ibaraki & Hata 2010, section 4: as a JSON document.
 
 Table 1, the setup errors and the sensitivity of the conventional formulation to them, the angular
 errors with the uncertainty that eq. (29) warns of, the spread over the repeats, and the comparison
-with directly measured errors. SI in the JSON; what is not known is ``null``.
+with directly measured errors.
 """
 
 from typing import Any
