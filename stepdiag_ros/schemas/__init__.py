@@ -148,7 +148,11 @@ def document(name: str, content: Any) -> dict[str, Any]:
 
 
 def plain(content: Any) -> dict[str, Any]:
-    """Return content as JSON knows it: ``null`` for a number that is NaN or infinite."""
+    """Return content as JSON knows it: ``null`` for a number that is NaN or infinite.
+
+    Raises:
+        ValueError: such a number stands where its type has no ``null``.
+    """
     import msgspec
 
     encoded = msgspec.json.encode(content, enc_hook=lambda array: array.tolist())
