@@ -71,6 +71,7 @@ setup(
         "jinja2>=3.1,<4",
         "matplotlib>=3.7,<4",
         "mcap>=1.5,<2",
+        "msgspec>=0.21,<1",
         "numpy>=1.26,<3",
         "pillow>=10,<14",
         "pyserial>=3.5,<4",

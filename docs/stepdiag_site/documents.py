@@ -62,6 +62,8 @@ def _target(schema: dict[str, Any], reference: str) -> dict[str, Any]:
 
 
 def _kind(node: dict[str, Any]) -> str:
+    if "anyOf" in node:
+        return " or ".join(filter(None, map(_kind, node["anyOf"])))
     kinds = node.get("type", "")
     if "const" in node:
         return "constant"

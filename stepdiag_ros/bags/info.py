@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import dataclass, field
-from math import isnan, nan
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.metrology.time_alignment import RunTiming
+from stepdiag_ros.schemas import number
 
 
 @dataclass(frozen=True)
@@ -264,19 +265,15 @@ def _timing_as_dict(timing: RunTiming | None) -> dict[str, Any] | None:
     if timing is None:
         return None
     offset = timing.offset
-
-    def known(value: float) -> float | None:
-        return None if isnan(value) else value
-
     return {
-        "offset": known(offset.offset),
-        "standard_uncertainty": known(offset.standard_uncertainty),
-        "expanded_uncertainty": known(offset.expanded_uncertainty),
+        "offset": number(offset.offset),
+        "standard_uncertainty": number(offset.standard_uncertainty),
+        "expanded_uncertainty": number(offset.expanded_uncertainty),
         "degrees_of_freedom": offset.degrees_of_freedom,
         "moves": offset.moves,
         "lines": len(timing.lines),
-        "drift": known(timing.drift),
-        "drift_uncertainty": known(timing.drift_uncertainty),
+        "drift": number(timing.drift),
+        "drift_uncertainty": number(timing.drift_uncertainty),
         "others": list(offset.others),
         "reason": offset.reason,
     }

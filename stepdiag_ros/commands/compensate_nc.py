@@ -144,7 +144,9 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.compensation.nc_proof import prove
     from stepdiag_ros.compensation.nc_readback import refuse_foreign_words
     from stepdiag_ros.compensation.nc_rewrite import rewrite
-    from stepdiag_ros.report.documents.nc_correction import NcReport, nc_json, text_lines
+    from stepdiag_ros.evaluation.nc_correction import NcReport
+    from stepdiag_ros.report.documents.nc_correction import nc_json
+    from stepdiag_ros.report.tables.nc_correction import text_lines
 
     program: Path = arguments.program
     data = program.read_bytes()

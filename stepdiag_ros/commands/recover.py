@@ -54,7 +54,7 @@ def run(arguments: Namespace) -> int:
         "unreadable_bytes": report.unreadable_bytes,
         "attachments": report.attachments,
         "topics": report.topics,
-        "duration_s": duration if math.isfinite(duration) else None,
+        "duration_s": schemas.number(duration),
         "losses": report.losses,
     }
     print(schemas.json_text(schemas.document("recovery", document)))

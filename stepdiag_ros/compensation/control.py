@@ -275,23 +275,6 @@ def refuse_long(count: int, most: int, what: str, advice: str) -> None:
         )
 
 
-def axis_of(name: str, names: str, where: str) -> int:
-    """Return the axis (0, 1, 2) that a control calls by a name.
-
-    Args:
-        name: of the axis.
-        names: of X, Y, Z in the control, separated by commas.
-        where: file and line, for the text of an error.
-
-    Raises:
-        ValueError: no axis is called so.
-    """
-    known = axis_names(names)
-    if name not in known:
-        raise ValueError(f"{where}: '{name}' is none of the axes {', '.join(known)}")
-    return known.index(name)
-
-
 def axis_names(names: str) -> list[str]:
     """Return the names of X, Y, Z in a control.
 

@@ -24,6 +24,8 @@ from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS,
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+from stepdiag_ros.schemas.origin import origin_of
+from stepdiag_ros.schemas.volumetric_map import Document, Nodes
 from stepdiag_ros.text.controls import Comment
 from stepdiag_ros.text.intake import parse_json
 
@@ -128,30 +130,25 @@ class _Generic:
         return CorrectedTargets(map_from_text(files[MAP], MAP).error_map)
 
 
-def content(identified: Identified) -> dict[str, Any]:
+def content(identified: Identified) -> Document:
     """Return the map as the content of a document of the schema ``volumetric_map``."""
     error_map = identified.error_map
-    return {
-        "definition": DEFINITION,
-        "origin": {key: text or None for key, text in asdict(identified.origin).items()},
-        "chain": error_map.chain or None,
-        "frame": error_map.frame,
-        "reference_point": REFERENCE_POINT,
-        "nodes": {
-            letter: schemas.numbers(nodes)
-            for letter, nodes in zip(AXES, error_map.nodes, strict=True)
+    return Document(
+        definition=DEFINITION,
+        origin=origin_of(asdict(identified.origin)),
+        chain=error_map.chain or None,
+        frame=error_map.frame,
+        reference_point=REFERENCE_POINT,
+        nodes=Nodes(**{axis: at.tolist() for axis, at in zip(AXES, error_map.nodes, strict=True)}),
+        curves={name: curve.tolist() for name, curve in error_map.curves.items()},
+        standard_uncertainty={
+            name: spread.tolist() for name, spread in error_map.standard_uncertainty.items()
         },
-        "curves": {name: schemas.numbers(curve) for name, curve in error_map.curves.items()},
-        "standard_uncertainty": {
-            name: schemas.numbers(spread) for name, spread in error_map.standard_uncertainty.items()
-        },
-        "reversal": {
-            AXES[axis]: schemas.numbers(values) for axis, values in identified.reversal.items()
-        },
-        "not_estimated": list(error_map.left_out),
-        "not_determined": list(error_map.not_determined),
-        "remarks": list(identified.remarks),
-    }
+        reversal={AXES[axis]: values.tolist() for axis, values in identified.reversal.items()},
+        not_estimated=error_map.left_out,
+        not_determined=error_map.not_determined,
+        remarks=identified.remarks,
+    )
 
 
 def map_from_text(text: str, source: str) -> Identified:

@@ -25,6 +25,12 @@ DESPITE = "--despite-verdict"
 _ANGULAR = "angular error"
 
 
+_IN_CURVES = (
+    *(SQUARENESS_ERROR.label({"angle": name}) for name in SQUARENESS),
+    *(SCALE.label({"axis": axis}) for axis in AXES),
+)
+
+
 @dataclass(frozen=True)
 class Permission:
     """Whether tables may be made.
@@ -94,12 +100,6 @@ def held_by_any(verdict: Verdict) -> bool:
     """Say whether some control's tables hold all that was named, if its reversal is measured."""
     held = {*_IN_CURVES, *(BACKLASH.label({"axis": axis}) for axis in AXES)}
     return {*verdict.effects, *verdict.rivals} <= held
-
-
-_IN_CURVES = (
-    *(SQUARENESS_ERROR.label({"angle": name}) for name in SQUARENESS),
-    *(SCALE.label({"axis": axis}) for axis in AXES),
-)
 
 
 def _solved_with(label: str, identified: Identified) -> bool:

@@ -16,6 +16,17 @@ _PARAMETER = re.compile(r"^(?:(?P<node>[^:]+):)?(?P<name>[^:]+):=(?P<value>.*)$"
 _LEVELS = {"debug": 10, "info": 20, "warn": 30, "warning": 30, "error": 40, "fatal": 50}
 
 
+_SWITCHES = {
+    "--enable-rosout-logs": ("use_rosout", True),
+    "--disable-rosout-logs": ("use_rosout", False),
+    "--enable-stdout-logs": ("use_stdout", True),
+    "--disable-stdout-logs": ("use_stdout", False),
+    # There are no log files to switch on or off.
+    "--enable-external-lib-logs": ("", True),
+    "--disable-external-lib-logs": ("", False),
+}
+
+
 class ArgumentError(ValueError):
     """A ROS argument cannot be understood; the message says which one."""
 
@@ -200,17 +211,6 @@ def _flatten(values: dict[Any, Any], prefix: str, where: str, flat: dict[str, An
             _flatten(value, f"{name}.", where, flat)
         else:
             flat[name] = check_value(value, f"{where}, parameter '{name}'")
-
-
-_SWITCHES = {
-    "--enable-rosout-logs": ("use_rosout", True),
-    "--disable-rosout-logs": ("use_rosout", False),
-    "--enable-stdout-logs": ("use_stdout", True),
-    "--disable-stdout-logs": ("use_stdout", False),
-    # There are no log files to switch on or off.
-    "--enable-external-lib-logs": ("", True),
-    "--disable-external-lib-logs": ("", False),
-}
 
 
 def _set_switch(result: RosArguments, item: str) -> None:

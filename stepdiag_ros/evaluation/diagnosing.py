@@ -9,7 +9,7 @@ from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
-from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
@@ -220,7 +220,7 @@ def _remarks(measurement: Measurement, reference: Reference, plan: Plan) -> Iter
 
 
 def _gap(squares: float, freedom: int, chance: float, residual: Vector) -> GapFigures:
-    return GapFigures(squares, freedom, chance, *gap_figures(residual))
+    return GapFigures(squares, freedom, chance, *rms_and_largest(residual))
 
 
 def _found(finding: Finding) -> FoundEffect:

@@ -93,7 +93,7 @@ class DiagnosisReport:
         return self.diagnosis.findings or self.diagnosis.partial
 
 
-def gap_figures(residual: Vector) -> tuple[float, float]:
+def rms_and_largest(residual: Vector) -> tuple[float, float]:
     """Return rms and largest of a gap, m; NaN where there is no reading at all."""
     known = residual[np.isfinite(residual)]
     if not known.size:

@@ -23,6 +23,9 @@ from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErr
 from stepdiag_ros.metrology.solvers.soons import AngleUncertainty, angle_uncertainty
 from stepdiag_ros.metrology.table_one import Row, table_one
 
+ENOUGH_REPEATS = 3
+"""So many repeats have a spread that is worth solving and drawing each alone."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -128,7 +131,3 @@ def _displacement_uncertainty(measurement: Measurement) -> float:
     stops = np.concatenate([line.standard_uncertainty for line in measurement.lines])
     known = stops[np.isfinite(stops)]
     return float(np.sqrt(2.0 * np.mean(known**2))) if known.size else math.nan
-
-
-ENOUGH_REPEATS = 3
-"""So many repeats have a spread that is worth solving and drawing each alone."""

@@ -13,12 +13,11 @@ With four step diagonals for the chain ``YXZ`` the rotations that are not invisi
 E_AZ, E_BZ and E_CZ, as Ibaraki & Hata 2010, section 4.2, say.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
@@ -41,7 +40,6 @@ __all__ = [
     "INVISIBLE",
     "PARTLY",
     "SHAPE",
-    "Effect",
     "Row",
     "Visibility",
     "measured_visibility",
@@ -54,27 +52,11 @@ _OF_A_SETUP = 3
 
 
 @dataclass(frozen=True)
-class Effect:
-    """A further cause that may be in the readings, with one unknown size.
-
-    Attributes:
-        name: in words.
-        unit: of its size.
-        change: what one unit of it adds to the readings of a line, m, one value a stop.
-    """
-
-    name: str
-    unit: str
-    change: Callable[[MeasuredLine], Vector]
-
-
-@dataclass(frozen=True)
 class Visibility:
     """The visibility table of a plan or a measurement.
 
     Attributes:
-        rows: the curves (nine without a chain, eighteen with one), the three squareness errors, the
-            effects.
+        rows: the curves (nine without a chain, eighteen with one) and the three squareness errors.
         chain: for which it holds; empty: translations only, as if nothing turned.
         stop_uncertainty: standard uncertainty of a stop that the expected uncertainties rest on, m
             (of the readings: root mean square); NaN if unknown.
@@ -108,16 +90,13 @@ class Visibility:
         return tuple(row.name for row in self.rows if row.status == status)
 
 
-def visibility(
-    plan: Plan, chain: str, stop_uncertainty: float, effects: Sequence[Effect] = ()
-) -> Visibility:
+def visibility(plan: Plan, chain: str, stop_uncertainty: float) -> Visibility:
     """Say before measuring what a plan can tell.
 
     Args:
         plan: the test plan.
         chain: order of the axes from workpiece to tool; empty if not known: translations only.
         stop_uncertainty: expected standard uncertainty of a stop, m.
-        effects: further causes that the readings may hold.
 
     Raises:
         ValueError: no such chain, an uncertainty that is not above zero, a plan without lines, or
@@ -159,31 +138,23 @@ def visibility(
                 overrun=plan.overrun_of(line),
             )
         )
-    return measured_visibility(Measurement(plan.volume, tuple(lines), chain), effects)
+    return measured_visibility(Measurement(plan.volume, tuple(lines), chain))
 
 
-def measured_visibility(measurement: Measurement, effects: Sequence[Effect] = ()) -> Visibility:
+def measured_visibility(measurement: Measurement) -> Visibility:
     """Say after measuring what the lines that are there tell, with their own uncertainties.
 
     Args:
         measurement: the lines; those of its stops that were rejected tell nothing. Its chain
             decides whether rotations are looked at.
-        effects: further causes that the readings may hold.
 
     Raises:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
     observations = observe(measurement)
-    columns = np.column_stack(
-        [np.zeros((len(observations.displacement), 0))]
-        + [_readings_of(effect, measurement) for effect in effects]
-    )
-    sizes = np.max(np.abs(columns), axis=0, initial=0.0)
-    # An effect is counted by its largest change, so that all unknowns are of one size.
-    scaled = columns / np.where(sizes > 0.0, sizes, 1.0)
-    design = Design(observations, measurement.chain, scaled if effects else None)
-    verdicts = Verdicts(design, [(effect.name, effect.unit) for effect in effects], sizes.tolist())
+    design = Design(observations, measurement.chain)
+    verdicts = Verdicts(design)
     known = observations.noise_known
     scale = float(np.sqrt(np.mean(observations.uncertainty**2))) if known else float("nan")
     return Visibility(
@@ -195,15 +166,3 @@ def measured_visibility(measurement: Measurement, effects: Sequence[Effect] = ()
         rank=design.count - design.unseen.shape[1],
         condition_number=verdicts.condition_number,
     )
-
-
-def _readings_of(effect: Effect, measurement: Measurement) -> Vector:
-    parts = []
-    for line in measurement.lines:
-        change = np.asarray(effect.change(line), dtype=np.float64)
-        if change.shape != line.displacement.shape:
-            raise Refusal(
-                f"the effect '{effect.name}' must give one value for each stop", fault="mismatch"
-            )
-        parts.append(change[np.isfinite(line.displacement)])
-    return np.concatenate(parts)

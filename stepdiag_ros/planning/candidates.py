@@ -42,6 +42,10 @@ _FINENESS = (1e-3, 1e-4, 1e-5, 1e-6)
 _WASTE = 0.01
 
 
+VOLUMETRIC = "volumetric"
+"""Stands for all nine translations together, see ``Expectation.volumetric``."""
+
+
 @dataclass(frozen=True)
 class Group:
     """Lines of one kind at one place.
@@ -178,9 +182,6 @@ class Purpose:
         names = self.needed or tuple(ROTATIONS)
         return {name: known[name] for name in names}
 
-
-VOLUMETRIC = "volumetric"
-"""Stands for all nine translations together, see ``Expectation.volumetric``."""
 
 _FIVE_PER_METRE = 0.2
 _FIVE_RUNS = (5,)

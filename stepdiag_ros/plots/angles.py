@@ -205,7 +205,7 @@ def squareness_sensitivity(
                 color=colour,
                 linestyle=line,
                 linewidth=1.4,
-                label=f"±{shift * 1e6:g} ppm between the two diagonals",
+                label=f"±{shift * IN_MICRO:g} ppm between the two diagonals",
             )
     zero_line(panel)
     scales(panel, "aspect ratio of the axes (longer : shorter)", "error of squareness / arcsec")

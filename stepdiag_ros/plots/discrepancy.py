@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stepdiag_ros.evaluation.diagnosis import gap_figures as rms_and_largest
+from stepdiag_ros.evaluation.diagnosis import rms_and_largest
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Share
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures

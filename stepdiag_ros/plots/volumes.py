@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.standards.volumetric import (
     of_result,
     volumetric_accuracy,
 )
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.plots.space import add_wires, frame_box, project
 from stepdiag_ros.plots.style import BLUE, VERMILION, Sheet, scales
@@ -112,7 +112,7 @@ def volume(
     panel.plot(*project(end), marker="o", markersize=5.0, color=VERMILION, linestyle="none")
     frame_box(panel, low, high)
     times = f"Errors are drawn {factor:,.0f} times larger than they are."
-    where = ", ".join(plain(value * 1e3, 1) for value in worst.position)
+    where = ", ".join(plain(value * IN_MILLI, 1) for value in worst.position)
     said = [
         f"{times} Worst: {plus_minus(worst.value, worst.standard_uncertainty, IN_MICRO)} µm at"
         " X, Y, Z"

@@ -1,15 +1,21 @@
-"""The JSON documents that commands print and write, each with its schema beside this module.
+"""The JSON documents that commands print and write, each with its schema.
 
 Every document begins with ``schema``, the name and version of its schema, and ``software_version``.
 Numbers are in SI units; what is not known is ``null``, never 0. A schema (JSON Schema 2020-12) has
 an entry, with meaning and unit, for every field that a document may have. The names of methods in
 it are those of the methods that are installed. A version grows when a
 field changes its meaning or goes; new fields do not change it.
+
+A document is declared in the module of its name in this package: its class ``Document`` is what
+makes the document and what its schema is generated from. Some are not yet declared so. They are
+mappings, and their schemas are files.
 """
 
+import inspect
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module
 from importlib import resources as package_files
 from typing import Any
 
@@ -50,6 +56,10 @@ VERSIONS = {
 
 _METHODS = "methods"
 """Part of a schema that is not in a file, but made from the methods that are installed."""
+_OF_ALL = (
+    "Numbers are in SI units (m, rad, s, degC, Pa) unless the key or the field `unit` says"
+    " otherwise. null means unknown or not determined; it never stands for zero."
+)
 
 
 def identifier(name: str) -> str:
@@ -75,7 +85,7 @@ def schema(name: str) -> dict[str, Any]:
     if name not in VERSIONS:
         raise ValueError(f"there is no schema '{name}'; there are {', '.join(VERSIONS)}")
     file = package_files.files(__name__).joinpath(f"{name}.schema.json")
-    loaded: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    loaded = json.loads(file.read_text("utf-8")) if file.is_file() else _generated(name)
     if parts := sorted(set(_parts(loaded))):
         found = {part: _methods() if part == _METHODS else schema(part) for part in parts}
         loaded["$defs"] = {**loaded.get("$defs", {}), **found}
@@ -106,6 +116,38 @@ def _methods() -> dict[str, Any]:
     }
 
 
+def _generated(name: str) -> dict[str, Any]:
+    """Return the schema of a document that is declared as a type."""
+    import msgspec
+
+    kind = import_module(f"{__name__}.{name}").Document
+    title, _, about = (inspect.getdoc(kind) or "").partition("\n\n")
+    parts = msgspec.json.schema(kind)["$defs"]
+    for part in parts.values():
+        part["additionalProperties"] = False
+    content = parts.pop("Document")
+    head = {
+        "schema": {
+            "description": "Name and version of the schema of this document.",
+            "const": identifier(name),
+        },
+        "software_version": {
+            "description": "Version of stepdiag_ros that made this document.",
+            "type": "string",
+        },
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": identifier(name),
+        **content,
+        "title": title.rstrip("."),
+        "description": f"{_OF_ALL} {' '.join(about.split())}",
+        "properties": head | content["properties"],
+        "required": [*head, *content["required"]],
+        "$defs": parts,
+    }
+
+
 def _parts(of: Any) -> Iterator[str]:
     """Yield the names of the other schemas that a schema refers to."""
     if isinstance(of, dict):
@@ -119,9 +161,32 @@ def _parts(of: Any) -> Iterator[str]:
             yield from _parts(value)
 
 
-def document(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document: its content, and before it what it is and which software made it."""
-    return {"schema": identifier(name), "software_version": __version__, **content}
+def document(name: str, content: Any) -> dict[str, Any]:
+    """Return a document: its content, and before it what it is and which software made it.
+
+    Args:
+        name: of its schema.
+        content: the declared ``Document``, or of what is not declared yet a mapping.
+
+    Raises:
+        ValueError: a number is not known where its type has no ``null``.
+    """
+    fields = content if isinstance(content, Mapping) else plain(content)
+    return {"schema": identifier(name), "software_version": __version__, **fields}
+
+
+def plain(content: Any) -> dict[str, Any]:
+    """Return content as JSON knows it: ``null`` for a number that is NaN or infinite.
+
+    Raises:
+        ValueError: such a number stands where its type has no ``null``.
+    """
+    import msgspec
+
+    encoded = msgspec.json.encode(content, enc_hook=lambda array: array.tolist())
+    msgspec.json.decode(encoded, type=type(content))
+    made: dict[str, Any] = msgspec.json.decode(encoded)
+    return made
 
 
 def number(value: float) -> float | None:

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.effects.effect import Size
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.numbers import UNKNOWN, with_uncertainty
 
 _SMALL = 0.01
@@ -23,7 +23,7 @@ _READABLE = {
     "m/s": ("µm/h", IN_MICRO * _PER_HOUR),
     "1/Pa": ("µm/(m hPa)", IN_MICRO * _PER_HECTOPASCAL),
     "m/Pa": ("µm/hPa", IN_MICRO * _PER_HECTOPASCAL),
-    "s": ("ms", 1e3),
+    "s": ("ms", IN_MILLI),
 }
 MEANING = {
     CONSISTENT: "The model explains this run to within its noise. Below is how large each effect"

@@ -1,4 +1,4 @@
-"""The lead of a run in words: what decides, how large the errors are, what to do next."""
+"""The lead of a run in words: what decides, how large the errors are, which commands come next."""
 
 import shlex
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.numbers import plain, with_expanded
 
 _MOST_ERRORS = 3
@@ -72,7 +72,7 @@ def size_sentences(lead: RunLead) -> list[str]:
         )
         words = "; ".join(
             f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, IN_MICRO)} µm over"
-            f" {one.travel * 1e3:.0f} mm"
+            f" {one.travel * IN_MILLI:.0f} mm"
             for one in lead.errors[:_MOST_ERRORS]
         )
         said.append(f"{what}, peak to peak over the travel{_directions(lead)}: {words}.")
@@ -165,7 +165,7 @@ def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
 
 def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
     place = ", ".join(
-        f"{letter} {plain(value * 1e3, 1)}"
+        f"{letter} {plain(value * IN_MILLI, 1)}"
         for letter, value in zip("XYZ", accuracy.position, strict=True)
     )
     vector = ", ".join(

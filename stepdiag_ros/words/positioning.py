@@ -1,4 +1,4 @@
-"""How parameters of a test of positioning are written: to the places of their uncertainties."""
+"""Tests of positioning in words: what they found, and to how many places figures are written."""
 
 import math
 from collections.abc import Iterable, Sequence

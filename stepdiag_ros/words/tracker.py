@@ -1,4 +1,4 @@
-"""What two figures say of the residuals of a tracker's run."""
+"""A tracker's run in words: where it stood, the joint estimate, and ATLI Figs. 4 and 5."""
 
 import math
 

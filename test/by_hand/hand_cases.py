@@ -10,6 +10,7 @@ from itertools import groupby
 
 import numpy as np
 from cells_for_tests import make_cell
+from program_run import Instrument, run_program
 
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.by_hand import (
@@ -22,7 +23,6 @@ from stepdiag_ros.metrology.by_hand import (
 from stepdiag_ros.metrology.measurement import MeasuredLine, SettledStop
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.planning.moves import dwell_of, moves_of, passes_of
-from stepdiag_ros.planning.program_run import Instrument, run_program
 
 FAULTS = (
     "none",

@@ -1,12 +1,12 @@
 """Settled stops found by stillness beside those of the same readings with every command known."""
 
 import numpy as np
+from program_run import Instrument, run_program
 
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.by_hand import Numbering, as_commanded, find_stops, plan_by_hand
 from stepdiag_ros.metrology.measurement import Arrival, SettledStop, StopCommand
 from stepdiag_ros.planning.moves import moves_of
-from stepdiag_ros.planning.program_run import Instrument, run_program
 
 SETTLED = 50_000_000
 """ns after the end of its command after which a controller says in position."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hand_cases import FAULTS, HARMLESS, judge, make_case
 from hand_values import compared
+from program_run import Instrument, run_program
 
 from stepdiag_ros.configuration import load_cell, load_plan, plan_from_text
 from stepdiag_ros.metrology.assembly import assemble
@@ -20,7 +21,6 @@ from stepdiag_ros.metrology.by_hand import (
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.planning.moves import moves_of
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.planning.program_run import Instrument, run_program
 
 
 @pytest.mark.parametrize(

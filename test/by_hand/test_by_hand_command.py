@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from program_run import Instrument, run_program
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.reader import BagReader
@@ -15,7 +16,6 @@ from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
 from stepdiag_ros.planning.moves import moves_of
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.planning.program_run import Instrument, run_program
 
 MAPPING = """\
 table: readings

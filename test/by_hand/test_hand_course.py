@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from exact_drive import driven, plan_of, stays_of
 from hand_values import stops_by_hand
+from program_run import Instrument, run_program
 from refused import refused
 
 from stepdiag_ros.configuration import load_cell, load_plan
@@ -13,7 +14,6 @@ from stepdiag_ros.metrology.by_hand import plan_by_hand
 from stepdiag_ros.metrology.measurement import MeasuredLine, SettledStop
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.moves import moves_of
-from stepdiag_ros.planning.program_run import Instrument, run_program
 from stepdiag_ros.run.hand_course import HandCourse
 from stepdiag_ros.run.sequence import State
 

@@ -14,7 +14,6 @@ from stepdiag_ros.metrology.visibility import (
     DETERMINED,
     INVISIBLE,
     PARTLY,
-    Effect,
     measured_visibility,
     visibility,
 )
@@ -128,55 +127,11 @@ def test_partners_can_really_do_the_same():
         assert values[-1] > 1e-6 * values[0]
 
 
-def backlash(line):
-    return np.full(len(line.time), 1.0 if line.line.direction == "backward" else 0.0)
-
-
-def drift(line):
-    return line.time
-
-
-def nothing(line):
-    return np.zeros(len(line.time))
-
-
-EFFECTS = (Effect("backlash", "m", backlash), Effect("drift", "m/s", drift))
-
-
-def test_further_effects_have_rows_of_their_own():
-    one_way = visibility(make_plan(6), "", 0.1e-6, EFFECTS)
-    assert one_way.row("backlash").status == INVISIBLE
-    both = make_plan(6, directions=("forward", "backward"), repeats=2)
-    table = visibility(both, "", 0.1e-6, (*EFFECTS, Effect("none", "1", nothing)))
-    row = table.row("backlash")
-    assert (row.status, row.unit) == (DETERMINED, "m")
-    # A difference of means of 28 passes of some 19 stops, less what zeros take.
-    assert 5e-9 < row.end < 20e-9
-    assert table.row("drift").status == DETERMINED
-    assert table.row("drift").unit == "m/s"
-    assert table.row("none").words == "invisible: no line sees it"
-    assert set(table.named(DETERMINED)) >= set(TRANSLATIONS)
-
-
-def test_an_effect_that_an_error_can_imitate_is_confounded():
-    def scale_of_x(line):
-        return line.target[:, 0] * (line.line.name == "x")
-
-    linear = make_plan(6, diagonals=())
-    table = visibility(linear, "", 0.1e-6, (Effect("scale", "1", scale_of_x),))
-    assert table.row("scale").status == INVISIBLE
-    assert table.row("scale").confounded_with == ("E_XX",)
-    assert table.row("E_XX").confounded_with == ("scale",)
-
-
 def test_wrong_input_says_one_sentence():
     plan = make_plan(3)
     with refused(Refusal, "out_of_range", "0"):
         visibility(plan, "YXZ", 0.0)
     with refused(Refusal, "unknown", "XXY"):
         visibility(plan, "XXY", 1e-7)
-    short = Effect("short", "m", lambda line: np.zeros(len(line.time) - 1))
-    with refused(Refusal, "mismatch"):
-        visibility(plan, "", 1e-7, (short,))
     with pytest.raises(KeyError):
         visibility(plan, "", 1e-7).row("E_AX")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from patience import PATIENCE
+from program_run import Instrument, run_program
 from ros_processes import ros  # noqa: F401
 
 from stepdiag_ros import cli, topics
@@ -17,7 +18,6 @@ from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.planning.moves import moves_of
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.planning.program_run import Instrument, run_program
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.processes import NodeProcess, Processes
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepdiag_ros import schemas
-from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -371,8 +371,10 @@ def test_small_print_of_numbers():
         "0.0031",
     ]
     assert chance(float("nan")) == "unknown"
-    assert gap_figures(np.array([3e-6, np.nan, -4e-6])) == pytest.approx((3.5355e-6, 4e-6), 1e-4)
-    assert all(np.isnan(gap_figures(np.array([np.nan]))))
+    assert rms_and_largest(np.array([3e-6, np.nan, -4e-6])) == pytest.approx(
+        (3.5355e-6, 4e-6), 1e-4
+    )
+    assert all(np.isnan(rms_and_largest(np.array([np.nan]))))
     unknown = replace(FOUND, band={"lost_motion": (float("nan"), float("nan"))})
     assert size_words(unknown, EFFECT.sizes[0]) == "0.8123 µm ± unknown"
 
@@ -452,7 +454,7 @@ def test_settings_with_one_limit_are_one_row_and_digits_are_two():
 
 def test_an_unexplained_gap_is_measured_by_the_noise_and_something_is_to_be_measured_next():
     found = _report(_diagnosis(UNEXPLAINED, (), (FOUND,), patterns=(LOOK,)))
-    rms, largest = gap_figures(found.diagnosis.residual_before)
+    rms, largest = rms_and_largest(found.diagnosis.residual_before)
     text = " ".join(_text(found).split())
     page = diagnosis_page(found, {})
     for said in (

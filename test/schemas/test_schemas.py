@@ -4,10 +4,14 @@ That real documents fit is checked wherever a test makes one (``conftest.py``).
 """
 
 import json
+import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from refused import refused
 
@@ -38,9 +42,14 @@ def _objects(part, path="$"):
             yield from _objects(value, f"{path}[{number}]")
 
 
-def test_there_is_one_file_for_every_document_and_no_other():
-    files = {path.name for path in (PACKAGE / "schemas").glob("*.json")}
-    assert files == {f"{name}.schema.json" for name in schemas.VERSIONS}
+def test_every_document_is_declared_once_as_a_type_or_in_a_file():
+    files = [path.name.split(".")[0] for path in (PACKAGE / "schemas").glob("*.json")]
+    types = [
+        path.stem
+        for path in (PACKAGE / "schemas").glob("*.py")
+        if "\nclass Document" in path.read_text()
+    ]
+    assert sorted(files + types) == sorted(schemas.VERSIONS)
     assert not list((PACKAGE / "report").glob("*.json"))
 
 
@@ -94,6 +103,20 @@ def test_what_is_no_number_is_refused_not_written(monkeypatch):
     monkeypatch.undo()  # the check of all tests, which would refuse it first
     with refused(ValueError, None, "nan"):
         schemas.json_text(schemas.document("info", {"duration": float("nan")}))
+
+
+def test_of_a_typed_document_what_is_not_known_is_null_and_refused_where_it_must_be_known():
+    @dataclass(frozen=True, kw_only=True)
+    class Size:
+        name: str
+        sizes: Sequence[float | None]
+        factor: float = 2.0
+
+    made = schemas.document("info", Size(name="a", sizes=np.array([1e-6, math.nan, math.inf])))
+    assert made["sizes"] == [1e-6, None, None]
+    assert list(made) == ["schema", "software_version", "name", "sizes", "factor"]
+    with refused(ValueError, None, "factor"):
+        schemas.document("info", Size(name="a", sizes=(), factor=math.nan))
 
 
 def test_the_command_prints_and_lists(capsys):

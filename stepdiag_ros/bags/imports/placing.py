@@ -29,6 +29,12 @@ _LENGTH = 1e-3
 round millimetres."""
 
 
+_UNEVEN = (
+    "the targets are not evenly spaced, so that ISO 230-2 and ISO 230-6 can be evaluated but not"
+    " the errors at the nodes of a measured box ('solve')"
+)
+
+
 class Placed(NamedTuple):
     """The targets of a test in the machine.
 
@@ -89,10 +95,6 @@ def placed(source: str, name: str, targets: Vector, options: ImportOptions) -> P
     return Placed(line, volume, positions, (positions - positions[0]) @ beam, remarks)
 
 
-_UNEVEN = (
-    "the targets are not evenly spaced, so that ISO 230-2 and ISO 230-6 can be evaluated but not"
-    " the errors at the nodes of a measured box ('solve')"
-)
 _BESIDE_BOX = "the targets are not at the nodes of the box, so that 'solve' cannot use them"
 
 

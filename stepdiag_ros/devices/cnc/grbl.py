@@ -79,7 +79,7 @@ RESTARTED = "the controller was restarted"
 
 
 class GrblCnc:
-    """A controller with Grbl 1.1 or grblHAL (protocols: ``CncDevice``, ``HasTraits``).
+    """A controller with Grbl 1.1 or grblHAL (protocol: ``CncDevice``).
 
     It is FAULT, and refuses moves, until it has told its settings.
 

@@ -62,7 +62,7 @@ class _Doing(Enum):
 
 
 class OpcUaCnc:
-    """A PLC with an OPC UA server (protocols: ``CncDevice``, ``HasTraits``).
+    """A PLC with an OPC UA server (protocol: ``CncDevice``).
 
     It is FAULT, and refuses moves, until it is connected and has told where the axes are.
 

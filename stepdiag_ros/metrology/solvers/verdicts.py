@@ -41,8 +41,8 @@ class Row:
     """What can be told of one error.
 
     Attributes:
-        name: ISO 230-1 name of a curve, C0Y, B0Z, A0Z, or the name of an effect.
-        unit: m, rad, or the unit of the effect.
+        name: ISO 230-1 name of a curve, or C0Y, B0Z, A0Z.
+        unit: m or rad.
         status: ``determined``, ``partly determined``, ``confounded`` or ``invisible``.
         part: what of it is determined, in words; empty unless partly.
         confounded_with: names of the errors that can do what is not determined of it.
@@ -83,26 +83,15 @@ class Verdicts:
 
     Args:
         design: of a measurement.
-        effects: names and units of its further columns.
-        sizes: by which these columns were divided.
     """
 
-    def __init__(
-        self,
-        design: Design,
-        effects: Sequence[tuple[str, str]] = (),
-        sizes: Sequence[float] = (),
-    ) -> None:
+    def __init__(self, design: Design) -> None:
         self._design = design
-        self._effects = tuple(effects)
-        self._sizes = tuple(sizes)
         self._noise = 1.0 if design.observations.noise_known else float("nan")
         self._groups: dict[str, Integers] = {
             name: columns[columns < design.count]
             for name, columns in zip(design.names, design.curve_column, strict=True)
         }
-        for (name, _), column in zip(self._effects, design.effect_column, strict=True):
-            self._groups[name] = np.array([column])
         self._setup = np.concatenate([design.tilt_column.reshape(-1), design.zero_column])
         self._normal: Vector = design.normal / np.max(design.weight)
         self._information = np.diag(self._normal) * np.max(design.weight)
@@ -127,11 +116,9 @@ class Verdicts:
         return float(np.sqrt(values[-1] / smallest)) if smallest > 0.0 else float("inf")
 
     def rows(self) -> tuple[Row, ...]:
-        """Return the verdict on each curve, each squareness error and each effect."""
+        """Return the verdict on each curve and each squareness error."""
         rows = [self._curve(name) for name in self._design.names]
         rows += [self._squareness(name) for name in SQUARENESS_SLOPES]
-        for (name, unit), size in zip(self._effects, self._sizes, strict=True):
-            rows.append(self._effect(name, unit, size))
         return tuple(rows)
 
     @cached_property
@@ -191,7 +178,7 @@ class Verdicts:
             return tuple(alone)
         needed = list(coupled)
         within = self._space((*own, *needed))
-        # Rotations and effects are dropped first: what translations do is the plainest answer.
+        # Rotations are dropped first: what translations do is the plainest answer.
         # Many are dropped at once, so that few questions are asked.
         chunk = len(needed)
         while chunk:
@@ -293,20 +280,6 @@ class Verdicts:
         seen = any(self._shows(curve) for curve in pair)
         partners = self._partners(pair, left[None, :])
         return Row(name, "rad", CONFOUNDED if seen else INVISIBLE, confounded_with=partners)
-
-    def _effect(self, name: str, unit: str, size: float) -> Row:
-        design = self._design
-        column = int(self._groups[name][0])
-        if size <= 0.0:
-            return Row(name, unit, INVISIBLE)
-        unseen = design.unseen[[column]]
-        if np.linalg.norm(unseen) > _NOTHING:
-            status = CONFOUNDED if self._shows(name) else INVISIBLE
-            return Row(name, unit, status, confounded_with=self._partners((name,), unseen))
-        variance = float(design.covariance[column, column])
-        spread = self._noise * float(np.sqrt(variance)) / size
-        condition = float(np.sqrt(variance * self._information[column]))
-        return Row(name, unit, DETERMINED, end=spread, largest=spread, condition=condition)
 
 
 def _held_by(gram: Vector, within: Vector | None = None) -> Vector:

@@ -50,6 +50,17 @@ NODES = 21
 """Nodes along each side of the measured box of which mean slopes are made."""
 
 
+AFFINE_PLACES = (
+    (0, 0, 1.0),
+    (1, 1, 1.0),
+    (2, 2, 1.0),
+    (0, 1, -1.0),
+    (0, 2, 1.0),
+    (2, 1, -1.0),
+)
+"""Row, column and sign in A of scale X, Y, Z, C0Y, B0Z, A0Z."""
+
+
 @dataclass(frozen=True)
 class MeasuredBox:
     """The box of all measured places.
@@ -180,17 +191,6 @@ class MachineCurves:
         if self.chain:
             return levers(near, self.chain)
         return [near * (np.arange(3) != axis) for axis in range(3)]
-
-
-AFFINE_PLACES = (
-    (0, 0, 1.0),
-    (1, 1, 1.0),
-    (2, 2, 1.0),
-    (0, 1, -1.0),
-    (0, 2, 1.0),
-    (2, 1, -1.0),
-)
-"""Row, column and sign in A of scale X, Y, Z, C0Y, B0Z, A0Z."""
 
 
 def _shapes(shares: Vector, *, turns: bool) -> Vector:

@@ -25,6 +25,33 @@ _INFINITE = float("inf")
 _UNKNOWN = float("nan")
 
 
+_LAYOUT: dict[str, dict[str, tuple[str, float]]] = {
+    "laser": {
+        "wavelength_relative": ("wavelength", 1e-3),
+        "resolution_m": ("resolution", 1e-3),
+        "periodic_error_m": ("periodic_error", 1e-3),
+    },
+    "air": {
+        "temperature_K": ("air_temperature", 50.0),
+        "pressure_Pa": ("air_pressure", 5e4),
+        "relative_humidity": ("relative_humidity", 1.0),
+        "co2_fraction": ("co2", 1e-2),
+        "index_equation_relative": ("index_equation", 1e-4),
+        "gradient_K": ("air_gradient", 50.0),
+        "turbulence_relative": ("turbulence", 1e-4),
+    },
+    "dead_path": {"uncertainty_m": ("dead_path_spread", 100.0)},
+    "material": {
+        "temperature_K": ("material_temperature", 100.0),
+        "gradient_K": ("material_gradient", 100.0),
+        "expansion_per_K": ("expansion", 1e-4),
+    },
+    "setup": {"alignment_rad": ("alignment", 0.1), "return_rad": ("return_angle", 0.1)},
+    "machine": {"angular_errors_rad": ("angular_errors", 0.1)},
+}
+"""Section → key → attribute, and the largest value that is no typing error."""
+
+
 @dataclass(frozen=True)
 class Spread:
     """What is known of one input quantity (type B).
@@ -125,33 +152,6 @@ def perfect() -> Instrument:
         if entry.name not in ("name", "dead_path")
     }
     return Instrument(name="exactly known", dead_path=0.0, **exact)
-
-
-_LAYOUT: dict[str, dict[str, tuple[str, float]]] = {
-    "laser": {
-        "wavelength_relative": ("wavelength", 1e-3),
-        "resolution_m": ("resolution", 1e-3),
-        "periodic_error_m": ("periodic_error", 1e-3),
-    },
-    "air": {
-        "temperature_K": ("air_temperature", 50.0),
-        "pressure_Pa": ("air_pressure", 5e4),
-        "relative_humidity": ("relative_humidity", 1.0),
-        "co2_fraction": ("co2", 1e-2),
-        "index_equation_relative": ("index_equation", 1e-4),
-        "gradient_K": ("air_gradient", 50.0),
-        "turbulence_relative": ("turbulence", 1e-4),
-    },
-    "dead_path": {"uncertainty_m": ("dead_path_spread", 100.0)},
-    "material": {
-        "temperature_K": ("material_temperature", 100.0),
-        "gradient_K": ("material_gradient", 100.0),
-        "expansion_per_K": ("expansion", 1e-4),
-    },
-    "setup": {"alignment_rad": ("alignment", 0.1), "return_rad": ("return_angle", 0.1)},
-    "machine": {"angular_errors_rad": ("angular_errors", 0.1)},
-}
-"""Section → key → attribute, and the largest value that is no typing error."""
 
 
 def _spread(section: Section, key: str, largest: float, source: str) -> Spread:

@@ -1,21 +1,37 @@
-"""The evaluation of Ibaraki & Hata 2010, section 4: what it is made of, as text and as JSON.
+"""The evaluation of Ibaraki & Hata 2010, section 4: as a JSON document.
 
 Table 1, the setup errors and the sensitivity of the conventional formulation to them, the angular
 errors with the uncertainty that eq. (29) warns of, the spread over the repeats, and the comparison
-with directly measured errors. SI in the JSON; what is not known is ``null``.
+with directly measured errors.
 """
 
 from typing import Any
 
+from msgspec import UNSET
+
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.experiment import Experiment
+from stepdiag_ros.metrology import table_one
 from stepdiag_ros.metrology.comparison import (
     COVERAGE,
     CurveComparison,
     DirectComparison,
 )
+from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.repeats import RepeatResults
-from stepdiag_ros.metrology.table_one import Entry, Row
+from stepdiag_ros.schemas.comparison import (
+    Angle,
+    Angles,
+    AngleUncertainty,
+    Comparison,
+    Curve,
+    Document,
+    Row,
+    Sensitivity,
+    SetupError,
+    Spread,
+    Value,
+)
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, angle_of, sign
 
 
@@ -26,111 +42,106 @@ def experiment_json(experiment: Experiment) -> str:
 
 def experiment_document(experiment: Experiment) -> dict[str, Any]:
     """Return the evaluation as a mapping that ``json`` can write."""
-    content = {
-        "run_id": experiment.report.run_id or None,
-        "squareness_definitions": dict(SIGN_DEFINITIONS),
-        "table_1": [_row(row) for row in experiment.table],
-        "setup_errors": {
-            setup.line: {
-                "displacement_per_block": schemas.numbers(setup.displacement),
-                "displacement_uncertainty": schemas.numbers(setup.displacement_uncertainty),
-                "angles": schemas.numbers(setup.angles),
-                "angle_uncertainty": schemas.numbers(setup.angle_uncertainty),
-                "setups": setup.setups,
-            }
+    content = Document(
+        run_id=experiment.report.run_id or None,
+        squareness_definitions=dict(SIGN_DEFINITIONS.items()),
+        table_1=[_row(row) for row in experiment.table],
+        setup_errors={
+            setup.line: SetupError(
+                displacement_per_block=setup.displacement.tolist(),
+                displacement_uncertainty=setup.displacement_uncertainty.tolist(),
+                angles=setup.angles.tolist(),
+                angle_uncertainty=setup.angle_uncertainty.tolist(),
+                setups=setup.setups,
+            )
             for setup in experiment.setups
         },
-        "conventional_sensitivity": {
-            one.curve: {
-                "gain": one.gain,
-                "by_diagonal_m_per_rad": dict(one.by_line),
-                "worst_m_per_rad": one.worst,
-            }
+        conventional_sensitivity={
+            one.curve: Sensitivity(
+                gain=one.gain, by_diagonal_m_per_rad=one.by_line, worst_m_per_rad=one.worst
+            )
             for one in experiment.sensitivity
         },
-        "displacement_uncertainty": schemas.number(experiment.displacement_uncertainty),
-        "angle_uncertainty": {name: vars(size) for name, size in experiment.angles.items()},
-        "repeats": {
+        displacement_uncertainty=experiment.displacement_uncertainty,
+        angle_uncertainty={
+            name: AngleUncertainty(**vars(size)) for name, size in experiment.angles.items()
+        },
+        repeats={
             method: {name: _spread(found, name) for name in found.results[0].curves}
             for method, found in experiment.repeats.items()
         },
-        "comparisons": [_comparison(one) for one in experiment.comparisons],
-    }
+        comparisons=[_comparison(one) for one in experiment.comparisons],
+    )
     return schemas.document("comparison", content)
 
 
-def _row(row: Row) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "label": row.label,
-        "name": row.name,
-        "travel": row.travel,
-        "measured": _entry(row.measured),
-        "estimated": {method: _entry(entry) for method, entry in row.estimated.items()},
-    }
-    if row.name[0] != "E":
-        document["by_definition_rad"] = {
-            definition: {
-                "measured": None
-                if row.measured is None
-                else schemas.number(angle_of(row, row.measured) * sign(row.name, definition)),
-                "estimated": {
-                    method: schemas.number(angle_of(row, entry) * sign(row.name, definition))
-                    for method, entry in row.estimated.items()
-                },
-            }
-            for definition in SIGN_DEFINITIONS
-        }
-    return document
+def _row(row: table_one.Row) -> Row:
+    return Row(
+        label=row.label,
+        name=row.name,
+        travel=row.travel,
+        measured=None if row.measured is None else _value(row.measured),
+        estimated={method: _value(entry) for method, entry in row.estimated.items()},
+        by_definition_rad=UNSET if row.name in TRANSLATIONS else _by_definition(row),
+    )
 
 
-def _entry(entry: Entry | None) -> dict[str, float | None] | None:
-    if entry is None:
-        return None
-    return {
-        "value": schemas.number(entry.value),
-        "standard_uncertainty": schemas.number(entry.standard_uncertainty),
-    }
+def _by_definition(row: table_one.Row) -> dict[str, Angles]:
+    made: dict[str, Angles] = {}
+    for definition in SIGN_DEFINITIONS:
+        factor = sign(row.name, definition)
+        made[definition] = Angles(
+            measured=None if row.measured is None else angle_of(row, row.measured) * factor,
+            estimated={
+                method: angle_of(row, entry) * factor for method, entry in row.estimated.items()
+            },
+        )
+    return made
 
 
-def _spread(found: RepeatResults, name: str) -> dict[str, list[float | None]]:
+def _value(entry: table_one.Entry) -> Value:
+    return Value(value=entry.value, standard_uncertainty=entry.standard_uncertainty)
+
+
+def _spread(found: RepeatResults, name: str) -> Spread:
     spread = found.spread(name)
-    return {
-        "mean": schemas.numbers(spread.mean),
-        "low": schemas.numbers(spread.low),
-        "high": schemas.numbers(spread.high),
-        "standard_deviation": schemas.numbers(spread.standard_deviation),
-    }
+    return Spread(
+        mean=spread.mean.tolist(),
+        low=spread.low.tolist(),
+        high=spread.high.tolist(),
+        standard_deviation=spread.standard_deviation.tolist(),
+    )
 
 
-def _comparison(one: DirectComparison) -> dict[str, Any]:
-    return {
-        "method": one.method,
-        "coverage_factor": COVERAGE,
-        "curves": {curve.name: _curve(curve) for curve in one.curves},
-        "squareness": {
-            angle.name: {
-                "identified": schemas.number(angle.identified),
-                "identified_uncertainty": schemas.number(angle.identified_uncertainty),
-                "direct": schemas.number(angle.direct),
-                "direct_uncertainty": schemas.number(angle.direct_uncertainty),
-                "difference": schemas.number(angle.difference),
-                "normalised_error": schemas.number(angle.normalised_error),
-            }
+def _comparison(one: DirectComparison) -> Comparison:
+    return Comparison(
+        method=one.method,
+        coverage_factor=COVERAGE,
+        curves={curve.name: _curve(curve) for curve in one.curves},
+        squareness={
+            angle.name: Angle(
+                identified=angle.identified,
+                identified_uncertainty=angle.identified_uncertainty,
+                direct=angle.direct,
+                direct_uncertainty=angle.direct_uncertainty,
+                difference=angle.difference,
+                normalised_error=angle.normalised_error,
+            )
             for angle in one.squareness
         },
-        "not_compared": dict(one.not_compared),
-    }
+        not_compared=one.not_compared,
+    )
 
 
-def _curve(curve: CurveComparison) -> dict[str, Any]:
-    return {
-        "unit": curve.unit,
-        "reference": curve.reference,
-        "positions": schemas.numbers(curve.positions),
-        "identified": schemas.numbers(curve.identified),
-        "identified_uncertainty": schemas.numbers(curve.identified_uncertainty),
-        "direct": schemas.numbers(curve.direct),
-        "direct_uncertainty": schemas.numbers(curve.direct_uncertainty),
-        "difference": schemas.numbers(curve.difference),
-        "normalised_error": schemas.numbers(curve.normalised_error),
-    }
+def _curve(curve: CurveComparison) -> Curve:
+    return Curve(
+        unit=curve.unit,
+        reference=curve.reference,
+        positions=curve.positions.tolist(),
+        identified=curve.identified.tolist(),
+        identified_uncertainty=curve.identified_uncertainty.tolist(),
+        direct=curve.direct.tolist(),
+        direct_uncertainty=curve.direct_uncertainty.tolist(),
+        difference=curve.difference.tolist(),
+        normalised_error=curve.normalised_error.tolist(),
+    )

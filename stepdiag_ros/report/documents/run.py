@@ -5,11 +5,12 @@ from typing import Any
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.report import Comparison, Report, Truth, compare_with_truth
+from stepdiag_ros.metrology import visibility as visibilities
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.metrology.visibility import Visibility
 from stepdiag_ros.report.documents.lead import lead_document
+from stepdiag_ros.schemas.visibility import Verdict, Visibility
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
 
 
@@ -25,25 +26,23 @@ def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
     return {
         "frame": result.frame,
         "lines": result.lines,
-        "nodes": {
-            axis: schemas.numbers(nodes) for axis, nodes in zip(AXES, result.nodes, strict=True)
-        },
-        "curves": {name: schemas.numbers(curve) for name, curve in result.curves.items()},
+        "nodes": {axis: nodes.tolist() for axis, nodes in zip(AXES, result.nodes, strict=True)},
+        "curves": {name: curve.tolist() for name, curve in result.curves.items()},
         "standard_uncertainty": {
-            name: schemas.numbers(spread) for name, spread in result.standard_uncertainty.items()
+            name: spread.tolist() for name, spread in result.standard_uncertainty.items()
         },
         "figures": {
             figure.name: {
-                "value": schemas.number(figure.value),
-                "standard_uncertainty": schemas.number(figure.standard_uncertainty),
+                "value": figure.value,
+                "standard_uncertainty": figure.standard_uncertainty,
                 "unit": figure.unit,
             }
             for figure in result.figures
         },
-        "chi_squared": schemas.number(result.chi_squared),
+        "chi_squared": result.chi_squared,
         "degrees_of_freedom": result.degrees_of_freedom,
-        "not_determined": list(result.not_determined),
-        "remarks": list(result.remarks),
+        "not_determined": result.not_determined,
+        "remarks": result.remarks,
         "equals_recorded": report.equals_recorded.get(result.method),
         "comparison_with_truth": comparison,
         "comparison_of_rotations": turns,
@@ -52,10 +51,10 @@ def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
 
 def _comparison_document(found: Comparison) -> dict[str, Any]:
     return {
-        "rms": schemas.number(found.rms),
-        "largest_deviation": schemas.number(found.largest),
+        "rms": found.rms,
+        "largest_deviation": found.largest,
         "points": found.points,
-        "coverage_95": schemas.number(found.coverage),
+        "coverage_95": found.coverage,
         "points_with_uncertainty": found.points_with_uncertainty,
     }
 
@@ -64,42 +63,41 @@ def direct_document(measurement: Measurement | None) -> list[dict[str, Any]]:
     """Return the files of what was measured directly and went into a solve."""
     direct = None if measurement is None else measurement.direct
     return [
-        {"file": file.name, "sha256": file.sha256, "errors": list(file.errors)}
+        {"file": file.name, "sha256": file.sha256, "errors": file.errors}
         for file in (() if direct is None else direct.files)
     ]
 
 
-def visibility_document(visibility: Visibility) -> dict[str, Any]:
-    """Return a visibility table as a mapping that ``json`` can write."""
-    return {
-        "chain": visibility.chain or None,
-        "stop_uncertainty": schemas.number(visibility.stop_uncertainty),
-        "readings": visibility.readings,
-        "unknowns": visibility.unknowns,
-        "rank": visibility.rank,
-        "condition_number": schemas.number(visibility.condition_number),
-        "errors": {
-            row.name: {
-                "status": row.status,
-                "words": row.words,
-                "part": row.part or None,
-                "confounded_with": list(row.confounded_with),
-                "unit": row.unit,
-                "standard_uncertainty_at_end": schemas.number(row.end),
-                "largest_standard_uncertainty": schemas.number(row.largest),
-                "inflation": schemas.number(row.condition),
-            }
+def visibility_part(visibility: visibilities.Visibility) -> Visibility:
+    """Return a visibility table as a part of a document."""
+    return Visibility(
+        chain=visibility.chain or None,
+        stop_uncertainty=visibility.stop_uncertainty,
+        readings=visibility.readings,
+        unknowns=visibility.unknowns,
+        rank=visibility.rank,
+        condition_number=visibility.condition_number,
+        errors={
+            row.name: Verdict(
+                status=row.status,
+                words=row.words,
+                part=row.part or None,
+                confounded_with=row.confounded_with,
+                unit=row.unit,
+                standard_uncertainty_at_end=row.end,
+                largest_standard_uncertainty=row.largest,
+                inflation=row.condition,
+            )
             for row in visibility.rows
         },
-    }
+    )
 
 
 def _truth_document(truth: Truth) -> dict[str, Any]:
     return {
-        "curves": {name: schemas.numbers(curve) for name, curve in truth.curves.items()},
+        "curves": {name: curve.tolist() for name, curve in truth.curves.items()},
         "figures": {
-            figure.name: {"value": schemas.number(figure.value), "unit": figure.unit}
-            for figure in truth.figures
+            figure.name: {"value": figure.value, "unit": figure.unit} for figure in truth.figures
         },
     }
 
@@ -122,7 +120,7 @@ def report_document(report: Report, lead: RunLead | None = None) -> dict[str, An
             "chain": report.chain or None,
             "software_version": report.run_software_version or None,
             "simulated": report.simulated,
-            "remarks": list(report.remarks),
+            "remarks": report.remarks,
         },
         "bag": None if report.bag is None else str(report.bag),
         "direct": direct_document(report.measurement),
@@ -130,12 +128,12 @@ def report_document(report: Report, lead: RunLead | None = None) -> dict[str, An
         "methods": {
             result.method: method_document(result, report) for result in report.ordered_results()
         },
-        "not_solved": dict(report.refused),
+        "not_solved": report.refused,
         "lead": lead_document(lead or lead_of(report)),
-        "visibility": None if report.visibility is None else visibility_document(report.visibility),
+        "visibility": None if report.visibility is None else visibility_part(report.visibility),
         "truth": None if report.truth is None else _truth_document(report.truth),
     }
-    return schemas.document("result", content)
+    return schemas.document("result", schemas.plain(content))
 
 
 def report_json(report: Report) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -103,9 +102,9 @@ def prepare(
 
 
 def _known(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values without a number that is not finite."""
+    """Return values as JSON knows them."""
     return {
-        name: value if isinstance(value, str) or isfinite(value) else None
+        name: value if isinstance(value, str | bool) else schemas.number(value)
         for name, value in values.items()
     }
 

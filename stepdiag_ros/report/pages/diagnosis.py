@@ -8,7 +8,7 @@ import yaml
 from rich.table import Table
 
 from stepdiag_ros import __version__
-from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -89,6 +89,9 @@ footer { margin-top: 3rem; color: #555555; font-size: 0.85rem; }
 }
 @page { margin: 15mm; }
 """
+
+
+_NOTHING_STANDS_OUT = "No part of the run stands out from the noise."
 
 
 def diagnosis_page(report: DiagnosisReport, pictures: Mapping[str, bytes]) -> str:
@@ -203,9 +206,6 @@ def _chapters(
     ]
 
 
-_NOTHING_STANDS_OUT = "No part of the run stands out from the noise."
-
-
 def _header(report: DiagnosisReport) -> str:
     diagnosis = report.diagnosis
     sizes = "".join(
@@ -235,11 +235,11 @@ def _tiles(report: DiagnosisReport) -> list[tuple[str, str]]:
         return f"{two_digits(value * IN_MICRO)} µm"
 
     tiles = []
-    before = gap_figures(diagnosis.residual_before)[0]
+    before = rms_and_largest(diagnosis.residual_before)[0]
     if before > 0.0 and diagnosis.degrees_of_freedom_before > 0:
         text = micro(before)
         if report.findings:
-            text += f" → {micro(gap_figures(diagnosis.residual_after)[0])}"
+            text += f" → {micro(rms_and_largest(diagnosis.residual_after)[0])}"
         tiles.append(("gap (rms)", text))
     if diagnosis.noise > 0.0:
         tiles.append(("noise of a reading", micro(diagnosis.noise)))

@@ -8,7 +8,7 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import GRID, LOCATE
 from stepdiag_ros.metrology.tracker.tracked_line import Point, station_of, test_line_of
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.text.numbers import plain
 
@@ -44,7 +44,7 @@ def tracker_facts(plan: Plan, tracker: Tracker) -> list[Fact]:
         passes = Counter(
             test_line_of(line.name) for line in plan.lines if station_of(line.name) == station
         )
-        where = ", ".join(plain(value * 1e3, 1) for value in place)
+        where = ", ".join(plain(value * IN_MILLI, 1) for value in place)
         measured = "; ".join(
             _PLACES.get(name, f"line {name}, {count} passes") for name, count in passes.items()
         )

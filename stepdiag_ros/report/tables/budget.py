@@ -11,7 +11,7 @@ from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 from stepdiag_ros.words.budget import UNITS, figure_groups, short_name, unit_of
@@ -103,7 +103,7 @@ def curves_table(budget: Budget) -> list[Table]:
                     cells.append("-")
                 else:
                     cells.append(_bound(budget.at_least[row]) + _size(budget.expanded[row]))
-            table.add_row(plain(position * 1e3, 3), *cells)
+            table.add_row(plain(position * IN_MILLI, 3), *cells)
         tables.append(table)
     return tables
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from rich.table import Table
 
-from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, gap_figures
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import (
     _MOST_SETTINGS,
     by_effect,
@@ -39,7 +39,7 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
     Returns:
         Nothing unless the verdict is UNEXPLAINED and the noise is known.
     """
-    rms, largest = gap_figures(diagnosis.residual_before)
+    rms, largest = rms_and_largest(diagnosis.residual_before)
     if diagnosis.verdict != UNEXPLAINED or not diagnosis.noise > 0.0 or not math.isfinite(rms):
         return []
     said = [
@@ -48,7 +48,7 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
         f" {two_digits(largest * IN_MICRO)} µm where it is largest."
     ]
     if diagnosis.partial:
-        left = gap_figures(diagnosis.residual_after)[0]
+        left = rms_and_largest(diagnosis.residual_after)[0]
         said.append(
             f"Effects that close a part of it leave {two_digits(left * IN_MICRO)} µm (rms); as long"
             " as that has no cause, they may only look like the cause."
@@ -151,13 +151,13 @@ def _gap_column(diagnosis: Diagnosis, after: bool) -> tuple[str, ...]:
     else:
         squares, freedom = diagnosis.chi_squared_before, diagnosis.degrees_of_freedom_before
         fit, gap = diagnosis.lack_of_fit_p_before, diagnosis.residual_before
-    return _cells(squares, freedom, fit, *gap_figures(gap))
+    return _cells(squares, freedom, fit, *rms_and_largest(gap))
 
 
 def _held_out_column(proof: HeldOut, after: bool) -> tuple[str, ...]:
     part = proof.after if after else proof.before
     return _cells(
-        part.chi_squared, part.degrees_of_freedom, part.p_value, *gap_figures(part.residual)
+        part.chi_squared, part.degrees_of_freedom, part.p_value, *rms_and_largest(part.residual)
     )
 
 

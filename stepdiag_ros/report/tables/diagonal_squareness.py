@@ -111,5 +111,7 @@ def sensitivity_table() -> Any:
     )
     for shift in SHIFTS_OF_RL:
         errors = squareness_error_of_shift(shift, np.array(_RATIOS)) * ARC_SECONDS
-        table.add_row(f"±{shift * 1e6:g} ppm", *(f"±{plain(float(error))}" for error in errors))
+        table.add_row(
+            f"±{shift * IN_MICRO:g} ppm", *(f"±{plain(float(error))}" for error in errors)
+        )
     return table

@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTes
 from stepdiag_ros.metrology.standards.iso230_6 import (
     DiagonalGroup,
 )
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import plain
 from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, sentences, subject_of
@@ -85,7 +85,8 @@ def target_table(test: PositioningTest, decimals: int) -> Table:
     )
     for row, target in enumerate(test.target):
         table.add_row(
-            plain(target * 1e3, 3), *(plain(column[row] * IN_MICRO, decimals) for column in columns)
+            plain(target * IN_MILLI, 3),
+            *(plain(column[row] * IN_MICRO, decimals) for column in columns),
         )
     return table
 

@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
 from stepdiag_ros.text.controls import printable
 from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
@@ -246,7 +246,7 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
             if rotations and not any(np.isfinite(result.curves[name][node]) for name in names):
                 continue
             table.add_row(
-                plain(position * 1e3, 3),
+                plain(position * IN_MILLI, 3),
                 *(
                     plus_minus(
                         result.curves[name][node], result.standard_uncertainty[name][node], IN_MICRO

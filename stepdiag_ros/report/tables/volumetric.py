@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.standards.volumetric import (
     volumetric_accuracy,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.volumetric import DEFINITION
@@ -44,7 +44,7 @@ def accuracy_table(report: VolumetricReport) -> Table:
         table.add_row(
             method_title(method),
             plus_minus(found.value, found.standard_uncertainty, IN_MICRO),
-            _vector(found.position, 1e3, 1),
+            _vector(found.position, IN_MILLI, 1),
             _vector(found.vector, IN_MICRO, 2),
         )
     return table

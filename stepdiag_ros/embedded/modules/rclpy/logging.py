@@ -12,6 +12,10 @@ from typing import Any
 
 from stepdiag_ros.embedded.arguments import RosArguments
 
+_KEYWORDS = frozenset(
+    ("throttle_duration_sec", "throttle_time_source_type", "skip_first", "once", "name")
+)
+
 
 class LoggingSeverity(IntEnum):
     """Levels; the numbers are those of rcutils."""
@@ -135,11 +139,6 @@ class RcutilsLogger:
                     return False
                 self._places["throttle", place] = now
         return True
-
-
-_KEYWORDS = frozenset(
-    ("throttle_duration_sec", "throttle_time_source_type", "skip_first", "once", "name")
-)
 
 
 def get_logger(name: str) -> RcutilsLogger:

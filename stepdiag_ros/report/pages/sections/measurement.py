@@ -9,7 +9,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Column, Fact, TableView
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -116,8 +116,8 @@ def _run_facts(material: Material) -> list[Fact]:
 def _plan_facts(material: Material) -> list[Fact]:
     plan = material.recorded.plan
     volume = plan.volume
-    corner = ", ".join(plain(one * 1e3, 1) for one in volume.origin)
-    size = " × ".join(plain(step * volume.blocks * 1e3, 1) for step in volume.step)
+    corner = ", ".join(plain(one * IN_MILLI, 1) for one in volume.origin)
+    size = " × ".join(plain(step * volume.blocks * IN_MILLI, 1) for step in volume.step)
     feed = f"{plan.feed * 60e3:.0f} mm/min" if plan.feed > 0.0 else UNKNOWN
     sampling = plan.sampling
     return [

@@ -4,10 +4,11 @@ import json
 import math
 from typing import Any
 
+from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.documents.volumetric import volumetric_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, table_views
@@ -42,7 +43,7 @@ def _tell(material: Material) -> Content | str:
     ]
     facts, drawings = [], {}
     if math.isfinite(found.value):
-        place = ", ".join(plain(value * 1e3, 1) for value in found.position)
+        place = ", ".join(plain(value * IN_MILLI, 1) for value in found.position)
         vector = ", ".join(plain(value * IN_MICRO, 2) for value in found.vector)
         size = with_expanded(found.value, material.expanded_uncertainty, IN_MICRO)
         facts = [
@@ -78,15 +79,10 @@ def _document(material: Material) -> dict[str, Any] | None:
         return None
     found = material.accuracy
     return {
-        "rms": {
-            method: float(one.rms) if math.isfinite(one.rms) else None
-            for method, one in material.accuracies.items()
-        },
+        "rms": {method: schemas.number(one.rms) for method, one in material.accuracies.items()},
         "worst": json.loads(volumetric_json(_volumetric(material))),
         "method": None if found is None else _method(material),
-        "expanded_uncertainty": None
-        if not math.isfinite(material.expanded_uncertainty)
-        else material.expanded_uncertainty,
+        "expanded_uncertainty": schemas.number(material.expanded_uncertainty),
     }
 
 

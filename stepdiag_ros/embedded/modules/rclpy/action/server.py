@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 _Callback = Callable[[Any], Any]
 
 
+_TOPICS = ("feedback", "status")
+
+
 class GoalResponse(Enum):
     """What a goal callback answers."""
 
@@ -411,9 +414,6 @@ class ActionServer(Source):
         for goal in old.values():
             goal.destroy()
         self.notify_goal_done()
-
-
-_TOPICS = ("feedback", "status")
 
 
 def _nanoseconds(stamp: Any) -> int:

@@ -1,0 +1,31 @@
+"""Types that the fields of documents share, and how a field says what it means.
+
+A document is made of dataclasses. Each field is declared once, with its type, bounds and meaning:
+documents are built through these classes, and their schemas are generated from them. What may be
+left out is ``UNSET`` unless it is given.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from msgspec import Meta
+
+Number = float | None
+"""Unknown is NaN in Python, ``null`` in the document."""
+Uncertainty = Annotated[float, Meta(ge=0)] | None
+Chance = Annotated[float, Meta(ge=0, le=1)] | None
+Count = Annotated[int, Meta(ge=0)]
+Numbers = Sequence[Number]
+Words = Sequence[str]
+Text = Annotated[str, Meta(min_length=1)] | None
+"""Of what has a name or a place, never empty."""
+
+
+def means(text: str) -> Meta:
+    """Return the meaning of a field, with its unit."""
+    return Meta(description=text)
+
+
+def one_of(*values: str | float) -> Meta:
+    """Return the rule that a field has one of these values."""
+    return Meta(extra_json_schema={"enum": list(values)})

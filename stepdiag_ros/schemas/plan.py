@@ -1,0 +1,161 @@
+"""The document ``plan``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from msgspec import UNSET, Meta, UnsetType
+
+from stepdiag_ros.schemas.parts import (
+    Count,
+    Number,
+    Text,
+    Uncertainty,
+    Words,
+    means,
+    one_of,
+)
+from stepdiag_ros.schemas.visibility import Visibility
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A line of the plan."""
+
+    kind: str
+    name: str
+    order: Text
+    repeat: Count
+    direction: Annotated[str, one_of("forward", "backward")]
+    offset: Annotated[Sequence[float], Meta(min_length=3, max_length=3), means("m.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The plan as it was given."""
+
+    name: str
+    origin: Annotated[Sequence[float], Meta(min_length=3, max_length=3), means("m.")]
+    step: Annotated[Sequence[float], Meta(min_length=3, max_length=3), means("Of one block, m.")]
+    blocks: Count
+    feed: Annotated[float, means("m/s.")]
+    overrun: Annotated[float, means("m.")]
+    one_alignment_per_diagonal: bool
+    lines: Sequence[Line]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assumptions:
+    """What the duration takes for granted."""
+
+    linear_alignment: Annotated[float, means("s.")]
+    diagonal_alignment: Annotated[float, means("s.")]
+    settling: Annotated[float, means("s.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineDuration:
+    """How long a line takes."""
+
+    setup: str
+    stops: Count
+    alignment: Annotated[float, means("s.")]
+    positioning: Annotated[float, means("s.")]
+    moves: Annotated[float, means("s.")]
+    dwells: Annotated[float, means("s.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration:
+    """How long the plan takes."""
+
+    total: Annotated[float, means("s.")]
+    running: Annotated[float, means("s.")]
+    alignment: Annotated[float, means("s.")]
+    stops: Count
+    alignments: Count
+    assumptions: Assumptions
+    lines: Sequence[LineDuration]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expectation:
+    """Standard uncertainties that are expected of a solver."""
+
+    squareness: Annotated[Mapping[str, Uncertainty], means("rad.")]
+    straightness: Annotated[Mapping[str, Uncertainty], means("m.")]
+    positioning: Annotated[Mapping[str, Uncertainty], means("m.")]
+    angular: Annotated[Mapping[str, Uncertainty], means("rad.")]
+    volumetric: Annotated[Uncertainty, means("m.")]
+    degrees_of_freedom: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expectations:
+    """Expected standard uncertainties by solver."""
+
+    least_squares: Expectation
+    rigid_body: Annotated[Expectation | None, means("Null if the chain is not known.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A plan that would do."""
+
+    lines: Annotated[str, means("In words.")]
+    blocks: Count
+    passes: Count
+    duration: Annotated[float, means("s.")]
+    expanded_uncertainty: Annotated[Number, means("95 %, m or rad by the purpose.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """How the plan was chosen."""
+
+    purpose: str
+    reason: str
+    chosen: Candidate
+    alternatives: Sequence[Candidate]
+    considered: Count
+    not_taken: Words
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    """A test plan: what it costs and what it will tell.
+
+    Printed by `stepdiag plan --json`.
+    """
+
+    plan: Plan
+    machine: str
+    chain: Annotated[str, one_of("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")] | None
+    stop_uncertainty: Annotated[float, means("Standard uncertainty of a stop, m.")]
+    duration: Duration
+    expected_standard_uncertainty: Expectations
+    visibility: Visibility
+    visibility_with_rotations: Visibility | None
+    undetermined: (
+        Annotated[
+            Words,
+            means(
+                "Names of the error curves (of the nine of positioning and straightness) and of the"
+                " squareness errors that the plan's lines do not determine."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    lines_that_would_tell: (
+        Annotated[
+            str | None,
+            means(
+                "Which further lines would determine all of them, in words; null where none is"
+                " missing or none was found."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    limits: Words
+    warnings: Words
+    proposal: Annotated[Proposal | None, means("Null if the plan was given.")]
