@@ -23,7 +23,7 @@ from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.simulation import simulate
-from stepdiag_ros.metrology.table_one import Row, table_one
+from stepdiag_ros.metrology.table_one import TableOneRow, table_one
 from stepdiag_ros.text.numbers import plain, plus_minus
 from stepdiag_ros.words.diagnosis import sizes_words
 
@@ -76,7 +76,7 @@ def diagnosis_of(case: str) -> DiagnosisReport:
 
 
 @cache
-def table_1() -> dict[str, Row]:
+def table_1() -> dict[str, TableOneRow]:
     """Return Table 1 of one simulated run of Ibaraki & Hata's plan, five repeats."""
     plan, cell = load_plan("ibaraki_hata_2010")[0], load_cell("ibaraki_hata_2010")[0]
     results, _ = solve_reproducibly(simulate(plan, cell, seed=1, readings_per_stop=50))

@@ -29,8 +29,8 @@ from stepdiag_ros.messages.conversion import to_nanoseconds, to_settled_stop
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.following import Told
-from stepdiag_ros.session.measure import Session
+from stepdiag_ros.session.following import RunNews
+from stepdiag_ros.session.measure import MeasuringSession
 
 MOST_CORES = 2.0
 """That the nodes may take together."""
@@ -44,7 +44,7 @@ class Meter:
     def __init__(self) -> None:
         self._samples: list[tuple[float, float, dict[str, float]]] = []
 
-    def __call__(self, told: Told) -> None:
+    def __call__(self, told: RunNews) -> None:
         """Sample, once stops are measured."""
         if told.done:
             used = {name: processor_seconds(pid) for name, pid in node_processes().items()}
@@ -129,7 +129,7 @@ def main() -> int:
         nodes = simulated_cell(
             str(plan), "demo", "demo", folder, factor=1.0, rate=arguments.rate, seed=1
         )
-        found = examine(Session(nodes, folder, meter).measure())
+        found = examine(MeasuringSession(nodes, folder, meter).measure())
     report = {"client": client(), "rate": arguments.rate, **found, "processor": meter.report()}
     print(json.dumps(report, indent=2))
     lost = found["gaps_in_bag"] + found["readings_of_windows_not_used"] + found["stops_rejected"]

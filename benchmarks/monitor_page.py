@@ -40,9 +40,9 @@ from stepdiag_ros.nodes.operator import OperatorNode
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
 from stepdiag_ros.viewers.page.access import make_access
-from stepdiag_ros.viewers.page.items import Place, RunBegin
+from stepdiag_ros.viewers.page.items import AxisPlace, RunBegin
 from stepdiag_ros.viewers.page.server import MonitorServer, Offer
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 RATE = 20.0
 VIEWERS = 5
@@ -62,7 +62,7 @@ class Feed:
 
     def __init__(self, bag: Path) -> None:
         self.run = load_run(bag)
-        self.state = State()
+        self.state = PageState()
         self.state.take(RunBegin(self.run.run_id, 0, self.run.plan, self.run.chain, simulated=True))
         self.count = 0
 
@@ -70,7 +70,7 @@ class Feed:
         """Tell a reading and a position."""
         self.count += 1
         self.state.take(reading(self.count))
-        self.state.take(Place(self.count, (1e-6 * (self.count % 1000), 0.02, 0.03)))
+        self.state.take(AxisPlace(self.count, (1e-6 * (self.count % 1000), 0.02, 0.03)))
 
     def stop(self, number: int) -> str:
         """Tell a stop and what comes with it; return how the page names the stop."""

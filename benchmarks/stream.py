@@ -31,7 +31,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.embedded import client
 from stepdiag_ros.messages.samples import to_sample_block
 from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.measure import Session
+from stepdiag_ros.session.measure import MeasuringSession
 from stepdiag_ros.session.processes import NodeProcess
 
 SIMULATED = "use_sim_time"
@@ -92,7 +92,7 @@ def main() -> int:
         )
         if not arguments.simulated_clock:
             nodes = on_the_computers_clock(nodes)
-        path = Session(nodes, folder, meter).measure()
+        path = MeasuringSession(nodes, folder, meter).measure()
         found = examine(path)
         check = bag_info(path).samples["/"]
         report: dict[str, Any] = {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
     from stepdiag_ros.evaluation.report import Report
-    from stepdiag_ros.metrology.agreement import Changes
+    from stepdiag_ros.metrology.agreement import MachineChanges
     from stepdiag_ros.metrology.solvers.result import VolumetricErrors
     from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
     from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -147,7 +147,7 @@ def diagnose(run: "RecordedRun", model: str = "", *, seed: int = 0) -> "Diagnosi
     )
 
 
-def compare(before: "Report", after: "Report", method: str = "") -> "Changes":
+def compare(before: "Report", after: "Report", method: str = "") -> "MachineChanges":
     """Compare two solved runs of one machine: every difference with its uncertainty and E_n.
 
     Args:

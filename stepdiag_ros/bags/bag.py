@@ -19,7 +19,7 @@ _Self = TypeVar("_Self", bound="Bag")
 _Made = TypeVar("_Made")
 
 
-class Record(NamedTuple):
+class RecordedMessage(NamedTuple):
     """One recorded message.
 
     Attributes:
@@ -134,7 +134,7 @@ class Bag(ABC):
         topics: Collection[str] | None = None,
         start: int | None = None,
         end: int | None = None,
-    ) -> Iterator[Record]:
+    ) -> Iterator[RecordedMessage]:
         """Go through the recorded messages, each once; see ``flaws``.
 
         Args:
@@ -190,7 +190,7 @@ class Bag(ABC):
         except BagError as error:
             raise BagError(f"{self.path}: {error}", **fields_of(error)) from None
 
-    def decode(self, record: Record) -> Any:
+    def decode(self, record: RecordedMessage) -> Any:
         """Return a recorded message as an object with the message's attributes.
 
         Raises:
@@ -225,7 +225,7 @@ class Bag(ABC):
         return {name: found[0].type_name for name, found in known.items() if found is not None}
 
     def converted(
-        self, record: Record, convert: Callable[[Any], _Made], message: Any = None
+        self, record: RecordedMessage, convert: Callable[[Any], _Made], message: Any = None
     ) -> _Made:
         """Decode a recorded message and make a data class of it.
 
@@ -250,7 +250,7 @@ class Bag(ABC):
 
     def messages(
         self, order: Order = "file", topics: Collection[str] | None = None
-    ) -> Iterator[tuple[Record, Any]]:
+    ) -> Iterator[tuple[RecordedMessage, Any]]:
         """Go through the recorded messages and decode each; see ``records`` and ``decode``."""
         for record in self.records(order, topics):
             yield record, self.decode(record)

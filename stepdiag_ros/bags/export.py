@@ -36,7 +36,7 @@ _GAP_COLUMNS = ("chi_squared", "degrees_of_freedom", "p_value", "rms_m", "larges
 
 
 @dataclass(frozen=True)
-class Table:
+class ExportedTable:
     """One table: its name, the names of its columns, and its rows."""
 
     name: str
@@ -139,15 +139,15 @@ def _remarks(run: RecordedRun, written: WrittenTable | None) -> Iterator[str]:
 
 def _tables(
     run: RecordedRun, written: WrittenTable | None, readings: bool
-) -> Iterator[Table | None]:
-    yield Table(TABLE_NAME, written.columns, written.rows) if written else None
+) -> Iterator[ExportedTable | None]:
+    yield ExportedTable(TABLE_NAME, written.columns, written.rows) if written else None
     yield _lines_table(run) if run.lines else None
     yield _stops_table(run) if run.stops else None
     yield _blocks_table(run) if run.blocks else None
     latest = {result.method: result for result in run.results}
     if latest:
         yield _results_table(latest)
-        yield Table(
+        yield ExportedTable(
             "figures",
             ("method", "figure", "value", "standard_uncertainty", "unit"),
             [
@@ -167,8 +167,8 @@ def _identity(line: Line, line_index: int, attempt: int) -> Row:
     return (line_index, attempt, line.kind, line.name, line.order, line.repeat, line.direction)
 
 
-def _lines_table(run: RecordedRun) -> Table:
-    return Table(
+def _lines_table(run: RecordedRun) -> ExportedTable:
+    return ExportedTable(
         "lines",
         (
             *LINE_COLUMNS,
@@ -197,8 +197,8 @@ def _lines_table(run: RecordedRun) -> Table:
     )
 
 
-def _stops_table(run: RecordedRun) -> Table:
-    return Table(
+def _stops_table(run: RecordedRun) -> ExportedTable:
+    return ExportedTable(
         "stops",
         (
             *LINE_COLUMNS,
@@ -250,8 +250,8 @@ def _stops_table(run: RecordedRun) -> Table:
     )
 
 
-def _blocks_table(run: RecordedRun) -> Table:
-    return Table(
+def _blocks_table(run: RecordedRun) -> ExportedTable:
+    return ExportedTable(
         "blocks",
         (
             *LINE_COLUMNS,
@@ -281,8 +281,8 @@ def _blocks_table(run: RecordedRun) -> Table:
     )
 
 
-def _results_table(latest: dict[str, Any]) -> Table:
-    return Table(
+def _results_table(latest: dict[str, Any]) -> ExportedTable:
+    return ExportedTable(
         "results",
         ("method", "curve", "node", "position_m", "unit", "error", "standard_uncertainty"),
         [
@@ -302,8 +302,8 @@ def _results_table(latest: dict[str, Any]) -> Table:
     )
 
 
-def _diagnoses_table(diagnoses: Sequence[DiagnosisSummary]) -> Table:
-    return Table(
+def _diagnoses_table(diagnoses: Sequence[DiagnosisSummary]) -> ExportedTable:
+    return ExportedTable(
         "diagnoses",
         (
             "time_ns",
@@ -333,8 +333,8 @@ def _diagnoses_table(diagnoses: Sequence[DiagnosisSummary]) -> Table:
     )
 
 
-def _findings_table(diagnosis: DiagnosisSummary) -> Table:
-    return Table(
+def _findings_table(diagnosis: DiagnosisSummary) -> ExportedTable:
+    return ExportedTable(
         "findings",
         (
             "label",
@@ -373,8 +373,8 @@ def _findings_table(diagnosis: DiagnosisSummary) -> Table:
     )
 
 
-def _readings_table(run: RecordedRun) -> Table:
-    return Table(
+def _readings_table(run: RecordedRun) -> ExportedTable:
+    return ExportedTable(
         "readings",
         (
             "time_ns",
@@ -389,11 +389,11 @@ def _readings_table(run: RecordedRun) -> Table:
     )
 
 
-def _encoder(table: Table, format_: Format) -> Callable[[], bytes]:
+def _encoder(table: ExportedTable, format_: Format) -> Callable[[], bytes]:
     return (lambda: _csv(table)) if format_ == "csv" else (lambda: _parquet(table))
 
 
-def _csv(table: Table) -> bytes:
+def _csv(table: ExportedTable) -> bytes:
     rows = ([_cell(value) for value in row] for row in table.rows)
     return csv_text(chain([table.columns], rows)).encode()
 
@@ -407,7 +407,7 @@ def _cell(value: Any) -> str:
     return guarded(value) if isinstance(value, str) else str(value)
 
 
-def _parquet(table: Table) -> bytes:
+def _parquet(table: ExportedTable) -> bytes:
     import pyarrow  # type: ignore[import-not-found,import-untyped,unused-ignore]
     import pyarrow.parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
 

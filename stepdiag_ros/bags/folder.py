@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from stepdiag_ros.bags.bag import Bag, Order, Payloads, Record
+from stepdiag_ros.bags.bag import Bag, Order, Payloads, RecordedMessage
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.tally import Flaw
@@ -123,7 +123,7 @@ class FolderReader(Bag):
         topics: Collection[str] | None = None,
         start: int | None = None,
         end: int | None = None,
-    ) -> Iterator[Record]:
+    ) -> Iterator[RecordedMessage]:
         """Go through the recorded messages of all files; see ``Bag``."""
         wanted = [part.records(order, topics, start, end) for part in self._parts]
         if order == "time":

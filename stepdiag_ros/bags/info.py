@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Bag, Record
+from stepdiag_ros.bags.bag import Bag, RecordedMessage
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
@@ -242,7 +242,7 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     info.samples = {where: check for where, check in checks.items() if check.blocks}
 
 
-def _check_samples(bag: Bag, record: Record, check: SampleCheck) -> None:
+def _check_samples(bag: Bag, record: RecordedMessage, check: SampleCheck) -> None:
     bag.converted(record, check.take_samples)
 
 
@@ -291,7 +291,7 @@ def _runs_of(bag: Bag) -> list[RunInBag]:
     return found
 
 
-def _conclude(bag: Bag, record: Record, message: Any, info: BagInfo) -> None:
+def _conclude(bag: Bag, record: RecordedMessage, message: Any, info: BagInfo) -> None:
     if record.type_name == topics.LINE.type_name:
         info.lines.append(str(bag.converted(record, conversion.to_measured_line, message).line))
     else:

@@ -13,14 +13,14 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from stepdiag_ros.bags import layout
-from stepdiag_ros.bags.bag import Bag, Order, Payloads, Record
+from stepdiag_ros.bags.bag import Bag, Order, Payloads, RecordedMessage
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.header import Attachment
 from stepdiag_ros.bags.tally import (
     PROMISING,
+    BagTally,
     Flaw,
     Promise,
-    Tally,
     key_of,
     recovery_flaws,
     tally_of,
@@ -149,7 +149,7 @@ class BagReader(Bag):
         topics: Collection[str] | None = None,
         start: int | None = None,
         end: int | None = None,
-    ) -> Iterator[Record]:
+    ) -> Iterator[RecordedMessage]:
         """Go through the recorded messages; see ``Bag``."""
         wanted = {
             number: (channel.topic, self._type_of(channel))
@@ -164,7 +164,7 @@ class BagReader(Bag):
             channel, sequence, log_time, publish_time, cdr = message
             if low <= log_time <= high:
                 topic, type_name = wanted[channel]
-                yield Record(topic, type_name, log_time, publish_time, sequence, cdr)
+                yield RecordedMessage(topic, type_name, log_time, publish_time, sequence, cdr)
 
     def payloads(self, topic: str) -> Iterator[Payloads]:
         """Go through the messages of one topic, those of a chunk at a time; see ``Bag``."""
@@ -179,7 +179,7 @@ class BagReader(Bag):
             yield Payloads(type_name, *self._payloads_of(chunk, wanted.keys()))
 
     @cached_property
-    def tally(self) -> Tally:
+    def tally(self) -> BagTally:
         """Return what was counted in the file, compared with what it promises."""
         self._held: list[frozenset[int]] = []
         return tally_of(self._checked_heads(), self._all_messages, self._channels, self._promise)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Bag, Payloads, Record
+from stepdiag_ros.bags.bag import Bag, Payloads, RecordedMessage
 from stepdiag_ros.bags.columns import columns_of
 from stepdiag_ros.bags.runs import FoundRun, records_of
 from stepdiag_ros.messages import conversion
@@ -143,7 +143,7 @@ def _gathered(parts: Iterable[Payloads]) -> Iterator[Payloads]:
 
 def _batch_of(bag: Bag, topic: str, some: Payloads) -> ReadingBatch:
     messages = zip(some.times, some.data, strict=True)
-    records = (Record(topic, some.type_name, time, time, 0, cdr) for time, cdr in messages)
+    records = (RecordedMessage(topic, some.type_name, time, time, 0, cdr) for time, cdr in messages)
     first = next(records)
     bag.decode(first)  # says what is wrong with the topic or its definition
     found = columns_of(bag.types, some.type_name, some.data)

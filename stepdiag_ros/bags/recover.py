@@ -15,8 +15,8 @@ from stepdiag_ros.bags.tally import (
     NOTHING_LOST,
     PROMISING,
     RECOVERY_METADATA,
+    BagTally,
     Promise,
-    Tally,
     key_of,
     tally_of,
 )
@@ -314,7 +314,7 @@ def _copy(data: Any, found: _Found, report: RecoveryReport, file: UnbufferedFile
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _tally(data: Any, found: _Found, report: RecoveryReport) -> Tally:
+def _tally(data: Any, found: _Found, report: RecoveryReport) -> BagTally:
     """Count what is to be copied, and say what the recording promised beyond that."""
 
     def messages() -> Iterator[layout.RawMessage]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from stepdiag_ros.bags.bag import Record
+from stepdiag_ros.bags.bag import RecordedMessage
 from stepdiag_ros.messages.repetition import Memory
 from stepdiag_ros.topics import topic_of
 
@@ -13,7 +13,7 @@ class Repetitions:
     def __init__(self) -> None:
         self._heard: dict[str, Memory | None] = {}
 
-    def is_news(self, record: Record) -> bool:
+    def is_news(self, record: RecordedMessage) -> bool:
         """Say whether a message comes for the first time, and remember it."""
         if record.topic not in self._heard:
             found = topic_of(record.topic)
@@ -23,6 +23,6 @@ class Repetitions:
         return memory is None or memory.is_news(record.data)
 
 
-def without_repetitions(records: Iterable[Record]) -> Iterator[Record]:
+def without_repetitions(records: Iterable[RecordedMessage]) -> Iterator[RecordedMessage]:
     """Leave out the messages that are said again."""
     return filter(Repetitions().is_news, records)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Bag, Record
+from stepdiag_ros.bags.bag import Bag, RecordedMessage
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.repetitions import without_repetitions
 from stepdiag_ros.messages import conversion
@@ -101,7 +101,7 @@ def choose_run(bag: Bag, run_id: str | None = None) -> FoundRun:
 
 def records_of(
     bag: Bag, run: FoundRun, names: Collection[str] | None = None
-) -> Iterator[tuple[Record, Any]]:
+) -> Iterator[tuple[RecordedMessage, Any]]:
     """Go through what belongs to a run, each message once, in the order of recording.
 
     Args:
@@ -126,7 +126,7 @@ def records_of(
 
 def messages_of(
     bag: Bag, run: FoundRun, names: Collection[str] | None = None
-) -> Iterator[tuple[Record, Any]]:
+) -> Iterator[tuple[RecordedMessage, Any]]:
     """Go through what belongs to a run and decode it; see ``records_of``."""
     for record, message in records_of(bag, run, names):
         yield record, bag.decode(record) if message is None else message
@@ -142,7 +142,7 @@ def full_names(bag: Bag, wanted: Topic) -> dict[str, str]:
     return found
 
 
-def _belongs(message: Any, record: Record, run: FoundRun) -> bool:
+def _belongs(message: Any, record: RecordedMessage, run: FoundRun) -> bool:
     named = getattr(message, "run_id", "")
     if named:
         return bool(named == run.run_id)

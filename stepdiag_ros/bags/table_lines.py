@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.table_rows import Pass, Row, refusal, same_in_pass
+from stepdiag_ros.bags.table_rows import PassKey, TableRow, refusal, same_in_pass
 from stepdiag_ros.metrology.geometry import (
     AXES,
     Vector,
@@ -47,10 +47,10 @@ class TableSetup:
     """Consecutive passes that share alignment and zero: their identity, and the passes in order."""
 
     identity: str
-    lines: tuple[tuple[Line, tuple[Row, ...]], ...]
+    lines: tuple[tuple[Line, tuple[TableRow, ...]], ...]
 
 
-def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
+def passes_of(rows: list[TableRow], source: str) -> list[tuple[TableRow, ...]]:
     """Group rows into passes and check that the stops of each count from 0 without a gap.
 
     Raises:
@@ -95,11 +95,11 @@ def passes_of(rows: list[Row], source: str) -> list[tuple[Row, ...]]:
     return passes
 
 
-def _by_place(rows: list[Row]) -> Iterator[tuple[Row, ...]]:
+def _by_place(rows: list[TableRow]) -> Iterator[tuple[TableRow, ...]]:
     """Yield the rows of each pass: a line that begins again at another place is another pass."""
     for (which, _), group in groupby(rows, key=lambda row: (row.which, row.told.line_index)):
         standing = line_signs(which.line) == 0
-        stops: list[Row] = []
+        stops: list[TableRow] = []
         for row in group:
             if stops and row.stop == 0:
                 away = np.abs(np.subtract(row.position, stops[0].position))[standing]
@@ -110,11 +110,11 @@ def _by_place(rows: list[Row]) -> Iterator[tuple[Row, ...]]:
         yield tuple(stops)
 
 
-def _same(row: Row, other: Row) -> bool:
+def _same(row: TableRow, other: TableRow) -> bool:
     return (row.time, row.position, row.reading) == (other.time, other.position, other.reading)
 
 
-def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
+def volume_of(passes: list[tuple[TableRow, ...]], source: str) -> Volume:
     """Find the measured box from the positions.
 
     Raises:
@@ -166,7 +166,7 @@ def volume_of(passes: list[tuple[Row, ...]], source: str) -> Volume:
 
 
 def _with_standing_axis(
-    low: Vector, high: Vector, stepped: NDArray[np.bool_], row: Row
+    low: Vector, high: Vector, stepped: NDArray[np.bool_], row: TableRow
 ) -> tuple[Vector, Vector]:
     """Return the box of a face's step diagonals with a third side, of an axis that never moved.
 
@@ -188,7 +188,7 @@ def _rounded(values: Vector) -> tuple[float, float, float]:
 
 
 def setups_of(
-    passes: list[tuple[Row, ...]],
+    passes: list[tuple[TableRow, ...]],
     volume: Volume,
     source: str,
     one_alignment_per_diagonal: bool = False,
@@ -207,7 +207,7 @@ def setups_of(
         TableError: positions or readings contradict what the row says; names the row.
     """
 
-    def identity_of(entry: tuple[Line, tuple[Row, ...]]) -> str:
+    def identity_of(entry: tuple[Line, tuple[TableRow, ...]]) -> str:
         line, stops = entry
         return stops[0].told.setup or alignment_of(line, one_alignment_per_diagonal)
 
@@ -230,11 +230,11 @@ def setups_of(
     return setups
 
 
-def _line_of(stops: tuple[Row, ...], volume: Volume, planned: Sequence[Line]) -> Line:
+def _line_of(stops: tuple[TableRow, ...], volume: Volume, planned: Sequence[Line]) -> Line:
     which = stops[0].which
     places = np.array([row.position for row in stops])
     for line in planned:
-        if which == Pass(line.kind, line.name, line.order, line.repeat, line.direction):
+        if which == PassKey(line.kind, line.name, line.order, line.repeat, line.direction):
             expected = line.stops(volume)
             if len(expected) == len(places) and _equal(expected, places).all():
                 return line
@@ -246,7 +246,7 @@ def _line_of(stops: tuple[Row, ...], volume: Volume, planned: Sequence[Line]) ->
     return Line(which.kind, which.line, which.order, which.repeat, which.direction, offset)
 
 
-def _check_positions(line: Line, stops: tuple[Row, ...], volume: Volume, source: str) -> None:
+def _check_positions(line: Line, stops: tuple[TableRow, ...], volume: Volume, source: str) -> None:
     expected = line.stops(volume)
     actual = np.array([row.position for row in stops])
     if len(expected) == len(actual) and _equal(expected, actual).all():
@@ -296,7 +296,7 @@ def _moved_like(line: Line, actual: Vector, volume: Volume) -> str:
     return ""
 
 
-def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> tuple[str, str]:
+def _position_reason(row: TableRow, line: Line, nominal: Vector, volume: Volume) -> tuple[str, str]:
     """Return in words and by its aspect why a position is refused."""
     for axis, name in enumerate(AXES):
         value = row.position[axis]
@@ -315,7 +315,7 @@ def _position_reason(row: Row, line: Line, nominal: Vector, volume: Volume) -> t
     raise AssertionError("called for a position that is right")
 
 
-def _check_repeats(lines: tuple[tuple[Line, tuple[Row, ...]], ...], source: str) -> None:
+def _check_repeats(lines: tuple[tuple[Line, tuple[TableRow, ...]], ...], source: str) -> None:
     seen: dict[tuple[Line, int | None], int] = {}
     for line, stops in lines:
         which = line, stops[0].told.line_index
@@ -334,7 +334,7 @@ def _check_repeats(lines: tuple[tuple[Line, tuple[Row, ...]], ...], source: str)
 
 
 def _check_readings(
-    lines: Sequence[tuple[Line, tuple[Row, ...]]], volume: Volume, source: str
+    lines: Sequence[tuple[Line, tuple[TableRow, ...]]], volume: Volume, source: str
 ) -> None:
     first_line, _ = lines[0]
     step = np.asarray(volume.step)
@@ -352,7 +352,7 @@ def _check_readings(
                 raise refusal(source, row.number, reason, fault="out_of_range", aspect=aspect)
 
 
-def _reading_reason(line: Line, row: Row, nominal: float, reading: float) -> tuple[str, str]:
+def _reading_reason(line: Line, row: TableRow, nominal: float, reading: float) -> tuple[str, str]:
     """Return in words and by its aspect why a reading is refused."""
     place = (
         f"the reading has changed by {reading:g} m since the first stop of the setup at stop "

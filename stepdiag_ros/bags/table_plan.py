@@ -13,7 +13,7 @@ import yaml
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_lines import TableSetup, passes_of, setups_of, volume_of
-from stepdiag_ros.bags.table_rows import Row, refusal
+from stepdiag_ros.bags.table_rows import TableRow, refusal
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import COURSE_KEYS, STEP_DIAGONAL, Line, Plan, Volume
@@ -24,7 +24,7 @@ from stepdiag_ros.metrology.units import NANOSECONDS
 class _Pass(NamedTuple):
     setup: str
     line: Line
-    stops: tuple[Row, ...]
+    stops: tuple[TableRow, ...]
 
 
 def plan_mapping(
@@ -73,7 +73,7 @@ class PlannedLines(NamedTuple):
 
 
 def planned_lines(
-    name: str, rows: list[Row], case: Case, overrun: float, source: str
+    name: str, rows: list[TableRow], case: Case, overrun: float, source: str
 ) -> PlannedLines:
     """Return the lines in the rows of a table, and the plan that they were measured by.
 
@@ -139,7 +139,7 @@ def _measured(one: _Pass, index: int, reading_noise: float, overrun: float) -> M
     )
 
 
-def _end_time(last: Row) -> int:
+def _end_time(last: TableRow) -> int:
     # Where no time is known (imported tables), lines keep their order: a nanosecond for each row.
     return round(last.time * NANOSECONDS) if np.isfinite(last.time) else last.number
 

@@ -70,7 +70,7 @@ _PLAUSIBLE = {
 }
 
 
-class Pass(NamedTuple):
+class PassKey(NamedTuple):
     """Which pass along which line a row belongs to."""
 
     kind: str
@@ -84,7 +84,7 @@ class Pass(NamedTuple):
         return f"{name} {self.direction}, repeat {self.repeat}"
 
 
-class Told(NamedTuple):
+class PassColumns(NamedTuple):
     """What optional columns tell of a pass; None where the table has no such column.
 
     Attributes:
@@ -100,11 +100,11 @@ class Told(NamedTuple):
     overrun: float | None = None
 
 
-NOTHING_TOLD = Told()
+NOTHING_TOLD = PassColumns()
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One row: one stop.
 
     Attributes:
@@ -121,12 +121,12 @@ class Row:
 
     number: int
     time: float
-    which: Pass
+    which: PassKey
     stop: int
     position: tuple[float, float, float]
     reading: float
     environment: Environment
-    told: Told = NOTHING_TOLD
+    told: PassColumns = NOTHING_TOLD
     standard_uncertainty: float | None = None
 
 
@@ -175,7 +175,7 @@ def read_text(path: Path) -> str:
         raise TableError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def parse_rows(text: str, source: str) -> list[Row]:
+def parse_rows(text: str, source: str) -> list[TableRow]:
     """Return the checked rows of a run table.
 
     Args:
@@ -190,7 +190,7 @@ def parse_rows(text: str, source: str) -> list[Row]:
     try:
         header = next(reader, None) or []
         places = _places(header, source)
-        rows: list[Row] = []
+        rows: list[TableRow] = []
         latest = float("-inf")
         for cells in reader:
             if not any(cell.strip() for cell in cells):
@@ -339,7 +339,7 @@ class _RowCells:
         return value
 
 
-def _row(cells: _RowCells) -> Row:
+def _row(cells: _RowCells) -> TableRow:
     kind = cells.one_of("kind", tuple(LINE_NAMES))
     line = cells.one_of("line", LINE_NAMES[kind])
     order = ""
@@ -347,14 +347,14 @@ def _row(cells: _RowCells) -> Row:
         order = cells.one_of("order", move_orders(line))
     elif cells.text("order"):
         raise cells.wrong("order", f"nothing for a line of kind {kind}", fault="mismatch")
-    which = Pass(
+    which = PassKey(
         kind,
         line,
         order,
         cells.whole("repeat"),
         cells.one_of("direction", (FORWARD, BACKWARD)),
     )
-    return Row(
+    return TableRow(
         number=cells.number,
         time=cells.number_or_unknown("time_s"),
         which=which,
@@ -380,7 +380,7 @@ def _reading(cells: _RowCells) -> float:
     return float("nan")
 
 
-def _told(cells: _RowCells) -> Told:
+def _told(cells: _RowCells) -> PassColumns:
     if cells.has("setup") and not cells.text("setup"):
         raise cells.wrong(
             "setup", "the name of the alignment that the pass was measured in", fault="missing"
@@ -388,7 +388,7 @@ def _told(cells: _RowCells) -> Told:
     attempt = cells.whole("attempt") if cells.has("attempt") else None
     if attempt == 0:
         raise cells.wrong("attempt", "a whole number from 1", fault="out_of_range")
-    return Told(
+    return PassColumns(
         line_index=cells.whole("line_index") if cells.has("line_index") else None,
         attempt=attempt,
         setup=cells.text("setup") if cells.has("setup") else None,
@@ -396,7 +396,7 @@ def _told(cells: _RowCells) -> Told:
     )
 
 
-def same_in_pass(stops: Sequence[Row], source: str) -> None:
+def same_in_pass(stops: Sequence[TableRow], source: str) -> None:
     """Check that the rows of one pass agree in what is told of all of it.
 
     Raises:
@@ -404,7 +404,7 @@ def same_in_pass(stops: Sequence[Row], source: str) -> None:
     """
     first = stops[0]
     for row in stops:
-        for name, value, expected in zip(Told._fields, row.told, first.told, strict=True):
+        for name, value, expected in zip(PassColumns._fields, row.told, first.told, strict=True):
             if repr(value) != repr(expected):
                 raise refusal(
                     source,

@@ -16,7 +16,14 @@ from stepdiag_ros.bags.case import FACTS, SIMULATED_CELL, Case, is_assumed_name
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.table_plan import planned_lines
-from stepdiag_ros.bags.table_rows import COLUMNS, OPTIONAL_COLUMNS, SETTLED, Pass, Row, Told
+from stepdiag_ros.bags.table_rows import (
+    COLUMNS,
+    OPTIONAL_COLUMNS,
+    SETTLED,
+    PassColumns,
+    PassKey,
+    TableRow,
+)
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, latest_attempts
 from stepdiag_ros.metrology.plan import COURSE_KEYS, Line
@@ -130,11 +137,11 @@ def _imported(
     return found.lines, found.plan.lines
 
 
-def _rows(lines: Sequence[MeasuredLine], columns: Sequence[str]) -> Iterator[Row]:
+def _rows(lines: Sequence[MeasuredLine], columns: Sequence[str]) -> Iterator[TableRow]:
     number = 1
     for line in lines:
         which = line.line
-        told = Told(
+        told = PassColumns(
             line_index=line.line_index if "line_index" in columns else None,
             attempt=line.attempt if "attempt" in columns else None,
             setup=line.setup if "setup" in columns else None,
@@ -144,10 +151,10 @@ def _rows(lines: Sequence[MeasuredLine], columns: Sequence[str]) -> Iterator[Row
             number += 1
             x, y, z = (float(value) for value in line.target[stop])
             uncertainty = float(line.standard_uncertainty[stop])
-            yield Row(
+            yield TableRow(
                 number=number,
                 time=float(time),
-                which=Pass(which.kind, which.name, which.order, which.repeat, which.direction),
+                which=PassKey(which.kind, which.name, which.order, which.repeat, which.direction),
                 stop=stop,
                 position=(x, y, z),
                 reading=float(line.displacement[stop]),

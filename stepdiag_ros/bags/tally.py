@@ -74,7 +74,7 @@ def key_of(message: RawMessage) -> bytes:
 
 
 @dataclass
-class Tally:
+class BagTally:
     """What was counted in a bag; every count by full name of the topic.
 
     Attributes:
@@ -172,7 +172,7 @@ def tally_of(
     messages: Callable[[], Iterator[RawMessage]],
     channels: Mapping[int, Channel],
     promise: Promise,
-) -> Tally:
+) -> BagTally:
     """Count the messages of a bag and compare with what it promises.
 
     Only messages that come neither later nor with a higher number than all before them are
@@ -184,7 +184,7 @@ def tally_of(
         channels: of the bag.
         promise: what it says of itself.
     """
-    tally = Tally()
+    tally = BagTally()
     numbers, spots = _first_pass(heads)
     for number, seen in numbers.items():
         if number in channels:
@@ -226,7 +226,10 @@ def _first_pass(heads: Iterable[MessageHead]) -> tuple[dict[int, _Numbers], set[
 
 
 def _note_doubled(
-    messages: Iterator[RawMessage], channels: Mapping[int, Channel], spots: set[int], tally: Tally
+    messages: Iterator[RawMessage],
+    channels: Mapping[int, Channel],
+    spots: set[int],
+    tally: BagTally,
 ) -> None:
     never_twice = {number for number, one in channels.items() if _never_twice(one.topic)}
     heard: set[bytes] = set()
@@ -250,7 +253,7 @@ def _never_twice(topic: str) -> bool:
 
 
 def _note_misplaced(
-    messages: Iterator[RawMessage], channels: Mapping[int, Channel], tally: Tally
+    messages: Iterator[RawMessage], channels: Mapping[int, Channel], tally: BagTally
 ) -> None:
     """Count messages that come after one with a higher number, copies left out."""
     highest: defaultdict[int, int] = defaultdict(int)
@@ -263,7 +266,10 @@ def _note_misplaced(
 
 
 def _note_missing(
-    tally: Tally, numbers: Mapping[int, _Numbers], channels: Mapping[int, Channel], promise: Promise
+    tally: BagTally,
+    numbers: Mapping[int, _Numbers],
+    channels: Mapping[int, Channel],
+    promise: Promise,
 ) -> None:
     promised: Counter[str] = Counter()
     uncounted: Counter[str] = Counter()

@@ -214,10 +214,10 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
     }
     with progress_bar("writing the page"):
         if arguments.html or arguments.pdf:
-            from stepdiag_ros.report.pages.changes import Page
+            from stepdiag_ros.report.pages.changes import ChangesPage
             from stepdiag_ros.report.pages.pdf import pdf_of
 
-            page = Page(report)
+            page = ChangesPage(report)
             if arguments.html:
                 contents[f"{_NAME}.html"] = page.html().encode()
             if arguments.pdf:

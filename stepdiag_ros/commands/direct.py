@@ -80,20 +80,20 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the table; see the module."""
-    from stepdiag_ros.bags.imports.renishaw_direct import UNITS, Told, read_direct_test
+    from stepdiag_ros.bags.imports.renishaw_direct import UNITS, FileFacts, read_direct_test
     from stepdiag_ros.bags.imports.source import read_source
-    from stepdiag_ros.metrology.direct import Place, direct_text
+    from stepdiag_ros.metrology.direct import DirectPlace, direct_text
     from stepdiag_ros.report.publish import whole_file
 
     def point(given: "list[float] | None", untold: float) -> tuple[float, float, float]:
         x, y, z = [untold] * 3 if given is None else [MILLI * value for value in given]
         return x, y, z
 
-    told = Told(
+    told = FileFacts(
         curve=arguments.curve,
         unit=arguments.unit,
         uncertainty=arguments.uncertainty * UNITS[arguments.unit],
-        place=Place(point(arguments.standing, math.nan), point(arguments.reflector, 0.0)),
+        place=DirectPlace(point(arguments.standing, math.nan), point(arguments.reflector, 0.0)),
         decimal=arguments.decimal,
         encoding=arguments.encoding,
     )

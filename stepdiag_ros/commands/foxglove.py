@@ -77,9 +77,9 @@ def run(arguments: Namespace) -> int:
 
 def _replay(arguments: Namespace) -> int:
     from stepdiag_ros.viewers.foxglove.replay import FoxgloveReplay
-    from stepdiag_ros.viewers.foxglove.server import Place
+    from stepdiag_ros.viewers.foxglove.server import ServedPlace
 
-    place = Place(arguments.address, arguments.port, arguments.open_to_network)
+    place = ServedPlace(arguments.address, arguments.port, arguments.open_to_network)
     rate = 1.0 if arguments.rate is None else arguments.rate
     replay = FoxgloveReplay(arguments.bag, arguments.run_id, rate, place, say)
     stop = threading.Event()

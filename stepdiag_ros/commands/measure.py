@@ -16,7 +16,7 @@ from stepdiag_ros.commands.output import (
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.run.sequence import State
-    from stepdiag_ros.session.following import Measured, Told
+    from stepdiag_ros.session.following import RunNews, RunOutcome
 
 
 def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -56,7 +56,7 @@ def run(arguments: Namespace) -> int:
         warn_of_undetermined(plan)
     with progress_bar("measuring") as progress:
 
-        def tell(told: "Told") -> None:
+        def tell(told: "RunNews") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
 
         # What was given is warned of already.
@@ -128,7 +128,7 @@ def _enter_was_pressed() -> bool:
     return bool(ready and sys.stdin.readline())
 
 
-def _lead(measured: "Measured") -> "RunLead":
+def _lead(measured: "RunOutcome") -> "RunLead":
     """Return what is said first of the run, before anything is solved."""
     from stepdiag_ros.bags.passes import Completeness
     from stepdiag_ros.evaluation.lead import RunLead
@@ -147,7 +147,7 @@ def _lead(measured: "Measured") -> "RunLead":
     )
 
 
-def _show(measured: "Measured", as_json: bool) -> None:
+def _show(measured: "RunOutcome", as_json: bool) -> None:
     from stepdiag_ros.report.documents.lead import lead_document
     from stepdiag_ros.words.lead import next_lines, sentences_of
 

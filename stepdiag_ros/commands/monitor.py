@@ -69,9 +69,9 @@ def _replay(arguments: Namespace) -> int:
     from stepdiag_ros.viewers.page.access import make_access
     from stepdiag_ros.viewers.page.replay import Replay
     from stepdiag_ros.viewers.page.server import MonitorServer, Offer
-    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.page.state import PageState
 
-    state = State()
+    state = PageState()
     access = make_access(arguments.address, arguments.token_file)
     replay = Replay(arguments.bag, state, arguments.run_id)
     offer = Offer(state, access, "replay", arguments.bag.name, ask=None, log=say)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
-    from stepdiag_ros.planning.proposal import Proposal
+    from stepdiag_ros.planning.proposal import PlanProposal
 
 # Not taken from planning, whose numerics every start of the command line would wait for.
 PURPOSES = ("squareness", "straightness", "volumetric", "angular", "iso230-2", "iso230-6", "quick")
@@ -219,7 +219,7 @@ def run(arguments: Namespace) -> int:
     machine = _machine(arguments)
     stop_uncertainty = arguments.noise * 1e-6
     assumptions = _assumptions(arguments)
-    proposal: Proposal | None = None
+    proposal: PlanProposal | None = None
     if arguments.check is not None:
         plan = configuration.load_plan(arguments.check)[0]
         if plan.tracker is not None:
@@ -328,7 +328,7 @@ def _request(
 def _files(
     arguments: Namespace,
     assessment: "Assessment",
-    proposal: "Proposal | None",
+    proposal: "PlanProposal | None",
     stem: Path | None,
 ) -> "dict[Path, bytes]":
     """Return the content of every file that is to be written."""

@@ -17,7 +17,7 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
-    from stepdiag_ros.session.following import Told
+    from stepdiag_ros.session.following import RunNews
 
 DEFAULT_FOLDER = Path("stepdiag_results")
 LARGEST_SEED = 2**31
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros.report.publish import make_folder
     from stepdiag_ros.run.feasibility import beyond_machine
     from stepdiag_ros.session.cell import simulated_cell
-    from stepdiag_ros.session.measure import Session
+    from stepdiag_ros.session.measure import MeasuringSession
 
     # Refused here, before any process is started.
     plan = str(configuration.find(arguments.plan, "plans"))
@@ -140,10 +140,10 @@ def run(arguments: argparse.Namespace) -> int:
     )
     with progress_bar("measuring") as progress:
 
-        def tell(told: "Told") -> None:
+        def tell(told: "RunNews") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
 
-        session = Session(nodes, folder, tell)
+        session = MeasuringSession(nodes, folder, tell)
         try:
             bag = session.measure()
         finally:

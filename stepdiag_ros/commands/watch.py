@@ -22,7 +22,7 @@ from stepdiag_ros.commands.output import HelpFormatter, add_run_option
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.onlooker import ViewerNode
-    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.page.state import PageState
     from stepdiag_ros.viewers.terminal.journal import Journal
     from stepdiag_ros.viewers.terminal.screen import Screen
 
@@ -70,7 +70,7 @@ def _is_screen() -> bool:
 
 
 def _make_screen(
-    state: "State", source: Callable[[], str], clock: Callable[[], datetime]
+    state: "PageState", source: Callable[[], str], clock: Callable[[], datetime]
 ) -> "Screen":
     from stepdiag_ros.report.tables.run import PlainConsole
     from stepdiag_ros.viewers.terminal.page import Heading
@@ -80,7 +80,7 @@ def _make_screen(
     return Screen(state, console, lambda: Heading(source(), f"{clock():%H:%M:%S} UTC"))
 
 
-def _make_journal(state: "State", clock: Callable[[], datetime]) -> "Journal":
+def _make_journal(state: "PageState", clock: Callable[[], datetime]) -> "Journal":
     from stepdiag_ros.viewers.terminal.glyphs import glyphs_for
     from stepdiag_ros.viewers.terminal.journal import Journal
 
@@ -96,9 +96,9 @@ def _make_journal(state: "State", clock: Callable[[], datetime]) -> "Journal":
 
 def _replay(arguments: Namespace) -> int:
     from stepdiag_ros.viewers.page.replay import Replay
-    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.page.state import PageState
 
-    state = State()
+    state = PageState()
     replay = Replay(arguments.bag, state, arguments.run_id)
     rate = 0.0 if arguments.once else rate_of(arguments)
     pace = f"{rate:g} x" if rate else "at once"
@@ -131,11 +131,11 @@ def _replay(arguments: Namespace) -> int:
 def _live(arguments: Namespace) -> int:
     from stepdiag_ros.nodes.base import spin
     from stepdiag_ros.nodes.onlooker import ViewerNode
-    from stepdiag_ros.viewers.page.state import State
+    from stepdiag_ros.viewers.page.state import PageState
     from stepdiag_ros.viewers.terminal.screen import RATE
 
     sys.argv = ros_arguments("watch", "viewer", arguments.namespace)
-    state = State()
+    state = PageState()
     view: _Once | _Drawn | _Logged
     if arguments.once:
         view = _Once(state)
@@ -157,7 +157,7 @@ def _now() -> datetime:
 class _Drawn:
     """The live view on a terminal."""
 
-    def __init__(self, state: "State") -> None:
+    def __init__(self, state: "PageState") -> None:
         self._screen = _make_screen(state, lambda: self._contact, _now)
         self._contact = ""
 
@@ -181,7 +181,7 @@ class _Drawn:
 class _Logged:
     """The live view as a log."""
 
-    def __init__(self, state: "State") -> None:
+    def __init__(self, state: "PageState") -> None:
         self._journal = _make_journal(state, _now)
         self._contact = ""
 
@@ -203,7 +203,7 @@ class _Logged:
 class _Once:
     """The live view, printed once."""
 
-    def __init__(self, state: "State") -> None:
+    def __init__(self, state: "PageState") -> None:
         self._state = state
         self._screen = _make_screen(state, lambda: self._contact, _now)
         self._contact = ""

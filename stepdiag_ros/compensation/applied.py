@@ -30,7 +30,7 @@ class Applied(Protocol):
 
 
 @dataclass(frozen=True)
-class Table:
+class ControlTable:
     """One table of a control.
 
     Attributes:
@@ -74,7 +74,7 @@ class Table:
 class TableSet:
     """All tables of a control; those that correct the same axis add up (``Applied``)."""
 
-    tables: tuple[Table, ...]
+    tables: tuple[ControlTable, ...]
 
     def sent(self, targets: Vector, forward: bool) -> Vector:
         """Return where the axes are sent (see ``Applied.sent``)."""

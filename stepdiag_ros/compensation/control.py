@@ -34,7 +34,7 @@ Files = dict[str, str]
 
 
 @dataclass(frozen=True)
-class Setting:
+class ControlSetting:
     """A setting of a control, as ``--set NAME=VALUE`` gives it.
 
     Attributes:
@@ -98,7 +98,7 @@ class Control(Protocol):
     @property
     def title(self) -> str: ...  # noqa: D102
     @property
-    def settings(self) -> tuple[Setting, ...]: ...  # noqa: D102
+    def settings(self) -> tuple[ControlSetting, ...]: ...  # noqa: D102
     @property
     def corrects(self) -> tuple[str, ...]: ...  # noqa: D102
     @property

@@ -23,12 +23,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.compensation.applied import Table, TableSet
+from stepdiag_ros.compensation.applied import ControlTable, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
+    ControlSetting,
     Files,
     Layout,
-    Setting,
     axis_names,
     refuse_far,
     refuse_large,
@@ -60,17 +60,21 @@ class _Fanuc:
     name = "fanuc"
     title = "Fanuc (stored pitch error compensation)"
     settings = (
-        Setting("axes", "X,Y,Z", "names of the axes"),
-        Setting("detection_unit_um", 1.0, "detection unit of the axes, µm", low=0.001, high=100.0),
-        Setting("value_limit", 7, "largest value of a point: 7, or 127 with the option", 1, 127),
-        Setting(
+        ControlSetting("axes", "X,Y,Z", "names of the axes"),
+        ControlSetting(
+            "detection_unit_um", 1.0, "detection unit of the axes, µm", low=0.001, high=100.0
+        ),
+        ControlSetting(
+            "value_limit", 7, "largest value of a point: 7, or 127 with the option", 1, 127
+        ),
+        ControlSetting(
             "magnification",
             0,
             "parameter 3623; 0: the smallest with which every value fits",
             high=_LARGEST_MAGNIFICATION,
         ),
-        Setting("first_number", 0, "number of the first point of X", high=1023),
-        Setting("form", "NP", "lines of the file: NP or NQP (30i)", choices=("NP", "NQP")),
+        ControlSetting("first_number", 0, "number of the first point of X", high=1023),
+        ControlSetting("form", "NP", "lines of the file: NP or NQP (30i)", choices=("NP", "NQP")),
     )
     corrects = ("E_XX", "E_YY", "E_ZZ")
     says = (
@@ -162,7 +166,7 @@ class _Fanuc:
             summed = np.concatenate([[0.0], np.cumsum(steps)])
             # Zero at the reference position, which is the place number - (first - 1).
             summed = summed - summed[number - first + 1]
-            tables.append(Table(axis, axis, places, summed, summed, stepped=True))
+            tables.append(ControlTable(axis, axis, places, summed, summed, stepped=True))
         return TableSet(tuple(tables))
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stepdiag_ros import schemas
-from stepdiag_ros.compensation.control import Files, Layout, Setting
+from stepdiag_ros.compensation.control import ControlSetting, Files, Layout
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
@@ -67,7 +67,7 @@ class CorrectedTargets:
 class _Generic:
     name = "generic"
     title = "volumetric error map (JSON, CSV), for target correction by the bridge"
-    settings: tuple[Setting, ...] = ()
+    settings: tuple[ControlSetting, ...] = ()
     corrects = TRANSLATIONS
     says = (
         "the map corrects everything in it, angular errors too, wherever targets can be changed:"

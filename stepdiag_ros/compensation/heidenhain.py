@@ -20,12 +20,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from stepdiag_ros.compensation.applied import Table, TableSet
+from stepdiag_ros.compensation.applied import ControlTable, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
+    ControlSetting,
     Files,
     Layout,
-    Setting,
     axis_names,
     refuse_large,
     refuse_long,
@@ -50,8 +50,8 @@ class _Heidenhain:
     name = "heidenhain"
     title = "Heidenhain TNC, MANUALplus (.COM, .CMA)"
     settings = (
-        Setting("axes", "X,Y,Z", "names of X, Y, Z in the control (CfgAxes/axisList)"),
-        Setting("digits", 4, "decimals of a value in mm", low=3, high=6),
+        ControlSetting("axes", "X,Y,Z", "names of X, Y, Z in the control (CfgAxes/axisList)"),
+        ControlSetting("digits", 4, "decimals of a value in mm", low=3, high=6),
     )
     corrects = TRANSLATIONS
     says = (
@@ -124,7 +124,7 @@ class _Heidenhain:
                 for error, name in enumerate(names):
                     # The control takes the error off.
                     added = -numbers[:, columns.index(name) - 1] / IN_MILLI
-                    tables.append(Table(axis, error, positions, added, added))
+                    tables.append(ControlTable(axis, error, positions, added, added))
             except (ValueError, IndexError) as wrong:
                 raise Refusal(f"{file}: {wrong}", fault="missing") from None
         return TableSet(tuple(tables))

@@ -15,12 +15,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from stepdiag_ros.compensation.applied import Table, TableSet
+from stepdiag_ros.compensation.applied import ControlTable, TableSet
 from stepdiag_ros.compensation.control import (
     INCH,
+    ControlSetting,
     Files,
     Layout,
-    Setting,
     refuse_large,
     refuse_long,
     table_positions,
@@ -45,15 +45,15 @@ class _LinuxCnc:
     name = "linuxcnc"
     title = "LinuxCNC (COMP_FILE)"
     settings = (
-        Setting("units", "mm", "machine units of the joint", choices=("mm", "inch")),
-        Setting(
+        ControlSetting("units", "mm", "machine units of the joint", choices=("mm", "inch")),
+        ControlSetting(
             "type",
             1,
             "COMP_FILE_TYPE: 1: the columns are added to the command; 0: they are the measured"
             " positions",
             high=1,
         ),
-        Setting("joints", "0,1,2", "numbers of the joints of X, Y, Z"),
+        ControlSetting("joints", "0,1,2", "numbers of the joints of X, Y, Z"),
     )
     corrects = ("E_XX", "E_YY", "E_ZZ")
     says = (
@@ -125,7 +125,7 @@ class _LinuxCnc:
                 forward, backward = rows[:, 1], rows[:, 2]
                 if kind == 0:
                     forward, backward = rows[:, 0] - forward, rows[:, 0] - backward
-                tables.append(Table(axis, axis, rows[:, 0], forward, backward))
+                tables.append(ControlTable(axis, axis, rows[:, 0], forward, backward))
         if not tables:
             raise ValueError("there is no x.comp, y.comp or z.comp among these files")
         return TableSet(tuple(tables))

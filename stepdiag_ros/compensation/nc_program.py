@@ -80,7 +80,7 @@ class NcSettings:
 
 
 @dataclass(frozen=True)
-class State:
+class ModalState:
     """The modal state of a control, and where the axes are.
 
     Attributes:
@@ -105,7 +105,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Step:
+class BlockAction:
     """What one block does.
 
     Attributes:
@@ -118,14 +118,14 @@ class Step:
     """
 
     block: Block
-    state: State
+    state: ModalState
     zero: Vector
     motion: Motion | None = None
     machine: bool = False
     passed: str = ""
 
 
-def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
+def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[BlockAction]:
     """Go through a program, block by block.
 
     Args:
@@ -137,7 +137,7 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
         NcError: something in it cannot be followed safely; names the line.
     """
     start = np.full(3, np.nan) if settings.start is None else np.array(settings.start, float)
-    state = State(position=start)
+    state = ModalState(position=start)
     numbered = False
     for block in blocks_of(text, source):
         if block.bare:
@@ -150,14 +150,14 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[Step]:
                         fault="unsupported",
                     )
                 numbered = True
-            yield Step(block, state, np.zeros(3))
+            yield BlockAction(block, state, np.zeros(3))
             continue
         step = _step(block, state, source, settings)
         state = step.state
         yield step
 
 
-def _step(block: Block, before: State, source: str, settings: NcSettings) -> Step:
+def _step(block: Block, before: ModalState, source: str, settings: NcSettings) -> BlockAction:
     def refuse(reason: str, fault: Fault, aspect: str = "") -> NcError:
         return refusal(source, block.number, reason, fault, aspect)
 
@@ -166,12 +166,14 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
         if word.letter == "M" and word.code in _SUBPROGRAMS:
             raise refuse(f"{word.code}: subprograms cannot be corrected", "unsupported")
     if "G4" in block.codes:
-        return Step(block, state, np.zeros(3))
+        return BlockAction(block, state, np.zeros(3))
     for code in ("G28", "G30"):
         if code in block.codes:
             named = [axis for axis in range(3) if block.get(AXES[axis]) is not None]
             state = _unknown(state, named or [0, 1, 2])
-            return Step(block, state, np.zeros(3), passed=f"{code} goes to a reference point")
+            return BlockAction(
+                block, state, np.zeros(3), passed=f"{code} goes to a reference point"
+            )
     moving = block.has(_MOVING_LETTERS)
     if moving or other:
         for word in block.words:
@@ -194,7 +196,7 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
     if not block.has("XYZ") and not (state.motion in ("G2", "G3") and block.has("IJKR")):
         if moving and state.motion in ("G2", "G3", ""):
             raise refuse("an arc without a motion mode or an end", "undetermined", "mode")
-        return Step(block, _unknown(state, [0, 1, 2]) if changed else state, np.zeros(3))
+        return BlockAction(block, _unknown(state, [0, 1, 2]) if changed else state, np.zeros(3))
     if changed:
         raise refuse(
             "a tool change and a move in one block; write them in two", "unsupported", "tool"
@@ -207,7 +209,7 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
     if state.motion in CYCLES:
         # Where Z ends depends on G98, G99 and R; the next move with Z tells it again.
         end = _end(block, state, zero, machine)
-        return Step(
+        return BlockAction(
             block,
             # With a number of repeats (L) the last hole may lie anywhere.
             _unknown(replace(state, position=end), [0, 1, 2] if block.has("L") else [2]),
@@ -218,12 +220,12 @@ def _step(block: Block, before: State, source: str, settings: NcSettings) -> Ste
         raise refuse("G53 with incremental coordinates (G91)", "unsupported")
     end = _end(block, state, zero, machine)
     motion = _motion(block, state, zero, end, refuse)
-    return Step(block, replace(state, position=end), zero, motion, machine)
+    return BlockAction(block, replace(state, position=end), zero, motion, machine)
 
 
 def _modal(
-    block: Block, before: State, source: str, settings: NcSettings
-) -> tuple[State, bool, bool]:
+    block: Block, before: ModalState, source: str, settings: NcSettings
+) -> tuple[ModalState, bool, bool]:
     """Return the modes in force for a block, whether G53 is, and whether it calls a cycle."""
     state, machine, cycle = before, False, False
     motions = [code for code in block.codes if code in (*MOTIONS, *CYCLES)]
@@ -289,13 +291,13 @@ def _tool_length(block: Block, source: str, settings: NcSettings) -> float:
     return settings.tool_lengths[int(number)]
 
 
-def _unknown(state: State, axes: list[int]) -> State:
+def _unknown(state: ModalState, axes: list[int]) -> ModalState:
     position = state.position.copy()
     position[axes] = np.nan
     return replace(state, position=position)
 
 
-def _zero(state: State, machine: bool, settings: NcSettings, refuse: Refuse) -> Vector:
+def _zero(state: ModalState, machine: bool, settings: NcSettings, refuse: Refuse) -> Vector:
     if machine:
         return np.zeros(3)
     if state.system not in settings.offsets:
@@ -309,7 +311,7 @@ def _zero(state: State, machine: bool, settings: NcSettings, refuse: Refuse) -> 
     return zero
 
 
-def _end(block: Block, state: State, zero: Vector, machine: bool) -> Vector:
+def _end(block: Block, state: ModalState, zero: Vector, machine: bool) -> Vector:
     end: Vector = state.position.copy()
     for axis, letter in enumerate(AXES):
         value = block.get(letter)
@@ -322,7 +324,7 @@ def _end(block: Block, state: State, zero: Vector, machine: bool) -> Vector:
     return end
 
 
-def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refuse) -> Motion:
+def _motion(block: Block, state: ModalState, zero: Vector, end: Vector, refuse: Refuse) -> Motion:
     start, kind = state.position, MOTIONS[state.motion]
     if kind != RAPID and not (np.all(np.isfinite(start)) and np.all(np.isfinite(end))):
         missing = [AXES[axis] for axis in range(3) if not np.isfinite(start[axis] + end[axis])]
@@ -353,7 +355,7 @@ def _motion(block: Block, state: State, zero: Vector, end: Vector, refuse: Refus
     return Motion(ARC, start, end, arc)
 
 
-def _center(block: Block, state: State, zero: Vector) -> Vector:
+def _center(block: Block, state: ModalState, zero: Vector) -> Vector:
     names = "IJK"
     in_plane = state.plane[:2]
     told = [axis for axis in range(3) if block.get(names[axis]) is not None]

@@ -20,7 +20,7 @@ import numpy as np
 
 from stepdiag_ros.compensation.nc_division import Division, Pieces
 from stepdiag_ros.compensation.nc_motion import ARC, RAPID, Motion
-from stepdiag_ros.compensation.nc_program import MOTIONS, NcSettings, Step, steps_of
+from stepdiag_ros.compensation.nc_program import MOTIONS, BlockAction, NcSettings, steps_of
 from stepdiag_ros.compensation.nc_words import Block, NcError, Word, refusal
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Fault, Refusal
@@ -132,7 +132,7 @@ class _Writer:
         self._changed = 0
         self._integers = 0
 
-    def take(self, step: Step, target: Vector | None) -> None:
+    def take(self, step: BlockAction, target: Vector | None) -> None:
         """Write what one block becomes.
 
         Args:
@@ -197,7 +197,7 @@ class _Writer:
     def _refuse(self, block: Block, reason: str, fault: Fault, aspect: str = "") -> NcError:
         return refusal(self._source, block.number, reason, fault, aspect)
 
-    def _follow(self, step: Step) -> None:
+    def _follow(self, step: BlockAction) -> None:
         """Take note of where a block that is passed as it is sends the axes.
 
         An axis that it does not name stays where it was sent, corrected or not.
@@ -212,7 +212,7 @@ class _Writer:
         self._sent = np.where(np.isfinite(after), sent, np.nan)
         self._position = after
 
-    def _mode_after(self, step: Step) -> str:
+    def _mode_after(self, step: BlockAction) -> str:
         """Return the motion mode of the written program after a block that is passed as it is."""
         told = [code for code in step.block.codes if code in MOTIONS]
         if told:
@@ -221,7 +221,7 @@ class _Writer:
             return step.state.motion
         return self._mode
 
-    def _correct(self, step: Step, motion: Motion, target: Vector) -> None:
+    def _correct(self, step: BlockAction, motion: Motion, target: Vector) -> None:
         self._check_region(step, motion)
         if not np.all(np.isfinite(target)):
             raise self._not_known(step)
@@ -257,7 +257,7 @@ class _Writer:
         self._changed += 1
         self._sent, self._position = pieces.sent[-1], motion.end
 
-    def _check_region(self, step: Step, motion: Motion) -> None:
+    def _check_region(self, step: BlockAction, motion: Motion) -> None:
         if motion.kind == RAPID:
             way = motion.end[None, :]
         else:  # a straight way between places in the box is in it
@@ -276,7 +276,7 @@ class _Writer:
                 )
             self._held.append(step.block.number)
 
-    def _not_known(self, step: Step) -> NcError:
+    def _not_known(self, step: BlockAction) -> NcError:
         return self._refuse(
             step.block,
             "the errors on this way are not known: "
@@ -284,15 +284,15 @@ class _Writer:
             fault="undetermined",
         )
 
-    def _resolution(self, step: Step) -> float:
+    def _resolution(self, step: BlockAction) -> float:
         """Return the finest step of a coordinate that is written, m."""
         unit = step.state.unit
         return unit * 10.0 ** -self._decimals(step)
 
-    def _decimals(self, step: Step) -> int:
+    def _decimals(self, step: BlockAction) -> int:
         return self._settings.decimals + (1 if step.state.unit > 2e-3 else 0)
 
-    def _rounding(self, step: Step) -> Callable[[Vector], Vector]:
+    def _rounding(self, step: BlockAction) -> Callable[[Vector], Vector]:
         # What is written is counted from the zero, or from where the axes were sent.
         counted = step.zero if step.state.absolute or step.machine else self._sent
         unit, decimals = step.state.unit, self._decimals(step)
@@ -305,7 +305,7 @@ class _Writer:
 
     # -- text -----------------------------------------------------------------
 
-    def _verbatim(self, step: Step) -> None:
+    def _verbatim(self, step: BlockAction) -> None:
         code = step.state.motion
         text = step.block.text
         if self._mode != code and not any(found in MOTIONS for found in step.block.codes):
@@ -316,7 +316,7 @@ class _Writer:
 
     def _lines(
         self,
-        step: Step,
+        step: BlockAction,
         motion: Motion,
         pieces: Pieces,
         resolution: float,
@@ -345,7 +345,7 @@ class _Writer:
         self._mode = code
         return made
 
-    def _number(self, step: Step, before: float, after: float, axis: int) -> str:
+    def _number(self, step: BlockAction, before: float, after: float, axis: int) -> str:
         zero = step.zero[axis] if step.state.absolute or step.machine else before
         value = (after - zero) / step.state.unit
         digits = f"{value:.{self._decimals(step)}f}".rstrip("0")

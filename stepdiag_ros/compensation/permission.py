@@ -32,7 +32,7 @@ _IN_CURVES = (
 
 
 @dataclass(frozen=True)
-class Permission:
+class TablePermission:
     """Whether tables may be made.
 
     Attributes:
@@ -48,7 +48,7 @@ def permission(
     identified: Identified,
     control: Control | None = None,
     settings: Mapping[str, Any] | None = None,
-) -> Permission:
+) -> TablePermission:
     """Judge by the verdict on a run whether tables may be made of its errors.
 
     Refused are UNEXPLAINED, and every effect that was NAMED, or may act where AMBIGUOUS, that is
@@ -62,17 +62,17 @@ def permission(
     """
     verdict, overruled = identified.verdict, identified.origin.despite_verdict
     if overruled:
-        return Permission(f"these errors were taken over despite the verdict {overruled}")
+        return TablePermission(f"these errors were taken over despite the verdict {overruled}")
     if verdict.name == UNEXPLAINED:
-        return Permission(f"the verdict on the run is {verdict.name}: {verdict.sentence}")
+        return TablePermission(f"the verdict on the run is {verdict.name}: {verdict.sentence}")
     reversal = control is not None and control.holds_reversal(settings or {})
     left = not_held(verdict, identified, reversal)
     if left:
-        return Permission(
+        return TablePermission(
             f"the verdict on the run is {verdict.name}, and {', '.join(left)} would not be in the"
             " tables, and a part of that may be in the error curves that they are made of"
         )
-    return Permission(warnings=tuple(_warnings(verdict, identified.passes)))
+    return TablePermission(warnings=tuple(_warnings(verdict, identified.passes)))
 
 
 def not_held(verdict: Verdict, identified: Identified, reversal: bool) -> tuple[str, ...]:

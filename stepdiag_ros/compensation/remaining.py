@@ -44,7 +44,7 @@ class AxisRemainder:
 
 
 @dataclass(frozen=True)
-class Change:
+class BeforeAndAfter:
     """One figure before and after.
 
     Attributes:
@@ -83,12 +83,12 @@ class Remainder:
     """
 
     axes: tuple[AxisRemainder, AxisRemainder, AxisRemainder]
-    changes: tuple[Change, ...]
+    changes: tuple[BeforeAndAfter, ...]
     places: int
     known: int
     rms_uncertainty: float
 
-    def change(self, name: str) -> Change:
+    def change(self, name: str) -> BeforeAndAfter:
         """Return the figure of that name.
 
         Raises:
@@ -109,7 +109,7 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
         corrects: the translations that the control has tables for.
     """
     axes = tuple(_along(identified, applied, axis) for axis in range(3))
-    changes: list[Change] = []
+    changes: list[BeforeAndAfter] = []
     for name in TRANSLATIONS:
         axis, error = moving_axis(name), AXES.index(name[2])
         one = axes[axis]
@@ -118,14 +118,14 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
             _span(part[..., error], one.positions, kind == "straightness")
             for part in (one.before, one.after)
         )
-        changes.append(Change(f"{kind} {name}", "m", before, after, name in corrects))
+        changes.append(BeforeAndAfter(f"{kind} {name}", "m", before, after, name in corrects))
     for name, (factor, pair) in SQUARENESS_SLOPES.items():
         before, after = (
             abs(factor * sum(_slope(axes[moving_axis(curve)], curve, when) for curve in pair))
             for when in (0, 1)
         )
         told = all(curve in corrects for curve in pair)
-        changes.append(Change(f"squareness {name}", "rad", before, after, told))
+        changes.append(BeforeAndAfter(f"squareness {name}", "rad", before, after, told))
     places = identified.error_map.some_nodes(MOST_PLACES)
     bare = np.stack([_errors(identified, places, places, forward) for forward in (True, False)])
     left = np.stack(
@@ -136,7 +136,7 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
     )
     every = len(corrects) == len(TRANSLATIONS)
     for words, take in (("rms", _rms), ("largest", _largest)):
-        changes.append(Change(f"volume, {words}", "m", take(bare), take(left), every))
+        changes.append(BeforeAndAfter(f"volume, {words}", "m", take(bare), take(left), every))
     some = places[:: -(-len(places) // MOST_WITH_UNCERTAINTY)]
     spread = identified.error_map.standard_uncertainty_at(some)
     return Remainder(

@@ -20,12 +20,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from stepdiag_ros.compensation.applied import Table, TableSet
+from stepdiag_ros.compensation.applied import ControlTable, TableSet
 from stepdiag_ros.compensation.control import (
     AXIS,
+    ControlSetting,
     Files,
     Layout,
-    Setting,
     axis_names,
     refuse_large,
     refuse_long,
@@ -51,10 +51,12 @@ class _Siemens:
     name = "siemens"
     title = "Siemens SINUMERIK 840D sl, 828D (ENC_COMP, CEC)"
     settings = (
-        Setting("axes", "X1,Y1,Z1", "machine axis names of X, Y, Z"),
-        Setting("encoder", 0, "index of the measuring system: 0 the first, 1 the second", high=1),
-        Setting("digits", 5, "decimals of a value in mm", low=3, high=7),
-        Setting(
+        ControlSetting("axes", "X1,Y1,Z1", "machine axis names of X, Y, Z"),
+        ControlSetting(
+            "encoder", 0, "index of the measuring system: 0 the first, 1 the second", high=1
+        ),
+        ControlSetting("digits", 5, "decimals of a value in mm", low=3, high=7),
+        ControlSetting(
             "points",
             200,
             "most points of a table: MD38000 $MA_MM_ENC_COMP_MAX_POINTS, MD18342"
@@ -62,9 +64,9 @@ class _Siemens:
             low=2,
             high=5000,
         ),
-        Setting("tables", 8, "most CEC tables (828D: 8)", low=0, high=62),
-        Setting("first_table", 0, "index of the first CEC table that is written", high=61),
-        Setting(
+        ControlSetting("tables", 8, "most CEC tables (828D: 8)", low=0, high=62),
+        ControlSetting("first_table", 0, "index of the first CEC table that is written", high=61),
+        ControlSetting(
             "reversal",
             "none",
             "tables: CEC tables, one a direction, correct the reversal error at each place; none:"
@@ -175,7 +177,7 @@ class _Siemens:
             added = -np.array([points[index] for index in range(len(points))]) / IN_MILLI
             if kind == "A_ENC_COMP":
                 axis = axes.index(key)
-                tables.append(Table(axis, axis, positions, added, added))
+                tables.append(ControlTable(axis, axis, positions, added, added))
                 continue
             moving = _axis(entry.get("_INPUT_AXIS", ""), axes, where)
             corrected = _axis(entry.get("_OUTPUT_AXIS", ""), axes, where)
@@ -185,7 +187,7 @@ class _Siemens:
                 added if sense >= 0 else nothing,
                 added if sense <= 0 else nothing,
             )
-            tables.append(Table(moving, corrected, positions, forward, backward))
+            tables.append(ControlTable(moving, corrected, positions, forward, backward))
         return TableSet(tuple(tables))
 
 

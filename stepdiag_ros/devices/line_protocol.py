@@ -132,7 +132,7 @@ class MessageSettings:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class SentQuantity:
     """A number in a message.
 
     Attributes:
@@ -191,7 +191,7 @@ def quantity(
     message: MessageSettings,
     units: Mapping[str, Callable[[float], float]],
     more: Callable[[Section], Callable[[float], float] | None] = lambda _: None,
-) -> Quantity | None:
+) -> SentQuantity | None:
     """Return a quantity of the settings; None if they do not have it.
 
     Args:
@@ -215,7 +215,7 @@ def quantity(
         fine = field_of(section, "fine", "", message)
     base = 16 if section.names("format", _FORMATS, default=("decimal",))[0] == "hex" else 10
     unknown = section.text("unknown", default="")
-    found = Quantity(
+    found = SentQuantity(
         source=source,
         convert=lambda value: convert(value) * factor,
         base=base,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
+from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class BudgetReport:
     """
 
     budget: Budget
-    check: Check | None = None
+    check: BudgetCheck | None = None
     run_id: str = ""
     bag: Path | None = None
     remarks: tuple[str, ...] = ()

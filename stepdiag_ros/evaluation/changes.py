@@ -7,7 +7,7 @@ from pathlib import Path
 
 from stepdiag_ros.compensation.identified import Identified, from_results_file
 from stepdiag_ros.evaluation.report import Report
-from stepdiag_ros.metrology.agreement import Changes, Measured, compare
+from stepdiag_ros.metrology.agreement import ComparedMeasurement, MachineChanges, compare
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.catalogue import to_rely_on
@@ -29,7 +29,7 @@ class ChangesReport:
 
     before: Identified
     after: Identified
-    changes: Changes
+    changes: MachineChanges
     instruments: tuple[str, str] = ("", "")
 
 
@@ -126,7 +126,7 @@ def changes_of(
     same_instrument: bool = False,
     expansion: float = nan,
     material_temperature: float | None = None,
-) -> Changes:
+) -> MachineChanges:
     """Compare two measurements by the method to rely on of those that both were solved by.
 
     Args:
@@ -143,7 +143,7 @@ def changes_of(
     """
     method = common_method(before, after)
 
-    def measured(side: Side, instrument: Instrument | None) -> Measured:
+    def measured(side: Side, instrument: Instrument | None) -> ComparedMeasurement:
         budget = None
         if instrument is not None and side.measurement is not None:
             budget = make_budget(
@@ -153,7 +153,7 @@ def changes_of(
                 expansion=expansion,
                 material_temperature=material_temperature,
             )
-        return Measured(side.results[method], side.chain, side.measurement, budget)
+        return ComparedMeasurement(side.results[method], side.chain, side.measurement, budget)
 
     first, second = (instruments[0], instruments[-1]) if instruments else (None, None)
     return compare(measured(before, first), measured(after, second), same_instrument)

@@ -11,7 +11,7 @@ from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
 from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
-from stepdiag_ros.metrology.discrepancy.extension import Comparison, with_chain
+from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, with_chain
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.summary import (
     DiagnosisSummary,
@@ -78,7 +78,7 @@ def diagnose_reproducibly(measurement: Measurement, reference: Reference) -> Dia
     measured = with_chain(measurement, reference.model)
     effects = tuple(reference.catalogue.values())
     with ThreadpoolController().limit(limits=1, user_api="blas"):
-        return Comparison(measured, effects, reference.seed).under(reference.model)
+        return ModelComparison(measured, effects, reference.seed).under(reference.model)
 
 
 def verdict_on(measurement: Measurement) -> Verdict:

@@ -10,14 +10,14 @@ from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.metrology.discrepancy.extension import (
-    Comparison,
+    ModelComparison,
     extend,
     with_chain,
     without_effects,
 )
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
-from stepdiag_ros.metrology.discrepancy.proposal import Proposal
+from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.machine import Machine
@@ -84,7 +84,7 @@ class DiagnosisReport:
     curves: tuple[VolumetricErrors, VolumetricErrors] | None = None
     remarks: tuple[str, ...] = ()
     further: tuple[RunFile, ...] = ()
-    proposal: Proposal | None = None
+    proposal: ExtraPlan | None = None
     proposal_path: Path | None = None
 
     @property
@@ -159,7 +159,7 @@ def build_diagnosis(
     # One thread gives the same numbers on every machine, and is the fastest for these matrices.
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         made = extend(
-            Comparison(measured, tuple(catalogue.values()), seed, tell),
+            ModelComparison(measured, tuple(catalogue.values()), seed, tell),
             model,
             Provenance(
                 bag=" + ".join(

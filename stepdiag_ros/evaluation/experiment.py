@@ -13,15 +13,15 @@ from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.repeats import RepeatResults, solve_repeats, split_repeats
 from stepdiag_ros.metrology.setup_errors import (
-    Sensitivity,
     SetupError,
+    SetupSensitivity,
     conventional_sensitivity,
     setup_errors,
 )
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.soons import AngleUncertainty, angle_uncertainty
-from stepdiag_ros.metrology.table_one import Row, table_one
+from stepdiag_ros.metrology.table_one import TableOneRow, table_one
 
 ENOUGH_REPEATS = 3
 """So many repeats have a spread that is worth solving and drawing each alone."""
@@ -48,9 +48,9 @@ class Experiment:
     report: Report
     measurement: Measurement
     repeats: Mapping[str, RepeatResults]
-    table: tuple[Row, ...]
+    table: tuple[TableOneRow, ...]
     setups: tuple[SetupError, ...]
-    sensitivity: tuple[Sensitivity, ...]
+    sensitivity: tuple[SetupSensitivity, ...]
     displacement_uncertainty: float
     angles: Mapping[str, AngleUncertainty]
     direct: DirectMeasurement | None = None

@@ -56,7 +56,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class TruthComparison:
     """How far a result lies from the truth.
 
     Attributes:
@@ -147,7 +147,7 @@ def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:
 
 def compare_with_truth(
     result: VolumetricErrors, truth: Truth, rotations: bool = False
-) -> Comparison:
+) -> TruthComparison:
     """Compare the translations of a result with the truth, node by node, or its rotations.
 
     Points without uncertainty are fixed by the definition of the frame; they count for the rms, but
@@ -179,7 +179,7 @@ def compare_with_truth(
     banded = determined & np.isfinite(uncertainty) & (uncertainty > ZERO_BY_DEFINITION)
     inside = np.abs(deviation[banded]) <= COVERAGE_FACTOR * uncertainty[banded]
     found = np.abs(deviation[determined])
-    return Comparison(
+    return TruthComparison(
         rms=float(np.sqrt(np.mean(found**2))) if found.size else float("nan"),
         largest=float(np.max(found)) if found.size else float("nan"),
         points=int(np.count_nonzero(determined)),

@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.tracker.run_result import solve_station
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedSoFar:
     """What the lines so far have come to.
 
     Attributes:
@@ -44,7 +44,7 @@ def solve_reproducibly(
         return solve_all(measurement)
 
 
-def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solved:
+def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> SolvedSoFar:
     """Solve what there is of a run after one of its lines, as the plan's kind of line needs it.
 
     Args:
@@ -56,10 +56,10 @@ def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solve
         ValueError: the lines contradict each other or the volume.
     """
     if plan.tracker is None:
-        return Solved(*solve_reproducibly(measurement))
+        return SolvedSoFar(*solve_reproducibly(measurement))
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         try:
             result, tests = solve_station(last, measurement.lines, plan, measurement.chain)
         except NotDeterminable as why:
-            return Solved({}, {SEVEN_LINES.name: str(why)})
-    return Solved({result.method: result}, {}, tests)
+            return SolvedSoFar({}, {SEVEN_LINES.name: str(why)})
+    return SolvedSoFar({result.method: result}, {}, tests)

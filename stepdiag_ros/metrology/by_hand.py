@@ -19,7 +19,7 @@ import numpy as np
 from stepdiag_ros.metrology.hand_lines import LineFinder, LineFound
 from stepdiag_ros.metrology.measurement import Arrival, Reading, StopCommand
 from stepdiag_ros.metrology.plan import Plan, moved_axes
-from stepdiag_ros.metrology.rest_matching import Match, Place, Tolerance, match, places_of
+from stepdiag_ros.metrology.rest_matching import Match, StopPlace, Tolerance, match, places_of
 from stepdiag_ros.metrology.stillness import Criteria, Rest, StillnessDetector
 from stepdiag_ros.metrology.window import FEWEST_READINGS
 
@@ -44,7 +44,7 @@ class Found:
     lines: tuple[LineFound, ...]
     rests: tuple[Rest, ...]
     matches: tuple[Match, ...]
-    places: tuple[Place, ...]
+    places: tuple[StopPlace, ...]
     hint: str
 
 
@@ -132,7 +132,7 @@ def find_stops(plan: Plan, lines: Sequence[int], readings: Sequence[Reading]) ->
 
 
 def without_strays(
-    places: Sequence[Place], rests: Sequence[Rest], tolerance: Tolerance
+    places: Sequence[StopPlace], rests: Sequence[Rest], tolerance: Tolerance
 ) -> list[Match]:
     """Match rests to places, but let none count that only happen to fit.
 

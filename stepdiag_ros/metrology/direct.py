@@ -58,7 +58,7 @@ EDGE_SHARE = 1e-4
 """Share of a step by which a position may lie beyond the first or last node."""
 
 
-class Place(NamedTuple):
+class DirectPlace(NamedTuple):
     """Where an error was measured.
 
     Attributes:
@@ -70,7 +70,7 @@ class Place(NamedTuple):
     reflector: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-ANYWHERE = Place()
+ANYWHERE = DirectPlace()
 """Not told: the mirror's own point."""
 
 
@@ -91,7 +91,7 @@ class DirectCurve:
     positions: Vector
     values: Vector
     stated_uncertainty: Vector
-    place: Place = ANYWHERE
+    place: DirectPlace = ANYWHERE
 
     @property
     def mean(self) -> Vector:
@@ -186,7 +186,7 @@ class DirectSquareness:
     name: str
     values: Vector
     stated_uncertainty: float
-    place: Place = ANYWHERE
+    place: DirectPlace = ANYWHERE
 
     @property
     def mean(self) -> float:
@@ -272,7 +272,9 @@ def direct_text(direct: DirectMeasurement) -> str:
     rows = [f"# {_FORMULA.sub(' ', ' '.join(note.split()))}" for note in direct.notes]
     rows.append(",".join(COLUMNS))
 
-    def add(name: str, position: str, repeat: int, value: float, u: float, place: Place) -> None:
+    def add(
+        name: str, position: str, repeat: int, value: float, u: float, place: DirectPlace
+    ) -> None:
         cells = [name, position, repr(float(value)), str(repeat), _cell(u)]
         cells.append("rotation" if name in SQUARENESS else "")
         rows.append(",".join([*cells, *map(_cell, (*place.standing, *place.reflector))]))

@@ -14,8 +14,8 @@ from stepdiag_ros.metrology.direct import (
     STANDING_COLUMNS,
     DirectCurve,
     DirectMeasurement,
+    DirectPlace,
     DirectSquareness,
-    Place,
 )
 from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED, SQUARENESS_DEFINITIONS
 from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS
@@ -32,7 +32,7 @@ class _Value:
     repeat: int
     value: float
     uncertainty: float
-    place: Place
+    place: DirectPlace
 
 
 def read_direct(text: str, source: str) -> DirectMeasurement:
@@ -149,17 +149,17 @@ def _value(number: int, line: str, header: list[str], where: str) -> _Value:
     return _Value(number, name, position, int(repeat), value, uncertainty, _place(row, where))
 
 
-def _place(row: Mapping[str, str], where: str) -> Place:
+def _place(row: Mapping[str, str], where: str) -> DirectPlace:
     def point(columns: tuple[str, ...], untold: float) -> tuple[float, float, float]:
         x, y, z = (
             _number(row[column], column, where) if row.get(column) else untold for column in columns
         )
         return x, y, z
 
-    return Place(point(STANDING_COLUMNS, math.nan), point(REFLECTOR_COLUMNS, 0.0))
+    return DirectPlace(point(STANDING_COLUMNS, math.nan), point(REFLECTOR_COLUMNS, 0.0))
 
 
-def _one_place(values: list[_Value], source: str) -> Place:
+def _one_place(values: list[_Value], source: str) -> DirectPlace:
     """Return where an error was measured, which must be the same in all its rows."""
     first = values[0]
     for value in values:

@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.plan import Plan, Sampling
 from stepdiag_ros.metrology.rest_matching import (
     SURE,
     Match,
-    Place,
+    StopPlace,
     Tolerance,
     match,
     same_level,
@@ -35,7 +35,7 @@ LONG = 1.7
 
 
 @dataclass(frozen=True)
-class Taken:
+class TakenStop:
     """A stop that was found.
 
     Attributes:
@@ -68,7 +68,7 @@ class LineFound:
     line_index: int
     refusal: str
     remarks: tuple[str, ...]
-    stops: tuple[Taken, ...]
+    stops: tuple[TakenStop, ...]
     zero: int
 
 
@@ -127,7 +127,7 @@ class LineFinder:
     def __init__(
         self,
         plan: Plan,
-        places: Sequence[Place],
+        places: Sequence[StopPlace],
         rests: Sequence[Rest],
         matches: Sequence[Match],
         tolerance: Tolerance,
@@ -145,7 +145,7 @@ class LineFinder:
         own, found = self._own(index)
         remarks = self._remarks(index, own, found)
         refusal = self._refusal(index, own, found) or doubt or self._surplus.of_line(index, found)
-        stops: tuple[Taken, ...] = ()
+        stops: tuple[TakenStop, ...] = ()
         if not refusal:
             stops, short = self._taken(index, found)
             remarks += short
@@ -268,7 +268,7 @@ class LineFinder:
         way = (rest.arrived - last.left) * 1e3
         return f"extra rest {way:+.4f} mm after {self._stop(index, before)}, {lasts}; left out"
 
-    def _taken(self, index: int, found: Sequence[Match]) -> tuple[tuple[Taken, ...], list[str]]:
+    def _taken(self, index: int, found: Sequence[Match]) -> tuple[tuple[TakenStop, ...], list[str]]:
         """Return the stops of a line with their windows, and in words which have none."""
         taken, short = [], []
         sampling = self._plan.sampling
@@ -294,7 +294,7 @@ class LineFinder:
             number = self._rest_for(one, stop)
             left = self._rests[number - 1].end if number else rest.start
             left = max(after, left) if after else min(left, start)
-            taken.append(Taken(index, stop, rest, start, left))
+            taken.append(TakenStop(index, stop, rest, start, left))
         return tuple(taken), short
 
     def _rest_for(self, one: Match, stop: int) -> int:
@@ -356,7 +356,10 @@ class LineFinder:
 
 
 def _zeros(
-    places: Sequence[Place], rests: Sequence[Rest], matches: Sequence[Match], tolerance: Tolerance
+    places: Sequence[StopPlace],
+    rests: Sequence[Rest],
+    matches: Sequence[Match],
+    tolerance: Tolerance,
 ) -> Mapping[int, int]:
     """Return for each matched rest the number of its zero; it changes with each unchecked step."""
     zeros, count = {}, 0

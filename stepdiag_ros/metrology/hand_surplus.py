@@ -20,7 +20,7 @@ import numpy as np
 from stepdiag_ros.metrology.expected_stop import ExpectedStops
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.rest_matching import Match, Place, Tolerance, match, places_of
+from stepdiag_ros.metrology.rest_matching import Match, StopPlace, Tolerance, match, places_of
 from stepdiag_ros.metrology.stillness import Rest
 from stepdiag_ros.metrology.window import FEWEST_READINGS
 
@@ -45,7 +45,7 @@ class Surplus:
     def __init__(
         self,
         plan: Plan,
-        places: Sequence[Place],
+        places: Sequence[StopPlace],
         rests: Sequence[Rest],
         matches: Sequence[Match],
         tolerance: Tolerance,
@@ -199,7 +199,7 @@ class Surplus:
             for steps_of_kind, names in kinds.items():
                 for sense in (steps_of_kind, tuple(-step for step in steps_of_kind[::-1])):
                     levels = np.concatenate(([0.0], np.cumsum(sense)))
-                    places = [Place(0, float(level), ((0, 0),)) for level in levels]
+                    places = [StopPlace(0, float(level), ((0, 0),)) for level in levels]
                     there = match(places, rests, self._tolerance)
                     if len(there) >= LEAST_PART * len(places):
                         found.append((run.start + there[0].rest, frozenset(names)))

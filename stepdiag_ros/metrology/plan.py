@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.geometry import (
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
-from stepdiag_ros.metrology.tracker.route import Route
+from stepdiag_ros.metrology.tracker.route import TrackerRoute
 from stepdiag_ros.metrology.tracker.tracked_line import (
     TRACKER,
     TrackedLine,
@@ -338,7 +338,7 @@ class Plan:
         """Return the places by which the machine comes to a stop of a tracker's line, m, (n, 3).
 
         Stops along a straight line are reached from the stop before; for all others see
-        ``Route.reach``. The stop itself is not among them.
+        ``TrackerRoute.reach``. The stop itself is not among them.
 
         Raises:
             ValueError: the tracker sees the start and the stop, and there is no way between them.
@@ -349,7 +349,7 @@ class Plan:
         stops = line.stops(self.volume)
         beyond = self.run_up(line) if stop == 0 else None
         end = stops[stop] if beyond is None else beyond
-        route = Route(Box(*self.corners), np.array(line.tracked.station), self.tracker)
+        route = TrackerRoute(Box(*self.corners), np.array(line.tracked.station), self.tracker)
         places = route.reach(np.asarray(position, dtype=np.float64), end)
         return places[:-1] if len(places) and np.all(places[-1] == stops[stop]) else places
 

@@ -42,7 +42,7 @@ Fault = Literal[
 """Kinds of fault; each error has one of them at most."""
 
 
-class Told(Exception):
+class ErrorFields(Exception):
     """An error with fields; always a base beside one of Python's own errors.
 
     Args:
@@ -72,24 +72,24 @@ class Told(Exception):
         self.aspect = aspect
 
 
-class Refusal(Told, ValueError):
+class Refusal(ErrorFields, ValueError):
     """What was given or asked for is refused; the text says what is wrong and what to do."""
 
 
 def fields_of(error: Exception) -> dict[str, Any]:
     """Return the fields of an error, for another error that says more about the same fault."""
-    if not isinstance(error, Told):
+    if not isinstance(error, ErrorFields):
         return {}
     return {name: getattr(error, name) for name in ("fault", "about", "where", "row", "aspect")}
 
 
-class Lost(Told, ConnectionError):
+class Lost(ErrorFields, ConnectionError):
     """A connection is gone, cannot be made, or is no longer good for anything."""
 
 
-class Silent(Told, TimeoutError):
+class Silent(ErrorFields, TimeoutError):
     """What must come within a time has not come."""
 
 
-class Unusable(Told, OSError):
+class Unusable(ErrorFields, OSError):
     """The computer or a device does not do what is needed."""

@@ -20,7 +20,7 @@ from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErr
 
 
 @dataclass(frozen=True)
-class Spread:
+class RepeatSpread:
     """A curve over the repeats.
 
     Attributes:
@@ -70,13 +70,13 @@ class RepeatResults:
 
     results: tuple[VolumetricErrors, ...]
 
-    def spread(self, curve: str) -> Spread:
+    def spread(self, curve: str) -> RepeatSpread:
         """Return a curve over the repeats.
 
         Raises:
             KeyError: the method does not estimate this curve.
         """
-        return Spread(np.stack([result.curves[curve] for result in self.results]))
+        return RepeatSpread(np.stack([result.curves[curve] for result in self.results]))
 
 
 def split_repeats(measurement: Measurement) -> tuple[Measurement, ...]:

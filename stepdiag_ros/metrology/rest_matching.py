@@ -51,7 +51,7 @@ _MOST_CELLS = 30_000_000
 
 
 @dataclass(frozen=True)
-class Place:
+class StopPlace:
     """A place where the machine is to stop.
 
     Attributes:
@@ -111,14 +111,14 @@ class Match:
     instead: int | None
 
 
-def places_of(plan: Plan, lines: Sequence[int]) -> list[Place]:
+def places_of(plan: Plan, lines: Sequence[int]) -> list[StopPlace]:
     """Return the places where the machine stops along some lines of a plan, in order.
 
     Args:
         plan: the plan.
         lines: indices of its lines, rising.
     """
-    places: list[Place] = []
+    places: list[StopPlace] = []
     setup, before = -1, None
     for index in lines:
         line = plan.lines[index]
@@ -138,15 +138,15 @@ def places_of(plan: Plan, lines: Sequence[int]) -> list[Place]:
             if stop == 0 and stays:
                 shared = places.pop()
                 stops = (*shared.stops, (index, 0))
-                places.append(Place(setup, shared.displacement, stops))
+                places.append(StopPlace(setup, shared.displacement, stops))
             else:
-                places.append(Place(setup, displacement, ((index, stop),)))
+                places.append(StopPlace(setup, displacement, ((index, stop),)))
         before = index
     return places
 
 
 def match(
-    places: Sequence[Place],
+    places: Sequence[StopPlace],
     rests: Sequence[Rest],
     tolerance: Tolerance,
     *,
@@ -246,7 +246,7 @@ class _Sums:
 
     def __init__(
         self,
-        places: Sequence[Place],
+        places: Sequence[StopPlace],
         rests: Sequence[Rest],
         tolerance: Tolerance,
         before: tuple[float, float],

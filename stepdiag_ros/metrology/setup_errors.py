@@ -190,7 +190,7 @@ def gains(volume: Volume) -> Vector:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class SetupSensitivity:
     """How much one curve of the conventional result errs with the setups.
 
     Attributes:
@@ -207,7 +207,7 @@ class Sensitivity:
     worst: float
 
 
-def conventional_sensitivity(volume: Volume) -> tuple[Sensitivity, ...]:
+def conventional_sensitivity(volume: Volume) -> tuple[SetupSensitivity, ...]:
     """Return the sensitivity of each curve's last node to the setups (IH section 3.1).
 
     A tilt of size φ of a diagonal changes the displacement of axis i by at most a_i √(1 - n_i²) φ,
@@ -225,7 +225,7 @@ def conventional_sensitivity(volume: Volume) -> tuple[Sensitivity, ...]:
                 most = step[axis] * np.sqrt(1.0 - cosine**2)
                 by_line[line] = float(volume.blocks * factors[error] * most)
             rows.append(
-                Sensitivity(
+                SetupSensitivity(
                     f"E_{AXES[error]}{AXES[axis]}",
                     float(factors[error]),
                     by_line,

@@ -39,7 +39,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableOneRow:
     """One row of the table.
 
     Attributes:
@@ -59,7 +59,7 @@ class Row:
 
 def table_one(
     results: Mapping[str, VolumetricErrors], direct: DirectMeasurement | None = None
-) -> tuple[Row, ...]:
+) -> tuple[TableOneRow, ...]:
     """Return the rows of Table 1 in its order.
 
     Squareness is given over the travel of the axis that is out of square.
@@ -83,7 +83,7 @@ def table_one(
     for axis, letter in enumerate(AXES):
         name = f"E_{letter}{letter}"
         rows.append(
-            Row(
+            TableOneRow(
                 f"Positioning error in {letter}",
                 name,
                 travel[axis],
@@ -94,7 +94,7 @@ def table_one(
     for name in _STRAIGHTNESS:
         error, moving = name[2], name[3]
         rows.append(
-            Row(
+            TableOneRow(
                 f"Straightness of {moving} axis ({error} direction)",
                 name,
                 travel[moving_axis(name)],
@@ -106,7 +106,7 @@ def table_one(
         length = travel[AXES.index(name[2])]
         factor = length * SQUARENESS_SLOPES[name][0]
         rows.append(
-            Row(
+            TableOneRow(
                 f"Squareness of {axes}",
                 name,
                 length,

@@ -30,7 +30,7 @@ from stepdiag_ros.metrology.solvers.verdicts import (
     INVISIBLE,
     PARTLY,
     SHAPE,
-    Row,
+    VerdictRow,
     Verdicts,
 )
 
@@ -40,7 +40,7 @@ __all__ = [
     "INVISIBLE",
     "PARTLY",
     "SHAPE",
-    "Row",
+    "VerdictRow",
     "Visibility",
     "measured_visibility",
     "visibility",
@@ -66,7 +66,7 @@ class Visibility:
         condition_number: of the determined part of the problem, ratio of the singular values.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[VerdictRow, ...]
     chain: str
     stop_uncertainty: float
     readings: int
@@ -74,7 +74,7 @@ class Visibility:
     rank: int
     condition_number: float
 
-    def row(self, name: str) -> Row:
+    def row(self, name: str) -> VerdictRow:
         """Return the row of an error.
 
         Raises:

@@ -22,9 +22,9 @@ from stepdiag_ros.messages.conversion import (
 from stepdiag_ros.metrology.assembly import Assembler, Event
 from stepdiag_ros.metrology.measurement import BlockDisplacement, SettledStop
 from stepdiag_ros.nodes.base import StepdiagNode, spin
-from stepdiag_ros.run.health import Finding, Gaps, Level
+from stepdiag_ros.run.health import Gaps, HealthFinding, Level
 from stepdiag_ros.run.timing import LiveTiming
-from stepdiag_ros.run.work_health import Arrival, Stops
+from stepdiag_ros.run.work_health import StopCount, StreamArrival
 from stepdiag_ros.topics import Topic
 
 
@@ -43,9 +43,9 @@ class AssemblerNode(StepdiagNode):
         self._blocks = self.announce(topics.BLOCK)
         self._lines = self.announce(topics.LINE)
         self._gaps = Gaps()
-        self._coming = Arrival("reading", self.parameter("reading_timeout"))
+        self._coming = StreamArrival("reading", self.parameter("reading_timeout"))
         self.on_change("reading_timeout", partial(setattr, self._coming, "stale_after"))
-        self._decided = Stops()
+        self._decided = StopCount()
         self.health.add_task("readings", self._judge_readings)
         self.health.add_task("sequence", self._judge_sequence)
         self.health.add_task("stops", lambda: self._decided.judge(), log=False)
@@ -66,7 +66,7 @@ class AssemblerNode(StepdiagNode):
         self.run_id = description.run_id
         self._gaps.begin()
         self._coming.begin(self.now(), self.real_time())
-        self._decided = Stops()
+        self._decided = StopCount()
         for _ in range(len(self._early)):
             topic, callback, message = self._early.popleft()
             self.try_with(topic.name, callback, message)
@@ -101,15 +101,15 @@ class AssemblerNode(StepdiagNode):
         if self._timing is not None and position is not None:
             self._timing.take_position(to_nanoseconds(message.header.stamp), position)
 
-    def _judge_readings(self) -> Finding:
+    def _judge_readings(self) -> HealthFinding:
         return self._coming.judge(not self.run_over, self.now(), self.real_time())
 
-    def _judge_timing(self) -> Finding:
+    def _judge_timing(self) -> HealthFinding:
         if self._timing is None:
-            return Finding(Level.OK, "no run was begun yet")
+            return HealthFinding(Level.OK, "no run was begun yet")
         return self._timing.judge()
 
-    def _judge_sequence(self) -> Finding:
+    def _judge_sequence(self) -> HealthFinding:
         return self._gaps.judge(not self.run_over, self.real_time())
 
     def _publish(self, events: Iterable[Event]) -> None:

@@ -17,7 +17,7 @@ from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
-from stepdiag_ros.run.health import Clockwork, Finding, Level
+from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
 from stepdiag_ros.run.supervision import (
     HEARTBEAT_PERIOD,
     SILENCE_LIMIT,
@@ -173,14 +173,14 @@ class StepdiagNode(DeclaringNode, LinkedNode):
             self._refused = None
             self.health.withdraw(refused.why, f"ready; run {refused.run_id} was not taken up")
 
-    def _judge_clock(self) -> Finding:
+    def _judge_clock(self) -> HealthFinding:
         return self._clockwork.judge(self.now(), self.real_time())
 
-    def _judge_links(self) -> Finding:
+    def _judge_links(self) -> HealthFinding:
         troubles = self.link_troubles
         if troubles:
-            return Finding(Level.WARN, "; ".join(troubles))
-        return Finding(Level.OK, "every topic has ends that understand each other")
+            return HealthFinding(Level.WARN, "; ".join(troubles))
+        return HealthFinding(Level.OK, "every topic has ends that understand each other")
 
     def _on_diagnostics(self, array: Any) -> None:
         for name, peer in self.health.peers_in(array):

@@ -35,9 +35,9 @@ from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Axes
 from stepdiag_ros.run.entitlement import Entitlement
-from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.run.motion_watch import Ending, MotionWatch
-from stepdiag_ros.run.permission import Move, Permission, shortcomings, too_brisk
+from stepdiag_ros.run.permission import CommandedMove, MotionPermission, shortcomings, too_brisk
 from stepdiag_ros.run.sequence import ANSWER_LIMIT, Answer, Purpose
 from stepdiag_ros.run.sole_sender import SoleSender
 from stepdiag_ros.run.work_health import Commands
@@ -90,13 +90,13 @@ class BridgeNode(DeviceNode[CncDevice]):
         self._set_correction(self._correction)
         self.add_device_task("target correction", self._judge_correction)
         self._plan: Plan | None = None
-        self._permission: Permission | None = None
+        self._permission: MotionPermission | None = None
         # A recorded command is old by the computer's clock; simulated time would make it young.
         age_limit = inf if self._is_simulated() else ANSWER_LIMIT
         self._entitlement = Entitlement(self.parameter("silence_limit"), age_limit)
         self.on_change("silence_limit", partial(setattr, self._entitlement, "silence_limit"))
         self._sequencer = SoleSender([topic.name for topic in topics.COMMANDING])
-        self._sender = Finding(Level.OK, "nobody was looked for yet")
+        self._sender = HealthFinding(Level.OK, "nobody was looked for yet")
         self.add_device_task("sequencer", lambda: self._sender)
         # The command at work; it has begun once the sequencer has confirmed it.
         self._command: Any = None
@@ -232,7 +232,7 @@ class BridgeNode(DeviceNode[CncDevice]):
 
     def _set_permission(self) -> None:
         if self._plan is not None:
-            self._permission = Permission(
+            self._permission = MotionPermission(
                 self._plan, self._machine, self._soft_limits, self._traits
             )
 
@@ -336,10 +336,10 @@ class BridgeNode(DeviceNode[CncDevice]):
         if self._correction is not None:
             self._correction = replace(self._correction, limit=limit)
 
-    def _judge_correction(self) -> Finding:
+    def _judge_correction(self) -> HealthFinding:
         if self._correction is None:
-            return Finding(Level.OK, "targets are not corrected")
-        return Finding(Level.WARN, self._correction.words)
+            return HealthFinding(Level.OK, "targets are not corrected")
+        return HealthFinding(Level.WARN, self._correction.words)
 
     def _reject(self, command: Any, refusal: str) -> None:
         self.get_logger().error(f"command {command.command_id} rejected: {refusal}")
@@ -359,7 +359,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         if self._permission is None:
             return "the plan of the run is not known yet"
         return self._permission.refusal(
-            Move(
+            CommandedMove(
                 line_index=command.line_index,
                 at_stop=command.purpose == Purpose.STOP,
                 stop=command.stop,
@@ -447,7 +447,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         if command is not None:
             self._answer(command, answer, time, reason)
 
-    def _judge_axes(self) -> Finding:
+    def _judge_axes(self) -> HealthFinding:
         state = CncState.FAULT if self.device is None else self.device.state
         return self._axes.judge(state, self._reason, self.now(), self.real_time())
 

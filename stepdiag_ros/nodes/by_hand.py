@@ -24,7 +24,7 @@ from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import write_progress
 from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.run.hand_course import HandCourse
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import Progress, State
 from stepdiag_ros.run.work_health import judge_run
@@ -194,7 +194,7 @@ class ByHandNode(StepdiagNode):
         self._publish_state()
         self.healthy(f"ready; last run: {text}")
 
-    def _judge_run(self) -> Finding:
+    def _judge_run(self) -> HealthFinding:
         if self._course is None:
             return judge_run(None, "")
         waits = self._course.state in (State.WAITING_FOR_SETUP, State.FAULT)

@@ -12,7 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import message_class
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.pacing import RECORDER_LAG, GovernedTime
 from stepdiag_ros.run.supervision import HEARD_UNTIL, Peer
 from stepdiag_ros.run.work_health import Reached
@@ -54,7 +54,7 @@ class ClockNode(StepdiagNode):
             until = int(peer.facts[HEARD_UNTIL])
             self._governed.heard(until, self.real_time(), peer.role, RECORDER_LAG)
 
-    def _judge_pace(self) -> Finding:
+    def _judge_pace(self) -> HealthFinding:
         return self._reached.judge(self._governed, self.real_time())
 
     def _tick(self) -> None:

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Change, Declaration
+from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Changeable, Declaration
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.text.sentence import sentence
 
@@ -37,7 +37,7 @@ def descriptor(declaration: Declaration) -> ParameterDescriptor:
         constraints = f"{declaration.limits}; {constraints}"
     made = ParameterDescriptor(
         description=f"{declaration.description}{unit}",
-        read_only=declaration.change is Change.AT_START,
+        read_only=declaration.change is Changeable.AT_START,
         additional_constraints=constraints,
     )
     low, high = declaration.low, declaration.high
@@ -103,7 +103,7 @@ class DeclaringNode(Node):
         Raises:
             ValueError: it is declared to be set at start only.
         """
-        if self._declared.find(name).change is Change.AT_START:
+        if self._declared.find(name).change is Changeable.AT_START:
             raise Refusal(
                 f"parameter '{name}' of node {self.get_name()} is set at start only",
                 fault="rejected",
@@ -148,19 +148,19 @@ class DeclaringNode(Node):
         called = f"parameter '{parameter.name}' of node {self.get_name()}"
         if parameter.type_ is Parameter.Type.NOT_SET:
             raise ValueError(f"{called} cannot be deleted")
-        if declaration.change is Change.AT_START:
+        if declaration.change is Changeable.AT_START:
             raise ValueError(
                 f"{called} is set at start only: start the node anew with"
                 f" --ros-args -p {parameter.name}:=VALUE"
             )
         self._refuse_wrong(declaration, parameter.value)
         # A device that has failed in a run must not go on in it with other settings.
-        if declaration.change is not Change.ANY_TIME and not self.run_over:
+        if declaration.change is not Changeable.ANY_TIME and not self.run_over:
             raise ValueError(
                 f"{called} is set between runs only, and run {self.run_id} is going on:"
                 " wait for its end or abort it"
             )
-        if declaration.change is Change.WHILE_CLOSED and self.device_is_open():
+        if declaration.change is Changeable.WHILE_CLOSED and self.device_is_open():
             raise ValueError(
                 f"{called} is set while the device is closed only: close it first, with"
                 f" ros2 lifecycle set {self.get_fully_qualified_name()} deactivate, then cleanup"

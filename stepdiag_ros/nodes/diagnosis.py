@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, left_out
 from stepdiag_ros.nodes.background import BackgroundProcess, WorkFailed
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
 
@@ -131,7 +131,7 @@ class DiagnosisNode(LineNode):
         self._task_lines = len(self.lines)
         self._work.begin(self.real_time())
 
-    def _judge_work(self) -> Finding:
+    def _judge_work(self) -> HealthFinding:
         return self._work.judge(int(self.facts[WORK_LEFT]), len(self.lines))
 
     def _result_of(self, task: "Future[DiagnosisSummary]") -> DiagnosisSummary | None:

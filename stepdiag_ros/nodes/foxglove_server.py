@@ -12,7 +12,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.topics import Qos, Topic
-from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, Place
+from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, ServedPlace
 
 SHOWN = tuple(one for one in topics.TOPICS if one not in (topics.CLOCK, topics.MOTION_PERMIT))
 """What viewers are offered. The time is told them in another way, and a permit to move is for the
@@ -34,7 +34,7 @@ class FoxgloveServerNode(StepdiagNode):
 
     def __init__(self) -> None:
         super().__init__("foxglove_server")
-        place = Place(
+        place = ServedPlace(
             self.parameter("address"), self.parameter("port"), self.parameter("open_to_network")
         )
         self._names = {topic: str(self.resolve_topic_name(topic.name)) for topic in SHOWN}

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from stepdiag_ros.nodes.links import Outlet
-from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.run.supervision import (
     HEARTBEAT,
     HEARTBEAT_PERIOD,
@@ -35,9 +35,9 @@ NO_HARDWARE = "none"
 @dataclass
 class _Task:
     name: str
-    judge: Callable[[], Finding]
+    judge: Callable[[], HealthFinding]
     log: bool
-    found: Finding | None = None
+    found: HealthFinding | None = None
 
 
 class Health:
@@ -81,7 +81,7 @@ class Health:
         self.live_facts: dict[str, Callable[[], str]] = {}
         self.hardware_id = NO_HARDWARE
 
-    def add_task(self, name: str, judge: Callable[[], Finding], log: bool = True) -> None:
+    def add_task(self, name: str, judge: Callable[[], HealthFinding], log: bool = True) -> None:
         """Tell a subject of its own from now on.
 
         Args:
@@ -157,7 +157,7 @@ class Health:
         """Publish the heartbeat, and what the tasks have found if that was not said lately."""
         self._publish(self._real_time() - self._told > TASK_PERIOD - 0.5 * HEARTBEAT_PERIOD)
 
-    def _log(self, task: _Task, found: Finding) -> None:
+    def _log(self, task: _Task, found: HealthFinding) -> None:
         logger, text = self._node.get_logger(), f"{task.name}: {found.message}"
         # What has not begun yet is no news.
         before = task.found.level if task.found is not None else Level.STALE
@@ -194,9 +194,9 @@ class Health:
                     level, text = Level.WARN, self._missed[-1]
         values = {ROLE: self._role, RUN_ID: self._run_id(), SESSION: self._session, **self.facts}
         values.update({key: said for key, tell in self.live_facts.items() if (said := tell())})
-        return self._status(HEARTBEAT, Finding(level, text, values))
+        return self._status(HEARTBEAT, HealthFinding(level, text, values))
 
-    def _status(self, task: str, found: Finding) -> DiagnosticStatus:
+    def _status(self, task: str, found: HealthFinding) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=bytes((found.level,)),
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {task}",

@@ -33,7 +33,7 @@ from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air, Beam, Compensation
-from stepdiag_ros.run.health import Finding, Gaps, Rate
+from stepdiag_ros.run.health import Gaps, HealthFinding, StampRate
 from stepdiag_ros.run.reading_source import ReadingSource
 from stepdiag_ros.run.sequence import Answer, State
 from stepdiag_ros.run.supervision import fact_of_run
@@ -105,7 +105,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
     def _judge_anew(self) -> None:
         """Begin with what the parameters say now."""
         asked = self.parameter("rate") or (self._cell.reading_rate if self._cell else nan)
-        self._rate = Rate(asked, self.parameter("rate_tolerance"))
+        self._rate = StampRate(asked, self.parameter("rate_tolerance"))
         self._air = Air(self.parameter("weather_age"))
         self._compensation = Compensation(self.parameter("compensation"))
         how = ("compensation", "dead_path", "wavelength", "index_equation")
@@ -116,7 +116,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         highest, late = self.parameter("reading_rate_limit"), self.parameter("stamps_late")
         self._source = ReadingSource(device, highest, late, self._compensator)
         if self._source.factor:
-            self._rate = Rate(self._source.rate, self.parameter("rate_tolerance"))
+            self._rate = StampRate(self._source.rate, self.parameter("rate_tolerance"))
         if self._plan is not None and not self.run_over and isinstance(device, FollowsRun):
             device.begin_run(self._plan, self._run_begins)
         if self._listens:
@@ -236,19 +236,19 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         if self._beam.take(readings, real):
             self.health.look()
 
-    def _judge_beam(self) -> Finding:
+    def _judge_beam(self) -> HealthFinding:
         return self._beam.judge(self.now(), self.real_time(), in_run=not self.run_over)
 
-    def _judge_rate(self) -> Finding:
+    def _judge_rate(self) -> HealthFinding:
         return self._rate.judge(self.real_time())
 
-    def _judge_sequence(self) -> Finding:
+    def _judge_sequence(self) -> HealthFinding:
         return self._gaps.judge(not self.run_over, self.real_time())
 
-    def _judge_compensation(self) -> Finding:
+    def _judge_compensation(self) -> HealthFinding:
         return self._compensation.judge(self._judge_weather())
 
-    def _judge_weather(self) -> Finding:
+    def _judge_weather(self) -> HealthFinding:
         return self._air.judge(self.now(), self.real_time())
 
 

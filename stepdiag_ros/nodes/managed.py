@@ -31,9 +31,9 @@ from stepdiag_ros.configuration import load_device
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
-from stepdiag_ros.parameters.declaration import Change
+from stepdiag_ros.parameters.declaration import Changeable
 from stepdiag_ros.parameters.nodes import declared_node
-from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.text.sentence import sentence
 from stepdiag_ros.topics import Topic
 
@@ -106,7 +106,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         driver = f"{self.parameter('device')} {self.thing}"
         self.health.hardware_id = self.parameter("hardware_id") or driver
         for one in declared_node(self.role).parameters:
-            if one.change is Change.WHILE_CLOSED:
+            if one.change is Changeable.WHILE_CLOSED:
                 self.on_change(one.name, prepare=partial(self._acceptable, one.name))
         LifecycleNodeMixin.__init__(self)
         self._refuse_impossible_transitions()
@@ -220,13 +220,15 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self.add_managed_entity(stream)
         return stream
 
-    def add_device_task(self, name: str, judge: Callable[[], Finding]) -> None:
+    def add_device_task(self, name: str, judge: Callable[[], HealthFinding]) -> None:
         """Tell a subject of the device on /diagnostics; judged only while the node is active."""
 
-        def judge_if_active() -> Finding:
+        def judge_if_active() -> HealthFinding:
             if self.active:
                 return judge()
-            return Finding(Level.STALE, f"the {self.thing} is not in use: {self._phase.value}")
+            return HealthFinding(
+                Level.STALE, f"the {self.thing} is not in use: {self._phase.value}"
+            )
 
         self.health.add_task(name, judge_if_active)
 

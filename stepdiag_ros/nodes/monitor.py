@@ -8,7 +8,7 @@ from stepdiag_ros.nodes.onlooker import Onlooker
 from stepdiag_ros.nodes.run_control import RunControl
 from stepdiag_ros.viewers.page.access import make_access
 from stepdiag_ros.viewers.page.server import RATE, MonitorServer, Offer
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 
 class MonitorNode(Onlooker):
@@ -17,7 +17,7 @@ class MonitorNode(Onlooker):
     role = "monitor"
 
     def __init__(self) -> None:
-        super().__init__("monitor", State(), RATE)
+        super().__init__("monitor", PageState(), RATE)
         self._control = RunControl(self)
         access = make_access(self.parameter("address"), self.parameter("token_file"))
         offer = Offer(

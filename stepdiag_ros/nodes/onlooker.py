@@ -12,8 +12,8 @@ from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet, decoded, message_class
 from stepdiag_ros.topics import Topic
 from stepdiag_ros.viewers.page.contact import contact_of
-from stepdiag_ros.viewers.page.items import SOURCES, Said, Source, to_run_begin, to_run_status
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.items import SOURCES, HeardTopic, Said, to_run_begin, to_run_status
+from stepdiag_ros.viewers.page.state import PageState
 
 
 class Onlooker(StepdiagNode):
@@ -25,7 +25,7 @@ class Onlooker(StepdiagNode):
         rate: looks in a real second at what comes too often to be looked at each time.
     """
 
-    def __init__(self, name: str, state: State, rate: float) -> None:
+    def __init__(self, name: str, state: PageState, rate: float) -> None:
         super().__init__(name)
         self.state = state
         self._newest: dict[str, bytes] = {}
@@ -54,7 +54,7 @@ class Onlooker(StepdiagNode):
                 self.try_with(source.topic.name, partial(self._take_bytes, source), data)
         self.state.take(contact_of(self.watch, self._taken, self.real_time()))
 
-    def take(self, source: Source, message: Any) -> None:
+    def take(self, source: HeardTopic, message: Any) -> None:
         """Fold in a message.
 
         Args:
@@ -63,7 +63,7 @@ class Onlooker(StepdiagNode):
         """
         self._fold(source.topic, lambda: source.convert(message), message)
 
-    def _take_bytes(self, source: Source, data: bytes) -> None:
+    def _take_bytes(self, source: HeardTopic, data: bytes) -> None:
         self.take(source, decoded(data, message_class(source.topic)))
 
     def _fold(self, topic: Topic, convert: Callable[[], Iterable[Any]], message: Any) -> None:
@@ -75,7 +75,7 @@ class Onlooker(StepdiagNode):
         except (ValueError, LookupError, ArithmeticError) as error:
             self.unwell(f"a message on {topic.name} cannot be shown: {error}")
 
-    def _hear(self, source: Source) -> None:
+    def _hear(self, source: HeardTopic) -> None:
         topic = source.topic
         if source.newest:
             # Whoever only shows must never hold up those who measure.
@@ -112,7 +112,7 @@ class ViewerNode(Onlooker):
 
     def __init__(
         self,
-        state: State,
+        state: PageState,
         rate: float,
         look: Callable[["ViewerNode"], bool],
         close: Callable[[], None] = lambda: None,

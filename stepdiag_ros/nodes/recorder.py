@@ -25,11 +25,11 @@ from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import decoded, message_class
 from stepdiag_ros.nodes.parameters import ParameterCollector
 from stepdiag_ros.run.conclusion import BAG, BAG_CLOSED, BAG_FAILURE
-from stepdiag_ros.run.health import Finding, Gaps
+from stepdiag_ros.run.health import Gaps, HealthFinding
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import STORE_LIMIT
 from stepdiag_ros.run.supervision import BY_HAND_ROLE, GETTING_READY, HEARD_UNTIL, fact_of_run
-from stepdiag_ros.run.work_health import Arrival, Storage, judge_recording
+from stepdiag_ros.run.work_health import Storage, StreamArrival, judge_recording
 from stepdiag_ros.topics import Topic
 
 ASK_PERIOD = 0.2
@@ -78,8 +78,8 @@ class RecorderNode(StepdiagNode):
         self.health.live_facts[HEARD_UNTIL] = lambda: str(self._heard_until() or "")
         self._collector = ParameterCollector(self)
         self._gaps, self._sample_gaps = Gaps(), Gaps(what="sample")
-        self._readings = Arrival("reading", self.parameter("reading_timeout"))
-        self._positions = Arrival("actual position", self.parameter("position_timeout"))
+        self._readings = StreamArrival("reading", self.parameter("reading_timeout"))
+        self._positions = StreamArrival("actual position", self.parameter("position_timeout"))
         self._storage = Storage(self.parameter("space_wanted"), self.parameter("space_needed"))
         self.on_change("reading_timeout", partial(setattr, self._readings, "stale_after"))
         self.on_change("position_timeout", partial(setattr, self._positions, "stale_after"))
@@ -196,26 +196,26 @@ class RecorderNode(StepdiagNode):
     def _heard_until(self) -> int:
         return stamp_of(self._newest_reading) if self._newest_reading else 0
 
-    def _judge_recording(self) -> Finding:
+    def _judge_recording(self) -> HealthFinding:
         writer, stored = self._writer, self.facts.get("stored", "")
         path, messages = (str(writer.path), writer.message_count) if writer else ("", 0)
         return judge_recording(path, messages, stored, len(self._incomplete), self._failure)
 
-    def _judge_disk(self) -> Finding:
+    def _judge_disk(self) -> HealthFinding:
         folder = Path(self.parameter("folder")).expanduser()
         bag = self._writer.path if self._writer else None
         return self._storage.look(folder, bag, self.real_time())
 
-    def _judge_positions(self) -> Finding:
+    def _judge_positions(self) -> HealthFinding:
         # Of a machine that is not connected nobody tells where it is.
         if self.watch.present(BY_HAND_ROLE, self.run_id):
             self._positions.begin(self.now(), self.real_time())
         return self._judge_arrival(self._positions)
 
-    def _judge_arrival(self, arrival: Arrival) -> Finding:
+    def _judge_arrival(self, arrival: StreamArrival) -> HealthFinding:
         return arrival.judge(not self.run_over, self.now(), self.real_time())
 
-    def _judge_gaps(self, gaps: Gaps) -> Finding:
+    def _judge_gaps(self, gaps: Gaps) -> HealthFinding:
         return gaps.judge(not self.run_over, self.real_time())
 
     def _close_when_over(self) -> None:

@@ -9,13 +9,13 @@ from std_srvs.srv import Trigger
 
 from stepdiag_ros.nodes.operator import SERVICE_LIMIT
 from stepdiag_ros.nodes.timing import TimedNode
-from stepdiag_ros.viewers.page.control import ACTIONS, LEADERS, Answer
+from stepdiag_ros.viewers.page.control import ACTIONS, LEADERS, RequestAnswer
 
 
 @dataclass
 class _Request:
     action: str
-    answer: "Future[Answer]"
+    answer: "Future[RequestAnswer]"
     sent: float = 0.0
     client: Any = None
     future: Any = None
@@ -42,9 +42,9 @@ class RunControl:
         self._asked: deque[_Request] = deque()
         self._sent: list[_Request] = []
 
-    def ask(self, action: str) -> "Future[Answer]":
+    def ask(self, action: str) -> "Future[RequestAnswer]":
         """Ask for one of ``ACTIONS``; safe to be called by any thread."""
-        answer: Future[Answer] = Future()
+        answer: Future[RequestAnswer] = Future()
         self._asked.append(_Request(action, answer))
         return answer
 
@@ -60,7 +60,7 @@ class RunControl:
         if not ready:
             leaders = " or ".join(leader for leader, _ in self._clients[request.action])
             text = f"there is no {leaders} node that could {request.action} a run"
-            _tell(request, Answer(False, text))
+            _tell(request, RequestAnswer(False, text))
             return
         request.sent, request.client = self._node.real_time(), ready[0]
         request.future = ready[0].call_async(Trigger.Request())
@@ -69,18 +69,18 @@ class RunControl:
     def _look_at(self, request: _Request) -> None:
         if request.future.done():
             response = request.future.result()
-            _tell(request, Answer(bool(response.success), str(response.message)))
+            _tell(request, RequestAnswer(bool(response.success), str(response.message)))
         elif self._node.real_time() - request.sent > SERVICE_LIMIT:
             request.client.remove_pending_request(request.future)
             # The request has left this computer: only the run's state tells what became of it.
             text = f"no answer yet; whether {request.action} was done is not known: see the state"
-            _tell(request, Answer(False, text))
+            _tell(request, RequestAnswer(False, text))
         else:
             return
         self._sent.remove(request)
 
 
-def _tell(request: _Request, answer: Answer) -> None:
+def _tell(request: _Request, answer: RequestAnswer) -> None:
     # Whoever has asked may have gone meanwhile.
     if request.answer.set_running_or_notify_cancel():
         request.answer.set_result(answer)

@@ -27,7 +27,7 @@ from stepdiag_ros.nodes.measure_action import (
     write_progress,
 )
 from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import (
     Answer,
@@ -315,7 +315,7 @@ class SequencerNode(StepdiagNode):
         self.healthy(f"run {self.run_id}")
         self._publish_state()
 
-    def _judge_run(self) -> Finding:
+    def _judge_run(self) -> HealthFinding:
         if self._sequence is None:
             return judge_run(None, "")
         beginning = self._taking_up is not None

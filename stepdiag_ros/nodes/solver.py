@@ -9,7 +9,7 @@ from typing import Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
-from stepdiag_ros.evaluation.solving import Solved, solve_run
+from stepdiag_ros.evaluation.solving import SolvedSoFar, solve_run
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
 
@@ -27,7 +27,7 @@ PUBLISH_PERIOD = 0.01
 
 def _solve_first(
     plan: Plan, chain: str, plausible: Plausible, lines: Sequence[MeasuredLine], count: int
-) -> Solved:
+) -> SolvedSoFar:
     """Solve the first lines of a run; what waits for that holds no copy of them."""
     taken = tuple(lines[:count])
     measurement = Measurement(plan.volume, latest_attempts(taken), chain, plausible)
@@ -51,7 +51,7 @@ class SolverNode(LineNode):
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
         self._tests = self.announce(topics.POSITIONING_TEST)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
-        self._solving: deque[tuple[str, int, MeasuredLine, Future[Solved]]] = deque()
+        self._solving: deque[tuple[str, int, MeasuredLine, Future[SolvedSoFar]]] = deque()
         self.facts[WORK_LEFT] = "0"
         self._work = Work("solution")
         self.health.add_task("work", self._judge_work)
@@ -96,7 +96,7 @@ class SolverNode(LineNode):
         if "0" in (before, self.facts[WORK_LEFT]):
             self.beat()
 
-    def _judge_work(self) -> Finding:
+    def _judge_work(self) -> HealthFinding:
         return self._work.judge(len(self._solving), len(self.lines))
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
 from stepdiag_ros.run.device_health import Air
-from stepdiag_ros.run.health import Finding
+from stepdiag_ros.run.health import HealthFinding
 
 SENSOR_FRAMES = {topics.MATERIAL_TEMPERATURE: MACHINE}
 """Of the sensors that do not stand at the beam."""
@@ -66,7 +66,7 @@ class WeatherNode(DeviceNode[WeatherDevice]):
                 setattr(message, field, value)
                 publisher.publish(message)
 
-    def _judge_sensors(self) -> Finding:
+    def _judge_sensors(self) -> HealthFinding:
         return self._air.judge(self.now(), self.real_time())
 
 

@@ -18,7 +18,7 @@ _KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", str: "a
 _NUMBER = "a number with a point, such as 1.0"
 
 
-class Change(Enum):
+class Changeable(Enum):
     """When a parameter may be changed; the value says it in words."""
 
     AT_START = "at start only"
@@ -53,7 +53,7 @@ class Declaration:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
-    change: Change = Change.AT_START
+    change: Changeable = Changeable.AT_START
 
     def __post_init__(self) -> None:
         ranged = type(self.default) in (int, float)

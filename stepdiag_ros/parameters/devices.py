@@ -3,7 +3,7 @@
 Part of ``parameters.py``, which says what they are for.
 """
 
-from stepdiag_ros.parameters.declaration import Change, Declaration, DeclaredNode
+from stepdiag_ros.parameters.declaration import Changeable, Declaration, DeclaredNode
 
 HIGHEST_SAMPLE_RATE = 1e5
 """Hz: of the simulated interferometer."""
@@ -25,7 +25,7 @@ DEVICE_FILE = Declaration(
     "device_file",
     "",
     "settings of the driver: YAML file, or a name in config/devices; empty: the driver's defaults",
-    change=Change.WHILE_CLOSED,
+    change=Changeable.WHILE_CLOSED,
 )
 MANAGED = (
     Declaration(
@@ -65,7 +65,7 @@ INTERFEROMETER = DeclaredNode(
             "Hz",
             0.0,
             HIGHEST_SAMPLE_RATE,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "reading_rate_limit",
@@ -75,7 +75,7 @@ INTERFEROMETER = DeclaredNode(
             "Hz",
             1.0,
             1e4,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "stamps_late",
@@ -85,7 +85,7 @@ INTERFEROMETER = DeclaredNode(
             "s",
             -10.0,
             10.0,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "seed",
@@ -93,7 +93,7 @@ INTERFEROMETER = DeclaredNode(
             "of the noise of the simulated readings",
             low=0,
             high=2**31,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "hold_after",
@@ -102,7 +102,7 @@ INTERFEROMETER = DeclaredNode(
             "s",
             0.0,
             3600.0,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "weather_age",
@@ -111,14 +111,14 @@ INTERFEROMETER = DeclaredNode(
             "s",
             0.1,
             86400.0,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "index_equation",
             "edlen",
             "equation for the refractive index of air; edlen is the modified one",
             choices=("edlen", "ciddor"),
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "compensation",
@@ -127,7 +127,7 @@ INTERFEROMETER = DeclaredNode(
             " weather topics; off: nobody, and displacements are 270 ppm too long (the bag"
             " keeps the count and the weather: 'stepdiag solve --air own')",
             choices=("instrument", "own", "off"),
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "dead_path",
@@ -137,7 +137,7 @@ INTERFEROMETER = DeclaredNode(
             "m",
             0.0,
             100.0,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "wavelength",
@@ -146,7 +146,7 @@ INTERFEROMETER = DeclaredNode(
             "m",
             300e-9,
             1700e-9,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "reading_timeout",
@@ -155,7 +155,7 @@ INTERFEROMETER = DeclaredNode(
             "s",
             0.05,
             3600.0,
-            change=Change.ANY_TIME,
+            change=Changeable.ANY_TIME,
         ),
         Declaration(
             "dim_signal",
@@ -163,7 +163,7 @@ INTERFEROMETER = DeclaredNode(
             "part of the full signal below which the beam is called dim",
             low=0.0,
             high=1.0,
-            change=Change.ANY_TIME,
+            change=Changeable.ANY_TIME,
         ),
         Declaration(
             "rate_tolerance",
@@ -171,7 +171,7 @@ INTERFEROMETER = DeclaredNode(
             "part of the rate by which the readings in a second may be off unmentioned",
             low=0.0,
             high=1.0,
-            change=Change.ANY_TIME,
+            change=Changeable.ANY_TIME,
         ),
         WEATHER_BEGINS,
         *MANAGED,
@@ -192,7 +192,7 @@ WEATHER = DeclaredNode(
             "Hz",
             0.001,
             1000.0,
-            change=Change.WHILE_CLOSED,
+            change=Changeable.WHILE_CLOSED,
         ),
         Declaration(
             "value_timeout",
@@ -201,7 +201,7 @@ WEATHER = DeclaredNode(
             "s",
             0.1,
             86400.0,
-            change=Change.ANY_TIME,
+            change=Changeable.ANY_TIME,
         ),
         WEATHER_BEGINS,
         *MANAGED,

@@ -7,7 +7,7 @@ What the numbers of a run depend on cannot be changed while one is going on; the
 device cannot while it is open, and take effect when it is opened again.
 """
 
-from stepdiag_ros.parameters.declaration import Change, Declaration, DeclaredNode
+from stepdiag_ros.parameters.declaration import Changeable, Declaration, DeclaredNode
 from stepdiag_ros.parameters.devices import (
     CELL,
     DEVICE_FILE,
@@ -26,7 +26,7 @@ _READING_TIMEOUT = Declaration(
     "s",
     0.05,
     3600.0,
-    change=Change.ANY_TIME,
+    change=Changeable.ANY_TIME,
 )
 
 
@@ -48,7 +48,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "demo",
                 "test plan of runs that are started without one: YAML file, or a name in"
                 " config/plans",
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             Declaration(
                 "result_limit",
@@ -58,7 +58,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "s",
                 0.0,
                 86400.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             _MACHINE,
             Declaration(
@@ -85,7 +85,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "Hz",
                 1.0,
                 10000.0,
-                change=Change.WHILE_CLOSED,
+                change=Changeable.WHILE_CLOSED,
             ),
             Declaration(
                 "position_timeout",
@@ -95,7 +95,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "s",
                 0.05,
                 3600.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "silence_limit",
@@ -105,14 +105,14 @@ NODES: tuple[DeclaredNode, ...] = (
                 "s",
                 0.05,
                 10.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "correction",
                 "",
                 "error map by which commanded targets are corrected: volumetric_map.json of"
                 " 'stepdiag compensate --for generic'; empty: targets are sent as they are",
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             Declaration(
                 "correction_limit",
@@ -121,7 +121,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "m",
                 0.0,
                 0.5e-3,
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             *MANAGED,
         ),
@@ -136,7 +136,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "demo",
                 "test plan whose NC program the operator runs: YAML file, or a name in"
                 " config/plans",
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             _MACHINE,
         ),
@@ -164,7 +164,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "model",
                 "free",
                 "model of the machine: YAML file, or a name in config/models",
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             Declaration(
                 "seed",
@@ -172,7 +172,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "of the random draws that guard against false names",
                 low=0,
                 high=2**31 - 1,
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             Declaration(
                 "pause_s",
@@ -182,7 +182,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "s",
                 0.0,
                 3600.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
         ),
     ),
@@ -196,7 +196,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "preferred",
                 "whose result is shown; preferred: the most reliable one so far",
                 choices=_shown_methods,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "exaggeration",
@@ -205,7 +205,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 " longest is at most a fifth of the box's shortest edge",
                 low=0.0,
                 high=1e9,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "laser_distance",
@@ -214,7 +214,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "m",
                 0.0,
                 100.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             *(
                 Declaration(
@@ -224,7 +224,7 @@ NODES: tuple[DeclaredNode, ...] = (
                     "m",
                     -10.0,
                     10.0,
-                    change=Change.ANY_TIME,
+                    change=Changeable.ANY_TIME,
                 )
                 for axis in "xyz"
             ),
@@ -305,7 +305,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "folder",
                 ".",
                 "folder in which the bags are written, RUN.mcap each; made if it is not there",
-                change=Change.BETWEEN_RUNS,
+                change=Changeable.BETWEEN_RUNS,
             ),
             _READING_TIMEOUT,
             Declaration(
@@ -315,7 +315,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "s",
                 0.05,
                 3600.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "space_wanted",
@@ -324,7 +324,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "B",
                 0.0,
                 1e15,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "space_needed",
@@ -333,7 +333,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "B",
                 0.0,
                 1e15,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
         ),
     ),
@@ -348,7 +348,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 "simulated seconds in a real second",
                 low=0.001,
                 high=1000.0,
-                change=Change.ANY_TIME,
+                change=Changeable.ANY_TIME,
             ),
             Declaration("period", 0.004, "real time between two ticks", "s", 0.0005, 1.0),
         ),

@@ -6,7 +6,7 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
-from stepdiag_ros.planning.expectation import Expectation, expect
+from stepdiag_ros.planning.expectation import PlanExpectation, expect
 from stepdiag_ros.planning.limits import limits, warnings
 from stepdiag_ros.planning.undetermined import Undetermined, undetermined
 from stepdiag_ros.run.feasibility import beyond_machine
@@ -34,8 +34,8 @@ class Assessment:
     machine: Machine
     stop_uncertainty: float
     duration: PlanDuration
-    expectation: Expectation
-    rotating: Expectation | None
+    expectation: PlanExpectation
+    rotating: PlanExpectation | None
     seen: Visibility
     seen_rotating: Visibility | None
     undetermined: Undetermined

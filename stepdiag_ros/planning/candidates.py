@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.plan import (
     Volume,
 )
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.planning.expectation import POSITIONING, STRAIGHTNESS, Expectation
+from stepdiag_ros.planning.expectation import POSITIONING, STRAIGHTNESS, PlanExpectation
 
 BLOCKS = (3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 """Numbers of blocks that are tried."""
@@ -43,7 +43,7 @@ _WASTE = 0.01
 
 
 VOLUMETRIC = "volumetric"
-"""Stands for all nine translations together, see ``Expectation.volumetric``."""
+"""Stands for all nine translations together, see ``PlanExpectation.volumetric``."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ _ANGULAR_SCHEMES = (
 
 
 @dataclass(frozen=True)
-class Purpose:
+class PlanPurpose:
     """What a plan is for.
 
     Attributes:
@@ -170,7 +170,7 @@ class Purpose:
     overrun: bool = False
     rotations: bool = False
 
-    def uncertainties(self, expectation: Expectation) -> dict[str, float]:
+    def uncertainties(self, expectation: PlanExpectation) -> dict[str, float]:
         """Return the standard uncertainties of what counts for this purpose, by name, SI."""
         known = {
             **expectation.squareness,
@@ -186,8 +186,8 @@ class Purpose:
 _FIVE_PER_METRE = 0.2
 _FIVE_RUNS = (5,)
 
-PURPOSES: dict[str, Purpose] = {
-    "squareness": Purpose(
+PURPOSES: dict[str, PlanPurpose] = {
+    "squareness": PlanPurpose(
         "squareness of the three axes",
         "the squareness",
         SQUARENESS,
@@ -195,7 +195,7 @@ PURPOSES: dict[str, Purpose] = {
         (*_DIRECT_SCHEMES, *_STEP_SCHEMES),
         spacing=0.26,
     ),
-    "straightness": Purpose(
+    "straightness": PlanPurpose(
         "the six straightness deviations",
         "the straightness",
         STRAIGHTNESS,
@@ -203,7 +203,7 @@ PURPOSES: dict[str, Purpose] = {
         _STEP_SCHEMES,
         spacing=0.1,
     ),
-    "volumetric": Purpose(
+    "volumetric": PlanPurpose(
         "all nine translational errors, to correct a machine with",
         "the error of the mirror's point anywhere in the box",
         (*POSITIONING, *STRAIGHTNESS, *SQUARENESS, VOLUMETRIC),
@@ -211,7 +211,7 @@ PURPOSES: dict[str, Purpose] = {
         _STEP_SCHEMES,
         spacing=0.1,
     ),
-    "angular": Purpose(
+    "angular": PlanPurpose(
         "the angular errors, as many as a laser interferometer tells",
         "the angular errors",
         (),
@@ -220,7 +220,7 @@ PURPOSES: dict[str, Purpose] = {
         spacing=0.1,
         rotations=True,
     ),
-    "iso230-2": Purpose(
+    "iso230-2": PlanPurpose(
         "positioning accuracy and repeatability of each axis, ISO 230-2",
         "the positioning",
         POSITIONING,
@@ -230,7 +230,7 @@ PURPOSES: dict[str, Purpose] = {
         repeats=_FIVE_RUNS,
         overrun=True,
     ),
-    "iso230-6": Purpose(
+    "iso230-6": PlanPurpose(
         "diagonal displacement tests, ISO 230-6",
         "the squareness",
         SQUARENESS,
@@ -243,7 +243,7 @@ PURPOSES: dict[str, Purpose] = {
         repeats=_FIVE_RUNS,
         overrun=True,
     ),
-    "quick": Purpose(
+    "quick": PlanPurpose(
         "a first look at all nine translational errors",
         "the error of the mirror's point anywhere in the box",
         (*TRANSLATIONS, VOLUMETRIC),

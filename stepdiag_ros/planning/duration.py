@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.drive import StraightMove
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, Plan
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.planning.moves import Pass, Point, dwell_of, passes_of
+from stepdiag_ros.planning.moves import DrivenLine, Point, dwell_of, passes_of
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class PlanDuration:
         return sum(line.aligned for line in self.lines)
 
 
-class Clock:
+class MoveTimes:
     """Times of single moves of a machine at a feed; each distance is worked out once.
 
     Args:
@@ -171,7 +171,7 @@ def duration(
     assumptions = assumptions or Assumptions()
     if not plan.feed > 0.0:
         raise Refusal("the plan has no feed_m_per_s, so its duration is not known", fault="missing")
-    clock = Clock(machine, plan.feed, assumptions.settling_s)
+    clock = MoveTimes(machine, plan.feed, assumptions.settling_s)
     dwell = dwell_of(plan)
     place = start
     known: dict[tuple[Point, ...], tuple[float, float]] = {}
@@ -205,7 +205,7 @@ def duration(
     return PlanDuration(tuple(lines), assumptions)
 
 
-def _pass_times(one: Pass, clock: Clock) -> tuple[float, float]:
+def _pass_times(one: DrivenLine, clock: MoveTimes) -> tuple[float, float]:
     """Return the times of a pass from its first target to its first stop, and from there on, s."""
     at_once = one.line.kind == DIAGONAL
     ways = [clock.between(a, b, at_once) for a, b in pairwise(one.targets)]

@@ -39,7 +39,7 @@ POSITIONING = tuple(name for name in TRANSLATIONS if name[2] == name[3])
 
 
 @dataclass(frozen=True)
-class Expectation:
+class PlanExpectation:
     """Expected standard uncertainties of a plan; NaN where the plan does not determine something.
 
     Attributes:
@@ -60,7 +60,7 @@ class Expectation:
     volumetric: float
     degrees_of_freedom: int
 
-    def scaled(self, factor: float) -> "Expectation":
+    def scaled(self, factor: float) -> "PlanExpectation":
         """Return the same with all uncertainties multiplied; degrees of freedom are left."""
         return replace(
             self,
@@ -72,7 +72,7 @@ class Expectation:
         )
 
 
-def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> Expectation:
+def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> PlanExpectation:
     """Return the uncertainties to be expected of a plan by weighted least squares.
 
     Args:
@@ -106,7 +106,7 @@ def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> Expectation:
         for name in design.names
         if name in ROTATIONS
     }
-    expectation = Expectation(
+    expectation = PlanExpectation(
         squareness={name: _squareness(estimate, volume, name) for name in SQUARENESS},
         straightness={
             name: _largest(estimate, name, deviations_from_line(volume.nodes(moving_axis(name))))

@@ -14,7 +14,7 @@ Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Pass:
+class DrivenLine:
     """One line of a plan as it is driven.
 
     Attributes:
@@ -34,7 +34,7 @@ class Pass:
     back: int = 0
 
 
-def passes_of(plan: Plan) -> Iterator[Pass]:
+def passes_of(plan: Plan) -> Iterator[DrivenLine]:
     """Go over the lines of a plan in order.
 
     As the sequencer does, an alignment is made anew whenever the setup is not that of the line
@@ -54,7 +54,7 @@ def passes_of(plan: Plan) -> Iterator[Pass]:
             known[way] = (*run_up, *stops), len(stops)
         targets, count = known[way]
         back = tuple(_point(place) for place in plan.way_back(index))
-        yield Pass(line, setup, setup != aligned, (*back, *targets), count, len(back))
+        yield DrivenLine(line, setup, setup != aligned, (*back, *targets), count, len(back))
         aligned = setup
 
 

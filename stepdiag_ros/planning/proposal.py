@@ -11,7 +11,7 @@ from stepdiag_ros.planning.candidates import (
     BLOCKS,
     PURPOSES,
     VOLUMETRIC,
-    Purpose,
+    PlanPurpose,
     Scheme,
     lines_of,
     target_spacing,
@@ -19,7 +19,7 @@ from stepdiag_ros.planning.candidates import (
     volume_in,
 )
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
-from stepdiag_ros.planning.expectation import Expectation, expect, worst
+from stepdiag_ros.planning.expectation import PlanExpectation, expect, worst
 from stepdiag_ros.planning.moves import Point
 from stepdiag_ros.run.feasibility import beyond_machine
 
@@ -98,7 +98,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PlanCandidate:
     """A plan that tells what is asked.
 
     Attributes:
@@ -113,13 +113,13 @@ class Candidate:
     scheme: Scheme
     plan: Plan
     duration: PlanDuration
-    expectation: Expectation
+    expectation: PlanExpectation
     uncertainty: float
     determined: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Proposal:
+class PlanProposal:
     """The result of the search.
 
     Attributes:
@@ -132,14 +132,14 @@ class Proposal:
     """
 
     request: Request
-    chosen: Candidate
+    chosen: PlanCandidate
     reason: str
-    front: tuple[Candidate, ...]
+    front: tuple[PlanCandidate, ...]
     considered: int
     discarded: tuple[str, ...]
 
 
-def propose(request: Request) -> Proposal:
+def propose(request: Request) -> PlanProposal:
     """Seek the plan for a request.
 
     The expected uncertainty of every candidate is computed from its design matrix. Wished for an
@@ -166,7 +166,7 @@ def propose(request: Request) -> Proposal:
             seen = ", ".join(candidate.determined) or "nothing of it"
             discarded.setdefault(candidate.scheme.words, f"tells only {seen}")
     chosen, reason = _choose(fit, request, purpose)
-    return Proposal(
+    return PlanProposal(
         request=request,
         chosen=chosen,
         reason=reason,
@@ -176,7 +176,7 @@ def propose(request: Request) -> Proposal:
     )
 
 
-def _purpose(request: Request) -> Purpose:
+def _purpose(request: Request) -> PlanPurpose:
     if request.purpose not in PURPOSES:
         raise Refusal(
             f"'{request.purpose}' is no purpose; use one of {', '.join(PURPOSES)}", fault="unknown"
@@ -192,8 +192,8 @@ def _purpose(request: Request) -> Purpose:
 
 
 def _candidates(
-    request: Request, purpose: Purpose, discarded: dict[str, str]
-) -> Iterator[Candidate]:
+    request: Request, purpose: PlanPurpose, discarded: dict[str, str]
+) -> Iterator[PlanCandidate]:
     """Make every plan; what a set of lines lacks goes into ``discarded``."""
     if purpose.overrun and request.overrun > request.margin:
         raise Refusal(
@@ -227,7 +227,7 @@ def _candidates(
                 plan = _plan(request, scheme, volume, count, directions)
                 # Passes of all lines alike add nothing but weight.
                 expectation = base.scaled(1.0 / math.sqrt(count * len(directions)))
-                yield Candidate(
+                yield PlanCandidate(
                     scheme=scheme,
                     plan=plan,
                     duration=duration(plan, request.machine, request.assumptions),
@@ -238,7 +238,7 @@ def _candidates(
 
 
 def _volumes(
-    request: Request, purpose: Purpose, scheme: Scheme, low: Point, high: Point
+    request: Request, purpose: PlanPurpose, scheme: Scheme, low: Point, high: Point
 ) -> Iterator[Volume]:
     """Return the volumes with the fewest blocks that keep to the spacing between targets."""
     if request.blocks is not None:
@@ -276,7 +276,7 @@ def _plan(
     )
 
 
-def _target(purpose: Purpose, expectation: Expectation, known: tuple[str, ...]) -> float:
+def _target(purpose: PlanPurpose, expectation: PlanExpectation, known: tuple[str, ...]) -> float:
     """Return the expanded uncertainty that counts; that of the volume, where the box is asked."""
     uncertainties = purpose.uncertainties(expectation)
     if VOLUMETRIC in uncertainties:
@@ -284,7 +284,9 @@ def _target(purpose: Purpose, expectation: Expectation, known: tuple[str, ...]) 
     return COVERAGE_FACTOR * worst(uncertainties[name] for name in known)
 
 
-def _choose(fit: list[Candidate], request: Request, purpose: Purpose) -> tuple[Candidate, str]:
+def _choose(
+    fit: list[PlanCandidate], request: Request, purpose: PlanPurpose
+) -> tuple[PlanCandidate, str]:
     """Return the candidate that fits the wishes best, and why it does."""
     best = min(fit, key=lambda one: (one.uncertainty, one.duration.total))
     quickest = min(fit, key=lambda one: (one.duration.total, one.uncertainty))
@@ -327,9 +329,9 @@ def _choose(fit: list[Candidate], request: Request, purpose: Purpose) -> tuple[C
     )
 
 
-def _front(fit: list[Candidate]) -> tuple[Candidate, ...]:
+def _front(fit: list[PlanCandidate]) -> tuple[PlanCandidate, ...]:
     """Return the candidates by duration, each clearly better than all that are quicker."""
-    front: list[Candidate] = []
+    front: list[PlanCandidate] = []
     for one in sorted(fit, key=lambda one: (one.duration.total, one.uncertainty)):
         if not front or one.uncertainty < _CLEARLY * front[-1].uncertainty:
             front.append(one)

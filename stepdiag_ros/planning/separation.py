@@ -7,7 +7,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
-from stepdiag_ros.metrology.discrepancy.proposal import Proposal, propose
+from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan, propose
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
@@ -63,7 +63,7 @@ def propose_extra(
     catalogue: Iterable[Effect] | None = None,
     fitted: Sequence[ActiveEffect] = (),
     curves: Mapping[str, Sequence[float]] | None = None,
-) -> Proposal:
+) -> ExtraPlan:
     """Seek the quickest extra plan for what a diagnosis left open.
 
     Args:
@@ -103,7 +103,7 @@ def propose_extra(
         )
 
 
-def proposal_text(proposal: Proposal, source: str = "") -> str:
+def proposal_text(proposal: ExtraPlan, source: str = "") -> str:
     """Return the YAML of the proposed plan, with why it is as it is.
 
     Args:

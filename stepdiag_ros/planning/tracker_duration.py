@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading
-from stepdiag_ros.planning.duration import Assumptions, Clock
+from stepdiag_ros.planning.duration import Assumptions, MoveTimes
 from stepdiag_ros.planning.nc_program import Move
 from stepdiag_ros.planning.tracker_program import tracker_moves
 
@@ -81,7 +81,7 @@ def seven_line_duration(
         ValueError: there is no way in sight of the tracker.
     """
     assumptions = Assumptions()
-    clock = Clock(machine, feed, assumptions.settling_s)
+    clock = MoveTimes(machine, feed, assumptions.settling_s)
     lines = list(dict.fromkeys(one.line for one in readings if one.line in SEVEN_LINES))
     alignments = [
         assumptions.linear_alignment_s if len(line) == 1 else assumptions.diagonal_alignment_s
@@ -94,7 +94,7 @@ def seven_line_duration(
     return SevenLineDuration(whole, STATION_SETUP, alone, float(np.sum(alignments)), len(lines))
 
 
-def _running(moves: Sequence[Move], clock: Clock) -> float:
+def _running(moves: Sequence[Move], clock: MoveTimes) -> float:
     total = sum(move.dwell_s for move in moves)
     for before, after in pairwise(moves):
         total += clock.between(before.target_m, after.target_m, after.at_once)

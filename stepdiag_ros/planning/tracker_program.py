@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading, points_of
-from stepdiag_ros.metrology.tracker.route import Route
+from stepdiag_ros.metrology.tracker.route import TrackerRoute
 from stepdiag_ros.planning.nc_program import Dialect, Move, nc_program
 
 
@@ -38,7 +38,7 @@ def tracker_moves(
     Raises:
         ValueError: a place is out of reach or there is no way to it.
     """
-    route = Route(box, station, tracker)
+    route = TrackerRoute(box, station, tracker)
     moves: list[Move] = []
     here: Vector | None = None
     before: tuple[str, int, str] | None = None

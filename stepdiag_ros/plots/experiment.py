@@ -14,7 +14,7 @@ from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.evaluation.report import frame_sentences, method_title, robust_to_setup
 from stepdiag_ros.metrology.comparison import CurveComparison, DirectComparison, in_result_frame
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis, translation
-from stepdiag_ros.metrology.repeats import Spread
+from stepdiag_ros.metrology.repeats import RepeatSpread
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import BAND_WORDS, curve_words, shown_unit
@@ -80,7 +80,11 @@ def motion_with_repeats(
             if name in direct:
                 positions = experiment.direct.curves[name].positions  # type: ignore[union-attr]
                 _draw_spread(
-                    panel, positions, Spread(direct[name]), DIRECT, "Measured by using artefact"
+                    panel,
+                    positions,
+                    RepeatSpread(direct[name]),
+                    DIRECT,
+                    "Measured by using artefact",
                 )
             if truth is not None:
                 values = np.asarray(truth.curves[name]) * IN_MICRO
@@ -142,7 +146,7 @@ def angles_with_repeats(
                 curve(panel, nodes * IN_MILLI, drawn, look, method_title(other.method))
         if experiment.direct is not None and name in experiment.direct.curves:
             measured = experiment.direct.curves[name]
-            from_first = Spread(measured.values - measured.values[:, :1])
+            from_first = RepeatSpread(measured.values - measured.values[:, :1])
             _draw_spread(panel, measured.positions, from_first, DIRECT, "Measured directly")
         if truth is not None and name in truth.curves:
             drawn = np.asarray(truth.curves[name]) * IN_MICRO
@@ -230,7 +234,7 @@ def _draw_comparison(axes: Axes, one: CurveComparison, style: Style) -> None:
     axes.xaxis.label.set_fontsize(LABEL_SIZE - 1.0)
 
 
-def _draw_spread(axes: Axes, nodes: Vector, spread: Spread, style: Style, label: str) -> None:
+def _draw_spread(axes: Axes, nodes: Vector, spread: RepeatSpread, style: Style, label: str) -> None:
     """Draw the mean of repeats, and the smallest and largest value as short lines."""
     mean = spread.mean * IN_MICRO
     curve(axes, nodes * IN_MILLI, mean, style, label, linewidth=0.7, markerfacecolor="none")

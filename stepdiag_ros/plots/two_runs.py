@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stepdiag_ros.evaluation.report import ZERO_BY_DEFINITION
-from stepdiag_ros.metrology.agreement import Changes, CurveChange
+from stepdiag_ros.metrology.agreement import CurveChange, MachineChanges
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -38,7 +38,7 @@ _TO_E_N, _TO_NEXT = 0.1, 0.45
 
 
 def changes(
-    changes: Changes,
+    changes: MachineChanges,
     names: Sequence[str] | None = None,
     *,
     title: str | None = None,

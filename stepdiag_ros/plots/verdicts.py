@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.visibility import (
     DETERMINED,
     INVISIBLE,
     PARTLY,
-    Row,
+    VerdictRow,
     Visibility,
 )
 from stepdiag_ros.plots.panel import INK
@@ -97,7 +97,7 @@ def visibility(
     )
 
 
-def _words(name: str, row: Row | None) -> str:
+def _words(name: str, row: VerdictRow | None) -> str:
     if row is None:
         return f"{name}\nnot asked"
     size = row.end if np.isfinite(row.end) else row.largest

@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.air.known_air import PLAUSIBLE, KnownAir
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.run.entitlement import Silence
-from stepdiag_ros.run.health import HOLD, WINDOW, Age, Finding, Level, figure
+from stepdiag_ros.run.health import HOLD, WINDOW, Age, HealthFinding, Level, figure
 
 HAS_BEAM = (STATUS_OK, STATUS_LOW_SIGNAL)
 NOW_LOST = {
@@ -101,7 +101,7 @@ class Beam:
                     self._dimmed = real
         return (before in HAS_BEAM) != (self._status in HAS_BEAM)
 
-    def judge(self, now: int, real: float, in_run: bool) -> Finding:
+    def judge(self, now: int, real: float, in_run: bool) -> HealthFinding:
         """Return how the beam is.
 
         Args:
@@ -122,21 +122,21 @@ class Beam:
         }
         if isnan(age):
             late = self._age.waited(real) > self.stale_after
-            return Finding(Level.STALE, NO_READING_YET, values, forbids=late)
+            return HealthFinding(Level.STALE, NO_READING_YET, values, forbids=late)
         if age > self.stale_after:
             silent = f"no reading has come for more than {self.stale_after:g} s"
-            return Finding(Level.STALE, silent, values, forbids=True)
+            return HealthFinding(Level.STALE, silent, values, forbids=True)
         needed = in_run and 0 < self._set_up < (self._age.time or 0)
         if self._status == STATUS_BEAM_LOST and not needed:
-            return Finding(Level.WARN, NO_BEAM_YET, values)
+            return HealthFinding(Level.WARN, NO_BEAM_YET, values)
         if self._status not in HAS_BEAM:
             unknown = f"the interferometer gives the unknown status {self._status}"
-            return Finding(Level.ERROR, NOW_LOST.get(self._status, unknown), values)
+            return HealthFinding(Level.ERROR, NOW_LOST.get(self._status, unknown), values)
         if needed and self._zero_lost:
-            return Finding(Level.WARN, WAS_LOST, values)
+            return HealthFinding(Level.WARN, WAS_LOST, values)
         if real - self._dimmed <= HOLD:
-            return Finding(Level.WARN, DIM, values)
-        return Finding(Level.OK, GOOD, values)
+            return HealthFinding(Level.WARN, DIM, values)
+        return HealthFinding(Level.OK, GOOD, values)
 
     def _turn_window(self, real: float) -> None:
         if isnan(self._since):
@@ -185,7 +185,7 @@ class Air:
         self._ages[name].take(time, real)
         self.known.take(name, value, time)
 
-    def judge(self, now: int, real: float) -> Finding:
+    def judge(self, now: int, real: float) -> HealthFinding:
         """Return what is known (``now``: ROS time, ns; ``real``: s, never steps)."""
         values: dict[str, str] = {}
         unknown: list[str] = []
@@ -204,17 +204,17 @@ class Air:
         self._missing = missing
         values["times not known since the start"] = str(self._gaps)
         if not self._values:
-            return Finding(Level.STALE, "no weather sensor has spoken yet", values)
+            return HealthFinding(Level.STALE, "no weather sensor has spoken yet", values)
         if len(self._values) < len(PLAUSIBLE) and real - self._first_heard < HOLD:
-            return Finding(Level.STALE, "not all weather sensors have spoken yet", values)
+            return HealthFinding(Level.STALE, "not all weather sensors have spoken yet", values)
         if strange:
-            return Finding(Level.ERROR, f"{'; '.join(strange)}; it is not used", values)
+            return HealthFinding(Level.ERROR, f"{'; '.join(strange)}; it is not used", values)
         if needed:
             consequence = "readings are not compensated"
-            return Finding(Level.ERROR, f"{_named(needed)} not known: {consequence}", values)
+            return HealthFinding(Level.ERROR, f"{_named(needed)} not known: {consequence}", values)
         if unknown:
-            return Finding(Level.WARN, f"{_named(unknown)} not known", values)
-        return Finding(Level.OK, "air and material are known", values)
+            return HealthFinding(Level.WARN, f"{_named(unknown)} not known", values)
+        return HealthFinding(Level.OK, "air and material are known", values)
 
 
 def _named(names: list[str]) -> str:
@@ -254,26 +254,28 @@ class Compensation:
                 self._last = reading
                 self._ever |= not isnan(reading.compensated_displacement)
 
-    def judge(self, air: Finding) -> Finding:
+    def judge(self, air: HealthFinding) -> HealthFinding:
         """Return how readings are compensated, where the sensors are found to be so (``air``)."""
         values = {"compensated by": self._kind}
         if self._last is None:
-            return Finding(Level.OK, NO_READING_YET, values)
+            return HealthFinding(Level.OK, NO_READING_YET, values)
         if self._kind == "off":
-            return Finding(Level.WARN, NOT_ASKED_FOR, values)
+            return HealthFinding(Level.WARN, NOT_ASKED_FOR, values)
         known = not isnan(self._last.compensated_displacement)
         # Nobody can compensate for air that is not known.
         excused = self._kind == "instrument" and air.level is not Level.OK
         self._doubts = 0 if known or self._ever or excused else self._doubts + 1
         if known:
-            return Finding(Level.OK, "readings are compensated for the air", values)
+            return HealthFinding(Level.OK, "readings are compensated for the air", values)
         # The first readings may come before the weather; and what could be done before, will be.
         if self._doubts >= self.LOOKS:
             if self._kind == "own" and isnan(self._last.raw_displacement):
-                return Finding(Level.ERROR, NO_RAW, values, forbids=True)
+                return HealthFinding(Level.ERROR, NO_RAW, values, forbids=True)
             if self._kind == "instrument":
-                return Finding(Level.ERROR, NO_COMPENSATED, values, forbids=True)
-        return Finding(Level.ERROR, "readings are not compensated: the air is not known", values)
+                return HealthFinding(Level.ERROR, NO_COMPENSATED, values, forbids=True)
+        return HealthFinding(
+            Level.ERROR, "readings are not compensated: the air is not known", values
+        )
 
 
 TROUBLE = {
@@ -333,7 +335,7 @@ class Axes:
             return ""
         return f"the axes move, but no actual position has come for {limit:g} s"
 
-    def judge(self, state: CncState, reason: str, now: int, real: float) -> Finding:
+    def judge(self, state: CncState, reason: str, now: int, real: float) -> HealthFinding:
         """Return how the axes are.
 
         Args:
@@ -353,17 +355,19 @@ class Axes:
         because = f": {reason}" if reason else ""
         if isnan(age):
             late = self._age.waited(real) > self.stale_after
-            return Finding(Level.STALE, "no actual position has come yet", values, forbids=late)
+            return HealthFinding(
+                Level.STALE, "no actual position has come yet", values, forbids=late
+            )
         if age > self.stale_after:
             silent = f"no actual position has come for more than {self.stale_after:g} s"
-            return Finding(Level.STALE, silent, values, forbids=True)
+            return HealthFinding(Level.STALE, silent, values, forbids=True)
         if state is CncState.FAULT:
-            return Finding(Level.ERROR, f"{TROUBLE[state]}{because}", values)
+            return HealthFinding(Level.ERROR, f"{TROUBLE[state]}{because}", values)
         if state is CncState.STOPPED:
-            return Finding(Level.WARN, f"{TROUBLE[state]}{because}", values)
+            return HealthFinding(Level.WARN, f"{TROUBLE[state]}{because}", values)
         if beyond:
             where = " and ".join(beyond)
-            return Finding(
+            return HealthFinding(
                 Level.WARN, f"the machine stands beyond its soft limits in {where}", values
             )
-        return Finding(Level.OK, "the machine is ready and tells where it is", values)
+        return HealthFinding(Level.OK, "the machine is ready and tells where it is", values)

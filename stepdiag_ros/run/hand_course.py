@@ -19,7 +19,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.rest_matching import (
     SURE,
     Match,
-    Place,
+    StopPlace,
     Tolerance,
     match,
     places_of,
@@ -57,7 +57,7 @@ class HandCourse:
         self._attempt = 1
         self._zeros: dict[str, int] = {}
         self._commands = 0
-        self._places: list[Place] = []
+        self._places: list[StopPlace] = []
         self._first_line = 0
         self._seen_since: int | None = None
         self._forget()

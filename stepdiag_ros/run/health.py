@@ -30,7 +30,7 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class HealthFinding:
     """What one look at one subject has found.
 
     Attributes:
@@ -45,7 +45,7 @@ class Finding:
     values: dict[str, str] = field(default_factory=dict)
     forbids: bool = False
 
-    def says(self, other: "Finding | None") -> bool:
+    def says(self, other: "HealthFinding | None") -> bool:
         """Say whether another finding tells the same, whatever its figures are."""
         return other is not None and (self.level, self.message) == (other.level, other.message)
 
@@ -93,7 +93,7 @@ class Age:
         return max(0.0, min((now - self.time) * NANO, real - self.heard))
 
 
-class Rate:
+class StampRate:
     """How many a second there are of something that is stamped, against how many there should be.
 
     Args:
@@ -118,7 +118,7 @@ class Rate:
             self._count += count
         self._last = last
 
-    def judge(self, real: float) -> Finding:
+    def judge(self, real: float) -> HealthFinding:
         """Return how the rate over the last window compares (``real``: s, never steps)."""
         if isnan(self._since):
             self._since = real
@@ -130,14 +130,14 @@ class Rate:
         values = {"readings a second (Hz)": figure(self._measured)}
         values["asked for (Hz)"] = figure(self._asked)
         if isnan(self._measured):
-            return Finding(Level.STALE, "no rate can be told: too few readings", values)
+            return HealthFinding(Level.STALE, "no rate can be told: too few readings", values)
         if isnan(self._asked):
-            return Finding(Level.OK, "nobody asked for a rate", values)
+            return HealthFinding(Level.OK, "nobody asked for a rate", values)
         if self._measured < self._asked * (1.0 - self.tolerance):
-            return Finding(Level.WARN, "fewer readings a second than asked for", values)
+            return HealthFinding(Level.WARN, "fewer readings a second than asked for", values)
         if self._measured > self._asked * (1.0 + self.tolerance):
-            return Finding(Level.WARN, "more readings a second than asked for", values)
-        return Finding(Level.OK, "as many readings a second as asked for", values)
+            return HealthFinding(Level.WARN, "more readings a second than asked for", values)
+        return HealthFinding(Level.OK, "as many readings a second as asked for", values)
 
 
 @dataclass
@@ -201,7 +201,7 @@ class Gaps:
         for reading in readings:
             self.take(reading.sequence, reading.time, real)
 
-    def judge(self, in_run: bool, real: float) -> Finding:
+    def judge(self, in_run: bool, real: float) -> HealthFinding:
         """Return what is missing (``real``: s of a clock that never steps)."""
         values = {
             "missing": str(self.missing),
@@ -212,11 +212,11 @@ class Gaps:
             "last number": figure(self._number),
         }
         if self._number is None:
-            return Finding(Level.OK, f"no {self.what} has come yet", values)
+            return HealthFinding(Level.OK, f"no {self.what} has come yet", values)
         found = self._words()
         if found and (in_run or real - self._trouble <= HOLD):
-            return Finding(Level.WARN, found, values)
-        return Finding(
+            return HealthFinding(Level.WARN, found, values)
+        return HealthFinding(
             Level.OK, f"no {self.what} is missing" if not found else f"before: {found}", values
         )
 
@@ -295,7 +295,7 @@ class Clockwork:
         whole = (pair for pair in self._delays.items() if len(pair[1]) == self.FEWEST_HEARTBEATS)
         return {node: min(delays) for node, delays in whole}
 
-    def judge(self, now: int, real: float) -> Finding:
+    def judge(self, now: int, real: float) -> HealthFinding:
         """Return how ROS time (ns) has gone on since the last look (``real``: s)."""
         if now != self._now or self._moved is None:
             self._moved = real
@@ -317,16 +317,16 @@ class Clockwork:
         still = real - self._moved > self.STANDSTILL
         if not now:
             waiting = "waits for simulated time: nobody tells it on /clock"
-            return Finding(Level.STALE if still else Level.OK, waiting, values)
+            return HealthFinding(Level.STALE if still else Level.OK, waiting, values)
         if real - self._stepped <= self.REMEMBERED:
             way = "back" if self._step < 0.0 else "forward"
-            return Finding(Level.WARN, f"ROS time has stepped {way}", values)
+            return HealthFinding(Level.WARN, f"ROS time has stepped {way}", values)
         if self._simulated and still:
-            return Finding(Level.WARN, "simulated time stands still", values)
+            return HealthFinding(Level.WARN, "simulated time stands still", values)
         offsets = self._offsets()
         apart = {node for node, late in offsets.items() if abs(late) > self.LARGEST_OFFSET}
         values.update({f"{node} is behind by (s)": figure(offsets[node]) for node in sorted(apart)})
         if apart:
             names = ", ".join(sorted(apart))
-            return Finding(Level.WARN, f"the clock here is not that of {names}", values)
-        return Finding(Level.OK, "ROS time goes on evenly", values)
+            return HealthFinding(Level.WARN, f"the clock here is not that of {names}", values)
+        return HealthFinding(Level.OK, "ROS time goes on evenly", values)

@@ -24,7 +24,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Move:
+class CommandedMove:
     """One commanded move (fields as in StepCommand.msg), and where it begins.
 
     Attributes:
@@ -47,7 +47,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Permission:
+class MotionPermission:
     """What may be asked of a machine in a run.
 
     A move is allowed if all of this holds: its numbers are numbers, and it is known where the
@@ -88,7 +88,7 @@ class Permission:
         every = np.vstack(places)
         return every.min(axis=0), every.max(axis=0)
 
-    def refusal(self, move: Move) -> str:
+    def refusal(self, move: CommandedMove) -> str:
         """Say why a move is not allowed; empty if it is."""
         if not 0 <= move.line_index < len(self.plan.lines):
             count = len(self.plan.lines)
@@ -138,7 +138,7 @@ class Permission:
                 return f"its feed {feed:g} m/s is above the feed {whose}, {limit:g} m/s"
         return ""
 
-    def _refusal_of_axes(self, move: Move) -> str:
+    def _refusal_of_axes(self, move: CommandedMove) -> str:
         stray = [
             axis
             for axis, place, target in zip(AXES, move.position, move.target, strict=True)
@@ -151,7 +151,7 @@ class Permission:
             )
         return ""
 
-    def _refusal_of_stop(self, move: Move) -> str:
+    def _refusal_of_stop(self, move: CommandedMove) -> str:
         line = self.plan.lines[move.line_index]
         stops = line.stops(self.plan.volume)
         if not 0 <= move.stop < len(stops):
@@ -169,7 +169,7 @@ class Permission:
                 )
         return ""
 
-    def _refusal_of_travel(self, move: Move) -> str:
+    def _refusal_of_travel(self, move: CommandedMove) -> str:
         low, high = self.box
         for axis, name in enumerate(AXES):
             target = move.target[axis]

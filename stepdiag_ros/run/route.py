@@ -15,7 +15,7 @@ class _Approach(Enum):
     ON_LINE = 3
 
 
-class Route:
+class MachineRoute:
     """Says where the machine goes next, one straight move after the other.
 
     A move is one of a single axis, except along a line whose axes move at once.

@@ -12,7 +12,7 @@ from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.run.refusing import in_wrong_state
-from stepdiag_ros.run.route import Route
+from stepdiag_ros.run.route import MachineRoute
 from stepdiag_ros.run.time_left import TimeLeft
 
 ANSWER_LIMIT = 2.0
@@ -115,7 +115,7 @@ class _Phase(Enum):
 
 
 class Sequence:
-    """Executes a plan one move at a time (``Route``), each only when the stop before has settled.
+    """Executes a plan one move at a time (``MachineRoute``), each after the last stop has settled.
 
     Every method takes the ROS time in ns (``now``) and a clock that never steps in s (``real``):
     durations of the machine count in ROS time, silence of other nodes in real time.
@@ -146,7 +146,7 @@ class Sequence:
         self._line_index = 0
         self._attempt = 1
         self._stop = 0
-        self._route = Route(plan)
+        self._route = MachineRoute(plan)
         # How often this stop, and this line since an operator last saw to it, have been measured.
         self._stop_tries = 1
         self._line_tries = 1

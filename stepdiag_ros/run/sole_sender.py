@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.health import HealthFinding, Level
 
 GHOST_LIMIT = 30.0
 """Real seconds for which the graph may still show publishers of a process that has died: a
@@ -89,28 +89,28 @@ class SoleSender:
         self._bound, self._silent = alive, False
         self._ghosts -= {one.gid for one in alive}
 
-    def judge(self, present: Sequence[Sender], real: float) -> Finding:
+    def judge(self, present: Sequence[Sender], real: float) -> HealthFinding:
         """Return how it is; commands are taken only where all is well (see ``bind``)."""
         alive = self._alive(present, real)
         if not self._bound or self._silent:
             doubt = self._doubt(alive)
             return (
-                Finding(Level.ERROR, doubt, forbids=True)
+                HealthFinding(Level.ERROR, doubt, forbids=True)
                 if doubt
-                else Finding(Level.OK, "nobody commands the machine: no run is released")
+                else HealthFinding(Level.OK, "nobody commands the machine: no run is released")
             )
         own = {one.gid: one for one in self._bound}
         owner = next(iter(own.values())).who
         stranger = next((one for one in alive if one.gid not in own), None)
         if stranger is None:
             identities = {f"identity on {one.topic}": one.gid for one in self._bound}
-            return Finding(Level.OK, f"commands are taken from {owner} alone", identities)
+            return HealthFinding(Level.OK, f"commands are taken from {owner} alone", identities)
         does = f"{stranger.who} publishes {stranger.topic}"
         if not any(one.gid in own for one in present):
             gone = f"{does} in place of {owner}, which has gone: start a new run"
-            return Finding(Level.WARN, gone)
+            return HealthFinding(Level.WARN, gone)
         beside = f"{does} beside {owner}, from which this run takes its commands"
-        return Finding(Level.ERROR, f"{beside}: end it, then resume", forbids=True)
+        return HealthFinding(Level.ERROR, f"{beside}: end it, then resume", forbids=True)
 
     def _doubt(self, alive: Sequence[Sender]) -> str:
         """Say who could command while nobody is bound, if that is more than one."""

@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.time_alignment import (
     line_offset,
     run_timing,
 )
-from stepdiag_ros.run.health import Finding, Level, figure
+from stepdiag_ros.run.health import HealthFinding, Level, figure
 
 _MARGIN = round(SEARCH_LIMIT * 1e9)
 _SPACING = 2_000_000
@@ -125,7 +125,7 @@ class LiveTiming:
         """Take note that a line is finished."""
         self._pending.append(line)
 
-    def judge(self) -> Finding:
+    def judge(self) -> HealthFinding:
         """Return how late readings are stamped, and what that does to the stops."""
         timing, settle = self.timing, self._plan.sampling.settle
         offset = timing.offset
@@ -137,14 +137,14 @@ class LiveTiming:
             "windows of stops": effect_on_stops(offset, settle),
         }
         if offset.reason:
-            return Finding(Level.OK, "the offset of the clocks is not known yet", values)
+            return HealthFinding(Level.OK, "the offset of the clocks is not known yet", values)
         if worrying(offset, settle):
-            return Finding(
+            return HealthFinding(
                 Level.WARN, "readings are stamped so late that stops are read too early", values
             )
         if offset.others:
-            return Finding(Level.WARN, "more than one offset of the clocks fits", values)
-        return Finding(Level.OK, "readings and positions fit in time", values)
+            return HealthFinding(Level.WARN, "more than one offset of the clocks fits", values)
+        return HealthFinding(Level.OK, "readings and positions fit in time", values)
 
     def _finish(self, line: MeasuredLine) -> None:
         begin, end = self._start + round(float(np.nanmin(line.time)) * 1e9), line.end_time

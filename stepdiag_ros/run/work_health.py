@@ -6,7 +6,7 @@ from math import inf, isnan, nan
 from pathlib import Path
 
 from stepdiag_ros.metrology.units import NANO
-from stepdiag_ros.run.health import WINDOW, Age, Finding, Level, figure
+from stepdiag_ros.run.health import WINDOW, Age, HealthFinding, Level, figure
 from stepdiag_ros.run.pacing import GovernedTime
 from stepdiag_ros.run.sequence import Answer, Progress, State
 from stepdiag_ros.text.sentence import sentence
@@ -19,7 +19,7 @@ _ENDINGS = {
 }
 
 
-def judge_run(progress: Progress | None, waits_for: str) -> Finding:
+def judge_run(progress: Progress | None, waits_for: str) -> HealthFinding:
     """Return where a run is.
 
     Args:
@@ -27,7 +27,7 @@ def judge_run(progress: Progress | None, waits_for: str) -> Finding:
         waits_for: what has to happen before it goes on, in words; empty if nothing is known.
     """
     if progress is None:
-        return Finding(Level.OK, "nothing was started")
+        return HealthFinding(Level.OK, "nothing was started")
     values = {
         "state": progress.state.name.lower().replace("_", " "),
         "line": f"{progress.line_index + 1} of {progress.line_count}: {progress.line}",
@@ -38,13 +38,13 @@ def judge_run(progress: Progress | None, waits_for: str) -> Finding:
         "waits for": waits_for or "nothing",
     }
     if progress.state is State.FAULT:
-        return Finding(Level.ERROR, f"the run is stopped: {progress.text}", values)
+        return HealthFinding(Level.ERROR, f"the run is stopped: {progress.text}", values)
     if progress.state in (State.PAUSED, State.WAITING_FOR_SETUP):
-        return Finding(Level.WARN, progress.text, values)
-    return Finding(Level.OK, progress.text, values)
+        return HealthFinding(Level.WARN, progress.text, values)
+    return HealthFinding(Level.OK, progress.text, values)
 
 
-class Arrival:
+class StreamArrival:
     """Judges whether a stream still comes that a run cannot do without.
 
     Args:
@@ -65,22 +65,22 @@ class Arrival:
         """Take note of new data, measured at a ROS time (ns) and come at a real time (s)."""
         self._age.take(time, real)
 
-    def judge(self, in_run: bool, now: int, real: float) -> Finding:
+    def judge(self, in_run: bool, now: int, real: float) -> HealthFinding:
         """Return whether it comes; outside a run nobody waits for it."""
         age = self._age.at(now, real)
         values = {f"age of the last {self._what} (s)": figure(age)}
         if isnan(age):
-            return Finding(Level.OK, f"no {self._what} has come yet", values)
+            return HealthFinding(Level.OK, f"no {self._what} has come yet", values)
         if age <= self.stale_after:
-            return Finding(Level.OK, f"each {self._what} comes", values)
+            return HealthFinding(Level.OK, f"each {self._what} comes", values)
         if not in_run:
-            return Finding(Level.OK, f"no {self._what} comes, and no run goes on", values)
+            return HealthFinding(Level.OK, f"no {self._what} comes, and no run goes on", values)
         silent = f"no {self._what} has come for more than {self.stale_after:g} s"
-        return Finding(Level.STALE, silent, values, forbids=True)
+        return HealthFinding(Level.STALE, silent, values, forbids=True)
 
 
 @dataclass
-class Stops:
+class StopCount:
     """Counts what was made of a run.
 
     Attributes:
@@ -103,7 +103,7 @@ class Stops:
         else:
             self.settled += 1
 
-    def judge(self) -> Finding:
+    def judge(self) -> HealthFinding:
         """Return what was made of the run so far."""
         values = {
             "settled stops": str(self.settled),
@@ -112,8 +112,8 @@ class Stops:
             "last rejection": self.last_rejection or "none",
         }
         if self.rejected:
-            return Finding(Level.WARN, "stops of this run were rejected", values)
-        return Finding(Level.OK, "every stop so far has settled", values)
+            return HealthFinding(Level.WARN, "stops of this run were rejected", values)
+        return HealthFinding(Level.OK, "every stop so far has settled", values)
 
 
 @dataclass
@@ -145,7 +145,7 @@ class Commands:
             self.failed += answer is not Answer.REJECTED
             self.last_trouble = f"{number} {_ENDINGS[answer]}: {reason}"
 
-    def judge(self, moving: bool) -> Finding:
+    def judge(self, moving: bool) -> HealthFinding:
         """Return how it went (``moving``: a command is being executed)."""
         values = {
             "last command": figure(self.last),
@@ -155,9 +155,9 @@ class Commands:
             "last trouble": self.last_trouble or "none",
         }
         if self.last_trouble:
-            return Finding(Level.WARN, f"command {self.last_trouble}", values)
+            return HealthFinding(Level.WARN, f"command {self.last_trouble}", values)
         values["at work"] = "a move" if moving else "none: waits for a command"
-        return Finding(Level.OK, "commands are executed", values)
+        return HealthFinding(Level.OK, "commands are executed", values)
 
 
 class Work:
@@ -185,7 +185,7 @@ class Work:
         self._done += 1
         self._begun = real
 
-    def judge(self, left: int, lines: int) -> Finding:
+    def judge(self, left: int, lines: int) -> HealthFinding:
         """Return how far the work is.
 
         Args:
@@ -200,7 +200,7 @@ class Work:
             "longest took (s)": figure(self._longest if self._done else nan),
         }
         message = f"at work on a {self._what}" if left else f"no {self._what} is owed"
-        return Finding(Level.OK, message, values)
+        return HealthFinding(Level.OK, message, values)
 
 
 class Storage:
@@ -218,7 +218,7 @@ class Storage:
         self._size = 0
         self._rate = nan
 
-    def look(self, folder: Path, bag: Path | None, real: float) -> Finding:
+    def look(self, folder: Path, bag: Path | None, real: float) -> HealthFinding:
         """Return how much room there is for the bags in a folder.
 
         Args:
@@ -230,10 +230,10 @@ class Storage:
             free = shutil.disk_usage(folder).free
             size = bag.stat().st_size if bag is not None else 0
         except OSError as error:
-            return Finding(Level.ERROR, f"the disk cannot be looked at: {sentence(error)}")
+            return HealthFinding(Level.ERROR, f"the disk cannot be looked at: {sentence(error)}")
         return self.judge(free, size, real)
 
-    def judge(self, free: int, size: int, real: float) -> Finding:
+    def judge(self, free: int, size: int, real: float) -> HealthFinding:
         """Return how much room there is.
 
         Args:
@@ -255,11 +255,11 @@ class Storage:
         }
         if free < self.stop_below:
             little = f"less than {self.stop_below / MEGABYTE:g} MB are left on the disk"
-            return Finding(Level.ERROR, little, values, forbids=True)
+            return HealthFinding(Level.ERROR, little, values, forbids=True)
         if free < self.warn_below:
             little = f"less than {self.warn_below / MEGABYTE:g} MB are left on the disk"
-            return Finding(Level.WARN, little, values)
-        return Finding(Level.OK, "there is room on the disk", values)
+            return HealthFinding(Level.WARN, little, values)
+        return HealthFinding(Level.OK, "there is room on the disk", values)
 
 
 class Reached:
@@ -273,7 +273,7 @@ class Reached:
         self._time = 0
         self._factor = nan
 
-    def judge(self, governed: GovernedTime, real: float) -> Finding:
+    def judge(self, governed: GovernedTime, real: float) -> HealthFinding:
         """Return the factor of the last window (``real``: s of a clock that never steps)."""
         if isnan(self._since):
             self._since, self._time = real, governed.advance(real)
@@ -289,11 +289,13 @@ class Reached:
         }
         if self._factor < self.LEAST * governed.factor:
             slow = "simulated time goes slower than asked for: this computer is too slow for it"
-            return Finding(Level.WARN, slow, values)
-        return Finding(Level.OK, "simulated time goes as fast as asked for", values)
+            return HealthFinding(Level.WARN, slow, values)
+        return HealthFinding(Level.OK, "simulated time goes as fast as asked for", values)
 
 
-def judge_recording(path: str, messages: int, stored: str, waiting: int, failure: str) -> Finding:
+def judge_recording(
+    path: str, messages: int, stored: str, waiting: int, failure: str
+) -> HealthFinding:
     """Return what a recorder does.
 
     Args:
@@ -310,5 +312,5 @@ def judge_recording(path: str, messages: int, stored: str, waiting: int, failure
         "stops that wait for readings": str(waiting),
     }
     if failure:
-        return Finding(Level.ERROR, failure, values)
-    return Finding(Level.OK, "records a run" if path else "waits for a run", values)
+        return HealthFinding(Level.ERROR, failure, values)
+    return HealthFinding(Level.OK, "records a run" if path else "waits for a run", values)

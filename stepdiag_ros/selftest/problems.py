@@ -52,7 +52,7 @@ _FRAMED = ("E_YX", "E_ZX", "E_YZ")
 
 
 @dataclass(frozen=True)
-class Pass:
+class KnownPass:
     """One pass along a line.
 
     Attributes:
@@ -119,7 +119,7 @@ class Problem:
     origin: tuple[float, float, float]
     step: tuple[float, float, float]
     blocks: int
-    passes: tuple[Pass, ...]
+    passes: tuple[KnownPass, ...]
     curves: Mapping[str, Vector]
     angles: Mapping[str, tuple[float, float, float, float]]
     noise: float
@@ -224,14 +224,14 @@ def _turned(nominal: Vector, first: Vector, second: Vector, one: float, two: flo
     return turned
 
 
-def _passes(kind: str) -> tuple[Pass, ...]:
+def _passes(kind: str) -> tuple[KnownPass, ...]:
     orders = ("XYZ", "YZX", "ZXY") if kind == ANGULAR else ("XYZ",)
     repeated = kind in (NOISY, UNKNOWN_NOISE)
     lines = [] if kind == DIAGONALS else [(name, "") for name in LINEAR_LINES]
     lines += [(name, order) for name in BODY_DIAGONALS for order in orders]
     both = ("forward", "backward") if repeated or kind == DIAGONALS else ("forward",)
     box = tuple(
-        Pass(name, order, repeat, direction)
+        KnownPass(name, order, repeat, direction)
         for name, order in lines
         for repeat in range(2 if repeated else 1)
         for direction in both
@@ -239,7 +239,7 @@ def _passes(kind: str) -> tuple[Pass, ...]:
     return (*_edges(), *box) if kind == ANGULAR else box
 
 
-def _edges() -> tuple[Pass, ...]:
+def _edges() -> tuple[KnownPass, ...]:
     """Return linear lines along the edges that do not pass the first corner.
 
     X, Y and Z take turns: two lines with the same name one after the other would be repeats.
@@ -250,7 +250,9 @@ def _edges() -> tuple[Pass, ...]:
         "z": ((1, 0, 0), (0, 1, 0), (1, 1, 0)),
     }
     return tuple(
-        Pass(name, "", 0, "forward", far[name][turn]) for turn in range(3) for name in LINEAR_LINES
+        KnownPass(name, "", 0, "forward", far[name][turn])
+        for turn in range(3)
+        for name in LINEAR_LINES
     )
 
 
@@ -268,7 +270,7 @@ def _curves(rng: np.random.Generator, blocks: int, size: float, angle: float) ->
 
 
 def _angles(
-    kind: str, passes: tuple[Pass, ...], rng: np.random.Generator
+    kind: str, passes: tuple[KnownPass, ...], rng: np.random.Generator
 ) -> dict[str, tuple[float, float, float, float]]:
     spread = _TILTS[kind]
     made = {}

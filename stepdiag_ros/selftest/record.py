@@ -39,7 +39,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedProblem:
     """A problem and what came of it.
 
     Attributes:
@@ -63,7 +63,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Record:
+class SelftestRecord:
     """A whole self-test.
 
     Attributes:
@@ -76,7 +76,7 @@ class Record:
     """
 
     seed: int
-    problems: tuple[Solved, ...]
+    problems: tuple[SolvedProblem, ...]
     platform: dict[str, str]
     date: str
     seconds: float

@@ -12,7 +12,13 @@ from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.selftest.evaluations import EVALUATIONS
 from stepdiag_ros.selftest.judging import FALSE_ALARM, Answer, judge
 from stepdiag_ros.selftest.problems import KINDS, NOISY, UNKNOWN_NOISE, Problem, draw
-from stepdiag_ros.selftest.record import Check, Record, Solved, describe_platform, now
+from stepdiag_ros.selftest.record import (
+    Check,
+    SelftestRecord,
+    SolvedProblem,
+    describe_platform,
+    now,
+)
 from stepdiag_ros.selftest.tables import write_problem
 
 Solve = Callable[[Path], Answer]
@@ -23,7 +29,7 @@ _STATISTICAL = 8
 """Statistical checks that one problem has at most."""
 
 
-def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> Record:
+def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> SelftestRecord:
     """Draw problems, have them solved and compare with the known answers.
 
     Args:
@@ -40,7 +46,7 @@ def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> Rec
         raise ValueError(f"{count} problems are asked for; expected 1 or more")
     date, begin = now(), time.monotonic()
     kinds, evaluations = list(KINDS), list(EVALUATIONS)
-    solved: list[Solved] = []
+    solved: list[SolvedProblem] = []
     whole = count + len(evaluations)
     for number in range(1, count + 1):
         kind = kinds[(number - 1) % len(kinds)]
@@ -52,7 +58,7 @@ def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> Rec
         progress((number - 1) / whole, f"{number} of {whole}: {kind}")
         solved.append(_evaluated(number, kind, np.random.default_rng([seed, number])))
     progress(1.0, "")
-    return Record(
+    return SelftestRecord(
         seed=seed,
         problems=tuple(solved),
         platform=describe_platform(),
@@ -62,7 +68,7 @@ def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> Rec
     )
 
 
-def _solved(number: int, problem: Problem, solve: Solve) -> Solved:
+def _solved(number: int, problem: Problem, solve: Solve) -> SolvedProblem:
     checks: list[Check] = []
     failure = ""
     with TemporaryDirectory(prefix="stepdiag_selftest_") as folder:
@@ -75,12 +81,12 @@ def _solved(number: int, problem: Problem, solve: Solve) -> Solved:
         # Whatever goes wrong inside is a failed problem, and the others are still to be tested.
         except Exception as error:
             failure = f"{type(error).__name__}: {error}"
-    return Solved(number, problem.kind, str(problem), tuple(checks), failure)
+    return SolvedProblem(number, problem.kind, str(problem), tuple(checks), failure)
 
 
-def _evaluated(number: int, kind: str, rng: np.random.Generator) -> Solved:
+def _evaluated(number: int, kind: str, rng: np.random.Generator) -> SolvedProblem:
     try:
         description, checks = EVALUATIONS[kind](rng)
     except Exception as error:
-        return Solved(number, kind, "", (), f"{type(error).__name__}: {error}")
-    return Solved(number, kind, description, tuple(checks))
+        return SolvedProblem(number, kind, "", (), f"{type(error).__name__}: {error}")
+    return SolvedProblem(number, kind, description, tuple(checks))

@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.table import Table
 
 from stepdiag_ros.selftest.problems import KINDS
-from stepdiag_ros.selftest.record import FAILED, PASSED, Check, Record, Solved, worst
+from stepdiag_ros.selftest.record import FAILED, PASSED, Check, SelftestRecord, SolvedProblem, worst
 
 _UNIT = {"1": ""}
 
 
-def print_record(record: Record, console: Console, every_check: bool = False) -> None:
+def print_record(record: SelftestRecord, console: Console, every_check: bool = False) -> None:
     """Print a record.
 
     Args:
@@ -40,7 +40,7 @@ def print_record(record: Record, console: Console, every_check: bool = False) ->
         console.print(line)
 
 
-def _add(table: Table, problem: Solved, every_check: bool) -> None:
+def _add(table: Table, problem: SolvedProblem, every_check: bool) -> None:
     meaning = KINDS.get(problem.kind)
     title = f"{problem.kind}: {meaning}" if meaning else problem.kind
     verdict = PASSED if problem.passed else FAILED
@@ -70,7 +70,7 @@ def _quantity(value: float, unit: str) -> str:
     return f"{text} {_UNIT.get(unit, unit)}".rstrip()
 
 
-def summary(record: Record) -> list[str]:
+def summary(record: SelftestRecord) -> list[str]:
     """Return the verdict in sentences."""
     checks = sum(len(problem.checks) for problem in record.problems)
     failed = [str(problem.number) for problem in record.problems if not problem.passed]

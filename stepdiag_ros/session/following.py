@@ -31,7 +31,7 @@ class RunFailed(Refusal):
 
 
 @dataclass(frozen=True)
-class Told:
+class RunNews:
     """What whoever shows the run is told (fields of RunState.msg).
 
     Attributes:
@@ -48,7 +48,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Measured:
+class RunOutcome:
     """What a run has come to (fields of the result of Measure.action).
 
     Attributes:
@@ -88,7 +88,7 @@ class FollowedRun:
     def __init__(
         self,
         operator: "OperatorNode",
-        tell: Callable[[Told], None],
+        tell: Callable[[RunNews], None],
         check: Callable[[], bool],
         on_hold: Callable[[State, str], bool],
         on_plan: Callable[[str], None] | None = None,
@@ -99,9 +99,9 @@ class FollowedRun:
         self._check = check
         self._on_hold = on_hold
         self.run_id = ""
-        self.measured: Measured | None = None
+        self.measured: RunOutcome | None = None
 
-    def measure(self, plan: str = "") -> Measured:
+    def measure(self, plan: str = "") -> RunOutcome:
         """Start a run and follow it until it is recorded and evaluated.
 
         Args:
@@ -118,7 +118,7 @@ class FollowedRun:
         except BaseException as error:
             if isinstance(error, RunFailed):
                 # Said before the run is stopped, which may take a while.
-                self._tell(Told(str(error)))
+                self._tell(RunNews(str(error)))
             self._stop()
             raise
         measured = self.measured
@@ -185,10 +185,10 @@ class FollowedRun:
         try:
             self._operator.cancel()
         except ValueError as error:
-            self._tell(Told(f"the run could not be stopped: {error}"))
+            self._tell(RunNews(f"the run could not be stopped: {error}"))
             if not self._operator.sequencer:
                 return
-        self._tell(Told("the run is stopped; waiting for its bag"))
+        self._tell(RunNews("the run is stopped; waiting for its bag"))
         self._operator.spin_until(self._has_result, STOP_LIMIT)
 
     def _has_result(self) -> bool:
@@ -198,8 +198,8 @@ class FollowedRun:
         return result is not None
 
 
-def _measured(result: Any) -> Measured:
-    return Measured(
+def _measured(result: Any) -> RunOutcome:
+    return RunOutcome(
         outcome=Outcome(result.outcome),
         text=result.text,
         run_id=result.run_id,
@@ -214,7 +214,7 @@ def _measured(result: Any) -> Measured:
     )
 
 
-def _told(state: Any, text: str) -> Told:
+def _told(state: Any, text: str) -> RunNews:
     words = {
         State.RUNNING: state.line,
         State.IDLE: "waiting until all nodes are ready for the run",
@@ -224,4 +224,4 @@ def _told(state: Any, text: str) -> Told:
         State.ABORTED: text,
     }
     said = words.get(State(state.state)) or state.text
-    return Told(said, state.stops_done, state.stops_total, state.remaining_time)
+    return RunNews(said, state.stops_done, state.stops_total, state.remaining_time)

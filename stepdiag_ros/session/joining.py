@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.following import FollowedRun, Measured, RunFailed, Told
+from stepdiag_ros.session.following import FollowedRun, RunFailed, RunNews, RunOutcome
 from stepdiag_ros.session.graph import in_graph
 
 LOOK_LIMIT = 5.0
@@ -27,7 +27,7 @@ class JoinedRun:
     def __init__(
         self,
         namespace: str,
-        tell: Callable[[Told], None],
+        tell: Callable[[RunNews], None],
         on_hold: Callable[[State, str], bool],
         on_plan: Callable[[str], None] | None = None,
     ) -> None:
@@ -35,7 +35,7 @@ class JoinedRun:
         self._tell = tell
         self._on_hold = on_hold
         self._on_plan = on_plan
-        self.measured: Measured | None = None
+        self.measured: RunOutcome | None = None
 
     def measure(self, plan: str) -> None:
         """Execute a whole run.
@@ -53,7 +53,7 @@ class JoinedRun:
 
         with in_graph(self._namespace):
             operator = OperatorNode()
-            self._tell(Told("looking for the nodes"))
+            self._tell(RunNews("looking for the nodes"))
             if not operator.spin_until(lambda: bool(operator.sequencer), LOOK_LIMIT):
                 domain = os.environ.get("ROS_DOMAIN_ID", "0")
                 where = f" in namespace {self._namespace}" if self._namespace else ""

@@ -10,7 +10,7 @@ from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.run.taking_up import Patience, starting_words
-from stepdiag_ros.session.following import FollowedRun, RunFailed, Told
+from stepdiag_ros.session.following import FollowedRun, RunFailed, RunNews
 from stepdiag_ros.session.graph import in_graph
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
@@ -26,7 +26,7 @@ LOOK_PERIOD = 0.5
 """Real seconds between two looks at nodes that start."""
 
 
-class Session:
+class MeasuringSession:
     """Runs one plan on nodes that it starts and ends.
 
     Args:
@@ -39,7 +39,7 @@ class Session:
     """
 
     def __init__(
-        self, nodes: list[NodeProcess], folder: Path, tell: Callable[[Told], None]
+        self, nodes: list[NodeProcess], folder: Path, tell: Callable[[RunNews], None]
     ) -> None:
         self._nodes = nodes
         self._folder = folder
@@ -58,7 +58,7 @@ class Session:
 
         with in_graph():
             operator = OperatorNode()
-            self._tell(Told("looking for other measurements"))
+            self._tell(RunNews("looking for other measurements"))
             self._refuse_company(operator)
             with Processes(self._nodes, self._folder / "logs") as processes:
                 return self._measure(operator, processes)
@@ -109,7 +109,7 @@ class Session:
             heard = {name.rpartition("/")[2] for name in peers}
             unheard = [name for name in names if name not in heard]
             words = starting_words(unheard, stopped, now - begun)
-            self._tell(Told(words))
+            self._tell(RunNews(words))
             if patience.is_over(bool(stopped), now):
                 faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
                 what = "not all came up" if unheard else "all are up, but not ready"
@@ -127,7 +127,7 @@ class Session:
         if not ended:
             stopped = {} if run is None or run.run_id else processes.stopped()
             if stopped:
-                self._tell(Told(starting_words([], stopped, 0.0)))
+                self._tell(RunNews(starting_words([], stopped, 0.0)))
             return bool(stopped)
         begun = run is not None and (self._folder / f"{run.run_id}.mcap").exists()
         raise RunFailed(ended if begun else f"{ended}; no bag was begun: start the run again")

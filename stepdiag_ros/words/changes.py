@@ -13,9 +13,9 @@ from stepdiag_ros.metrology.agreement import (
     REVERSAL,
     SAME_INSTRUMENT,
     SIGNIFICANT,
-    Changes,
     CurveChange,
     FigureChange,
+    MachineChanges,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -40,7 +40,7 @@ _IN_FULL = 2
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ChangesVerdict:
     """What has become of the machine.
 
     Attributes:
@@ -55,7 +55,7 @@ class Verdict:
     sentence: str
 
 
-def verdict(changes: Changes) -> Verdict:
+def verdict(changes: MachineChanges) -> ChangesVerdict:
     """Return in words what has become of the machine."""
     rms = changes.rms
     if not isfinite(rms.difference):
@@ -67,13 +67,13 @@ def verdict(changes: Changes) -> Verdict:
     if not isfinite(value):
         told = f"The volume's rms error was {before} and is {after}."
         if changed:
-            return Verdict(
+            return ChangesVerdict(
                 OTHER,
                 "Changed; how much better or worse the volume is cannot be told",
                 f"{told} With an unknown uncertainty nobody can tell whether that is a change."
                 " Something else has changed.",
             )
-        return Verdict(
+        return ChangesVerdict(
             OPEN,
             "Whether the machine has changed cannot be told: no uncertainty",
             f"{told} With an unknown uncertainty nobody can tell whether that is a change.",
@@ -89,12 +89,12 @@ def verdict(changes: Changes) -> Verdict:
             f" (E_n = {plain(value)}{chance_has_it})."
         )
         if changed:
-            return Verdict(
+            return ChangesVerdict(
                 OTHER,
                 "Changed, but neither better nor worse in the volume",
                 f"The volume's rms error was {same} Something else has changed.",
             )
-        return Verdict(
+        return ChangesVerdict(
             SAME,
             "No change that these measurements can tell",
             f"The volume's rms error was {same}",
@@ -103,7 +103,7 @@ def verdict(changes: Changes) -> Verdict:
     limit = SURE * changes.rms_noise[1]
     if value < 0.0 and rms.after <= limit:
         least = plain(rms.before / limit, 1)
-        return Verdict(
+        return ChangesVerdict(
             BETTER,
             f"At least {least} times better",
             f"{went} (E_n = {plain(value)}), which is no more than this measurement can tell from"
@@ -112,27 +112,27 @@ def verdict(changes: Changes) -> Verdict:
     better = value < 0.0
     factor = ratio(rms.factor if better else 1.0 / rms.factor)
     times = f"{factor} times {'better' if better else 'WORSE'}"
-    return Verdict(
+    return ChangesVerdict(
         BETTER if better else WORSE,
         f"The machine is {times}",
         f"{went}: {times} (E_n = {plain(value)}).",
     )
 
 
-def _without_volume(changes: Changes) -> Verdict:
+def _without_volume(changes: MachineChanges) -> ChangesVerdict:
     """Return what is told where the error in the volume is not known."""
     told = (
         "How much better or worse the volume is cannot be told: not all of its error curves are"
         " determined by both measurements."
     )
     if changes.judgement.significant:
-        return Verdict(OTHER, "Changed; how much in the volume is not known", told)
+        return ChangesVerdict(OTHER, "Changed; how much in the volume is not known", told)
     if changes.joint.known:
-        return Verdict(SAME, "No change that these measurements can tell", told)
-    return Verdict(OPEN, "Whether the machine has changed cannot be told", told)
+        return ChangesVerdict(SAME, "No change that these measurements can tell", told)
+    return ChangesVerdict(OPEN, "Whether the machine has changed cannot be told", told)
 
 
-def joint_words(changes: Changes) -> str:
+def joint_words(changes: MachineChanges) -> str:
     """Say whether anything has changed, by all numbers together; empty if there are none."""
     judgement = changes.judgement
     if not judgement.known:
@@ -149,7 +149,7 @@ def joint_words(changes: Changes) -> str:
     return f"All {judgement.numbers} numbers{kinds} together: {text}; {end}."
 
 
-def changed_words(changes: Changes) -> list[str]:
+def changed_words(changes: MachineChanges) -> list[str]:
     """Say of each kind of figures what changed, from what to what, then which curves and where."""
     said = []
     for family in FAMILIES:
@@ -172,7 +172,7 @@ def changed_words(changes: Changes) -> list[str]:
     return said
 
 
-def curve_words(changes: Changes) -> list[str]:
+def curve_words(changes: MachineChanges) -> list[str]:
     """Say what the nodes of all curves say together, and how many of them stand out."""
     said = []
     joint = changes.joint
@@ -214,7 +214,7 @@ def _from_to(one: FigureChange) -> str:
     return f"{name}, from {before} to {after} {unit} (E_n = {plain(one.normalised_error)})"
 
 
-def moved_words(changes: Changes) -> list[str]:
+def moved_words(changes: MachineChanges) -> list[str]:
     """Say where in the volume the error changed most, and where the worst place was and is."""
     moved = changes.moved
     if moved is None:
@@ -243,7 +243,7 @@ def moved_words(changes: Changes) -> list[str]:
     ]
 
 
-def meaning(changes: Changes) -> list[str]:
+def meaning(changes: MachineChanges) -> list[str]:
     """Say what the columns are."""
     return [
         "positioning: error at the end of the travel, not its range; straightness: range off its"
@@ -261,7 +261,7 @@ def meaning(changes: Changes) -> list[str]:
     ]
 
 
-def method_words(changes: Changes, instruments: tuple[str, str]) -> list[str]:
+def method_words(changes: MachineChanges, instruments: tuple[str, str]) -> list[str]:
     """Say what the uncertainties hold, and what both measurements share.
 
     Args:
@@ -288,7 +288,7 @@ def method_words(changes: Changes, instruments: tuple[str, str]) -> list[str]:
     return said
 
 
-def _shared_words(changes: Changes) -> list[str]:
+def _shared_words(changes: MachineChanges) -> list[str]:
     """Say what cancels in the change, since it is the same in both measurements."""
     if not changes.shared:
         return ["Both measurements are taken as independent."]

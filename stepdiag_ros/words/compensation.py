@@ -2,7 +2,7 @@
 
 import math
 
-from stepdiag_ros.compensation.remaining import Change
+from stepdiag_ros.compensation.remaining import BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.units import IN_MICRO
@@ -36,7 +36,7 @@ def uncorrected(report: CompensationReport) -> list[str]:
     return said
 
 
-def figure_name(one: Change) -> str:
+def figure_name(one: BeforeAndAfter) -> str:
     """Return what a figure is; that of positioning is not the error at the end of the travel."""
     return (
         f"{one.name}, peak to peak with reversal"

@@ -33,7 +33,7 @@ _NOT_CONTAINED = " The errors below do not contain that."
 
 
 @dataclass(frozen=True)
-class Step:
+class NextStep:
     """Something to do next.
 
     Attributes:
@@ -79,7 +79,7 @@ def size_sentences(lead: RunLead) -> list[str]:
     return said + _taken_as_zero(lead)
 
 
-def next_steps(lead: RunLead) -> list[Step]:
+def next_steps(lead: RunLead) -> list[NextStep]:
     """Return what to do next, most urgent first; what comes after it only where it may."""
     if lead.bag is None:
         return []
@@ -95,7 +95,7 @@ def next_steps(lead: RunLead) -> list[Step]:
         *_compensation(lead),
     ]
     bag = shlex.quote(str(lead.bag))
-    return [Step(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
+    return [NextStep(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
 
 
 def next_lines(lead: RunLead) -> list[str]:

@@ -1,11 +1,11 @@
 """What to measure next, in sentences."""
 
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
-from stepdiag_ros.metrology.discrepancy.proposal import Proposal
+from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan
 from stepdiag_ros.words.next_measurement import next_sentences
 
 
-def proposal_sentences(proposal: Proposal | None, path: str = "") -> list[str]:
+def proposal_sentences(proposal: ExtraPlan | None, path: str = "") -> list[str]:
     """Say what to measure next, how sure that is, and what stays open.
 
     Args:

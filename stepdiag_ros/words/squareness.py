@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.forward import (
     RIGHT_HANDED,
     SQUARENESS_DEFINITIONS,
 )
-from stepdiag_ros.metrology.table_one import Entry, Row
+from stepdiag_ros.metrology.table_one import Entry, TableOneRow
 
 SignDefinition = Literal["rotation", "angle"]
 
@@ -35,7 +35,7 @@ def sign(name: str, definition: SignDefinition) -> float:
     return SQUARENESS_DEFINITIONS[SIGN_DEFINITIONS[definition]][name]
 
 
-def angle_of(row: Row, entry: Entry) -> float:
+def angle_of(row: TableOneRow, entry: Entry) -> float:
     """Return the right-handed rotation (rad) of a squareness that Table 1 gives over the travel."""
     from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 

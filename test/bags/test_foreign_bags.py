@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from refused import a_fault, refused
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Record
+from stepdiag_ros.bags.bag import RecordedMessage
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.info import bag_info
@@ -298,7 +298,7 @@ def test_a_foreign_topic_without_a_definition_that_can_be_read_is_no_hindrance(t
 
 
 def test_a_message_that_is_no_state_may_say_the_same_twice():
-    once = Record("/run/state", "stepdiag_ros/msg/RunState", 1, 1, 0, b"same")
+    once = RecordedMessage("/run/state", "stepdiag_ros/msg/RunState", 1, 1, 0, b"same")
     stream = once._replace(topic="/joint_states")
     foreign = once._replace(topic="/chatter")
     other = once._replace(topic="/cell/run/state")

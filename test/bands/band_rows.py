@@ -10,7 +10,7 @@ from collections import defaultdict
 import numpy as np
 from plausible_machines import FIXED_AT_END
 
-from stepdiag_ros.metrology.agreement import Measured, compare
+from stepdiag_ros.metrology.agreement import ComparedMeasurement, compare
 from stepdiag_ros.metrology.discrepancy import diagnose
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
@@ -145,12 +145,12 @@ def add_changes(rows, machine, first, later, result, budget):
     again = solve(later, result.method)
     pairs = {
         "changes": (
-            Measured(result, machine.chain, first),
-            Measured(again, machine.chain, later),
+            ComparedMeasurement(result, machine.chain, first),
+            ComparedMeasurement(again, machine.chain, later),
         ),
         "changes with budgets": (
-            Measured(result, machine.chain, first, budget),
-            Measured(
+            ComparedMeasurement(result, machine.chain, first, budget),
+            ComparedMeasurement(
                 again,
                 machine.chain,
                 later,

@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.rest_matching import (
     OUTSIDE,
     SETUP,
     SURE,
-    Place,
+    StopPlace,
     Tolerance,
     match,
     places_of,
@@ -37,7 +37,7 @@ def rests_at(*levels, zeros=None):
 
 
 def line(*displacements, setup=0):
-    return [Place(setup, float(d), ((setup, n),)) for n, d in enumerate(displacements)]
+    return [StopPlace(setup, float(d), ((setup, n),)) for n, d in enumerate(displacements)]
 
 
 def cost_of(pairs, places, rests, before, after):

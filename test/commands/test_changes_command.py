@@ -160,7 +160,7 @@ def test_a_reversal_that_changed_is_told_in_every_sentence(capsys, tmp_path, mon
     found = verdict(report.changes)
     assert found.kind == "other" and found.headline.startswith("Changed, but neither better nor")
     monkeypatch.setattr(changes_page, "_pictures", lambda _: {})
-    html = unescape(changes_page.Page(report).html())
+    html = unescape(changes_page.ChangesPage(report).html())
     # Beside the headline, and where it is told what changed.
     assert found.headline in html and html.count(told) == 2
     # A result without its lines tells no reversal, and so no change.
@@ -299,18 +299,20 @@ def test_the_page_is_a_pdf_too(capsys, tmp_path, before, after):
 
 
 def test_angular_errors_have_a_picture_of_their_own():
-    from stepdiag_ros.metrology.agreement import Measured
+    from stepdiag_ros.metrology.agreement import ComparedMeasurement
     from stepdiag_ros.metrology.solvers import solve
-    from stepdiag_ros.report.pages.changes import Page
+    from stepdiag_ros.report.pages.changes import ChangesPage
 
     text = STEPS.replace("[XYZ]", "[XYZ, YZX, ZXY]")
     made = []
     for seed in (1, 2):
         _, measurement = standard_runs.measured(text, seed=seed, rotation=10e-6)
-        made.append(Measured(solve(measurement, "rigid_body"), measurement.chain, measurement))
+        made.append(
+            ComparedMeasurement(solve(measurement, "rigid_body"), measurement.chain, measurement)
+        )
     changes = compare(*made)
     identity = compared_identity()
-    html = Page(ChangesReport(identity, identity, changes)).html()
+    html = ChangesPage(ChangesReport(identity, identity, changes)).html()
     assert html.count("data:image/png;base64,") == 2 and "E_AX" in html and "µrad" in html
 
 

@@ -14,7 +14,7 @@ from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.session.following import Measured, Outcome
+from stepdiag_ros.session.following import Outcome, RunOutcome
 from stepdiag_ros.words.lead import next_steps
 
 SERVED = {
@@ -148,7 +148,7 @@ def test_a_plan_with_a_tracker_is_drawn_with_stations_lines_and_places():
 def test_a_line_of_a_tracker_that_was_left_keeps_its_name():
     plan, _ = tracker_run()
     line = str(plan.lines[3])
-    measured = Measured(
+    measured = RunOutcome(
         Outcome.FINISHED,
         "all lines are measured",
         "run",

@@ -15,7 +15,7 @@ from stepdiag_ros.commands import measure
 from stepdiag_ros.commands.measure import _Attendant
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.following import Measured, RunFailed, _told
+from stepdiag_ros.session.following import RunFailed, RunOutcome, _told
 
 SETUP = "align laser and mirror for ppp XYZ, then resume"
 
@@ -69,7 +69,7 @@ def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, 
 
 
 def test_what_a_run_came_to_is_printed(capsys):
-    measured = Measured(
+    measured = RunOutcome(
         Outcome.ABORTED,
         "aborted by the operator",
         "20261121T110000Z-abcdef",

@@ -9,7 +9,7 @@ from machines_for_tables import along, measured, positioning, tool_errors
 from refused import a_fault, refused
 
 from stepdiag_ros.compensation import control, controls
-from stepdiag_ros.compensation.applied import Beyond, Table, TableSet
+from stepdiag_ros.compensation.applied import Beyond, ControlTable, TableSet
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.compensation.identified import Identified, reversal_of
 from stepdiag_ros.compensation.remaining import remainder
@@ -168,7 +168,11 @@ def test_corrections_are_zero_at_the_reference_point():
 def test_tables_on_top_of_tables_contain_them():
     _, identified = measured()
     old = TableSet(
-        (Table(0, 0, np.array([-0.05, 0.15]), np.array([1e-6, -4e-6]), np.array([1e-6, -4e-6])),)
+        (
+            ControlTable(
+                0, 0, np.array([-0.05, 0.15]), np.array([1e-6, -4e-6]), np.array([1e-6, -4e-6])
+            ),
+        )
     )
     made = replace(layout("linuxcnc"), on_top_of=old)
     files = control("linuxcnc").write(identified, made)

@@ -13,7 +13,7 @@ from refused import refused
 from ros_processes import wait_until
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Change
+from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Changeable
 from stepdiag_ros.parameters.documents import parameter_file
 from stepdiag_ros.parameters.nodes import NODES, declared_node
 
@@ -96,9 +96,9 @@ def test_every_node_describes_exactly_what_is_declared(declare: Any) -> None:
             assert told.name == one.name and told.description.startswith(one.description)
             assert not one.unit or told.description.endswith(f" [{one.unit}]")
             assert told.type == Parameter.Type[types[one.type_name]].value
-            assert told.read_only is (one.change is Change.AT_START)
+            assert told.read_only is (one.change is Changeable.AT_START)
             assert one.change.value in told.additional_constraints
-            assert all(choice in told.additional_constraints for choice in one.choices)
+            assert all(choice in told.additional_constraints for choice in one.allowed)
             assert node.parameter(one.name) == one.default
             ranges = [*told.floating_point_range, *told.integer_range]
             bounds = [] if one.low is None else [(one.low, one.high)]

@@ -21,10 +21,10 @@ from stepdiag_ros.text.sparing import MOST, Sparing
 from stepdiag_ros.viewers.foxglove import server as foxglove_module
 from stepdiag_ros.viewers.foxglove.server import FoxgloveServer
 from stepdiag_ros.viewers.page import server as page_module
-from stepdiag_ros.viewers.page.access import Access
-from stepdiag_ros.viewers.page.items import Place
+from stepdiag_ros.viewers.page.access import PageAccess
+from stepdiag_ros.viewers.page.items import AxisPlace
 from stepdiag_ros.viewers.page.server import MonitorServer, Offer
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 DEEP = 2**16
 PIECE = bytes(2**16)
@@ -43,8 +43,8 @@ class Page:
     """A page, one viewer of it that does as it should, and what was logged."""
 
     def __init__(self):
-        self.state, self.log, self._places = State(), [], 0
-        access = Access("127.0.0.1", "0123456789abcdef", made=True)
+        self.state, self.log, self._places = PageState(), [], 0
+        access = PageAccess("127.0.0.1", "0123456789abcdef", made=True)
         offer = Offer(self.state, access, "run", "a title", None, self.log.append)
         self.server = MonitorServer(offer, 0)
         self.server.start()
@@ -62,7 +62,7 @@ class Page:
         """Say whether the viewer is told what is new, and a request is answered."""
         before = self._seen
         self._places += 1
-        self.state.take(Place(self._places, (0.1, 0.2, 0.3)))
+        self.state.take(AxisPlace(self._places, (0.1, 0.2, 0.3)))
         host = f"Host: 127.0.0.1:{self.port}\r\nConnection: close\r\n\r\n".encode()
         answer = http(self.port, b"GET / HTTP/1.1\r\n" + host)
         self._wait(lambda: self._seen > before)
@@ -194,7 +194,7 @@ class Foxglove:
 
     def __init__(self):
         self.log, self.sent = [], 0
-        self.server = FoxgloveServer("test", foxglove_module.Place(port=0), self.log.append)
+        self.server = FoxgloveServer("test", foxglove_module.ServedPlace(port=0), self.log.append)
         types, kind = own_types(), topics.LINE.type_name
         self.name = topics.absolute(topics.LINE)
         decode = partial(types.decode, kind)

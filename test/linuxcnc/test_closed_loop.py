@@ -12,7 +12,7 @@ import pytest
 from closed_loop import compensate, files_of, stood
 
 from stepdiag_ros.session.cell import twin_cell
-from stepdiag_ros.session.measure import Session
+from stepdiag_ros.session.measure import MeasuringSession
 
 
 def measured(machine, folder: Path, whole: bool = True, **bridge) -> Path:
@@ -27,7 +27,7 @@ def measured(machine, folder: Path, whole: bool = True, **bridge) -> Path:
     for node in nodes:
         if node.name == "bridge":
             node.parameters.update(bridge, position_rate=50.0, silence_limit=2.0)
-    return Session(nodes, folder, lambda _: None).measure()
+    return MeasuringSession(nodes, folder, lambda _: None).measure()
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ from refused import refused
 from stepdiag_ros.metrology.agreement import (
     SAME_INSTRUMENT,
     SAME_MACHINE,
+    ComparedMeasurement,
     CurveChange,
+    JointJudgement,
     JointTest,
-    Judgement,
-    Measured,
     compare,
     joint_test,
 )
@@ -38,10 +38,12 @@ INSIDE = 0.9545
 """Share of |E_n| <= 1 with k = 2, normal distribution."""
 
 
-def measured(cell: SimulatedCell, number: int, method="setup_robust", plan=PLAN) -> Measured:
+def measured(
+    cell: SimulatedCell, number: int, method="setup_robust", plan=PLAN
+) -> ComparedMeasurement:
     """Measure a machine with a laser that was set up anew, and new noise."""
     measurement = by_noise_alone(simulate(plan, replace(cell, seed=1000 + number), seed=number))
-    return Measured(solve(measurement, method), measurement.chain, measurement)
+    return ComparedMeasurement(solve(measurement, method), measurement.chain, measurement)
 
 
 def with_change(cell: SimulatedCell) -> SimulatedCell:
@@ -84,7 +86,7 @@ def test_rotations_that_stay_the_same_are_no_change_and_hide_none(method):
             simulate(PLAN, replace(cell, seed=1000 + number), seed=number)
             for number in (2 * seed, 2 * seed + 1)
         ]
-        one = compare(*(Measured(solve(run, method), run.chain, run) for run in runs))
+        one = compare(*(ComparedMeasurement(solve(run, method), run.chain, run) for run in runs))
         inside.append(np.mean(np.abs(one.normalised_errors) <= 1.0))
     spread = float(np.std(inside)) / np.sqrt(len(inside))
     assert abs(np.mean(inside) - INSIDE) < 3.3 * spread + 0.005
@@ -331,7 +333,7 @@ def test_a_number_that_chance_does_not_make_among_so_many_is_always_named():
         row = str(generator.integers(len(sizes)))
         limit = 0.05 / (len(sizes) * len(members[row]))
         members[row][f"{row} 0"] = float(limit * generator.uniform(0.0, 2.0))
-        found = Judgement.of(members)
+        found = JointJudgement.of(members)
         expected = min(1.0, min(len(sizes) * len(m) * min(m.values()) for m in members.values()))
         assert found.probability == pytest.approx(expected)
         assert found.significant == (expected < 0.05) == any(one.changed for one in found.families)
@@ -339,11 +341,11 @@ def test_a_number_that_chance_does_not_make_among_so_many_is_always_named():
             assert found.significant and f"{row} 0" in found.named(row)
             hits += 1
     assert 60 < hits < 140
-    nothing = Judgement.of({"a": {"b": np.nan}})
+    nothing = JointJudgement.of({"a": {"b": np.nan}})
     assert not nothing.known and not nothing.significant and np.isnan(nothing.probability)
 
 
-def with_lost_motion(one: Measured, size: float, overrun: float) -> Measured:
+def with_lost_motion(one: ComparedMeasurement, size: float, overrun: float) -> ComparedMeasurement:
     """Return a measurement of a machine whose X stays behind by half of it, either way.
 
     Without overrun the first stop of a run is where the run before, the other way, has ended.
@@ -358,7 +360,7 @@ def with_lost_motion(one: Measured, size: float, overrun: float) -> Measured:
                 displacement[0] -= 2.0 * behind
         lines.append(replace(line, displacement=displacement, overrun=overrun))
     measurement = replace(one.measurement, lines=tuple(lines))
-    return Measured(solve(measurement, one.result.method), one.chain, measurement)
+    return ComparedMeasurement(solve(measurement, one.result.method), one.chain, measurement)
 
 
 def reversal_of(found, axis="X"):

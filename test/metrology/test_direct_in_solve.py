@@ -11,8 +11,8 @@ from stepdiag_ros.metrology.direct import (
     ANYWHERE,
     DirectCurve,
     DirectMeasurement,
+    DirectPlace,
     DirectSquareness,
-    Place,
 )
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, tool_point
 from stepdiag_ros.metrology.geometry import AXES, CHAINS, ROTATIONS, TRANSLATIONS, moving_axis
@@ -196,7 +196,7 @@ def displaced(cell, name, place):
 @pytest.mark.parametrize("name", ["E_YX", "E_XY", "E_XZ", "E_ZX", "E_YY"])
 def test_the_place_of_a_straightedge_counts_by_the_levers_of_the_rotations(chain, name):
     cell = make_cell(7, chain, high=TRAVEL, noise=0.0, tilt=0.0, rotation=20e-6)
-    place = Place((0.05, 0.08, 0.11), (0.03, -0.02, 0.07))
+    place = DirectPlace((0.05, 0.08, 0.11), (0.03, -0.02, 0.07))
     direct = measured_directly(cell, ROTATIONS, noise=0.0)
     values = displaced(cell, name, place)[None, :]
     way = VOLUME.nodes(moving_axis(name))
@@ -216,7 +216,7 @@ def test_the_place_of_a_straightedge_counts_by_the_levers_of_the_rotations(chain
 def test_the_place_of_a_square_counts_by_levers_and_by_what_stands_before_its_axes(chain, name):
     cell = make_cell(7, chain, high=TRAVEL, noise=0.0, tilt=0.0, rotation=20e-6)
     # At nodes: between them the cell's curves are not straight.
-    place = Place((0.04, 0.08, 0.1), (0.03, -0.02, 0.07))
+    place = DirectPlace((0.04, 0.08, 0.1), (0.03, -0.02, 0.07))
     factor, pair = SQUARENESS_SLOPES[name]
     slopes = [
         np.polyfit(VOLUME.nodes(moving_axis(one)), displaced(cell, one, place), 1)[0]
@@ -232,7 +232,7 @@ def test_the_place_of_a_square_counts_by_levers_and_by_what_stands_before_its_ax
     assert squares(square) < 0.1
     assert squares(replace(square, place=ANYWHERE)) > 2.0
     with refused(Refusal, "out_of_range", name):
-        squares(replace(square, place=Place((9.0, 9.0, 9.0))))
+        squares(replace(square, place=DirectPlace((9.0, 9.0, 9.0))))
 
 
 def test_positions_between_nodes_are_told_by_both_and_those_outside_are_left_out():

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
 
-from stepdiag_ros.metrology.agreement.measured import Measured, figure_weights, with_curves
+from stepdiag_ros.metrology.agreement.measured import (
+    ComparedMeasurement,
+    figure_weights,
+    with_curves,
+)
 from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sources
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
@@ -56,7 +60,7 @@ def test_no_difference_of_two_measurements_is_certain(result):
     for scale in (1.0, 9.0):
         root = 1e-7 * np.sqrt(scale) * rng.standard_normal((size, 4))
         whole = result.readings_covariance + root @ root.T
-        both.append(Measured(replace(result, covariance=whole), "YXZ", measured))
+        both.append(ComparedMeasurement(replace(result, covariance=whole), "YXZ", measured))
     shared = cross_covariance(both[0], both[1], shared_sources(both[0], both[1], True))
     assert np.any(shared)
     for _ in range(50):

@@ -7,7 +7,7 @@ from hidden_runs import with_change
 
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.metrology.discrepancy import CONSISTENT, NAMED, diagnose
-from stepdiag_ros.metrology.discrepancy.extension import Comparison, extend
+from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, extend
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL
@@ -76,7 +76,7 @@ def paper():
 
 
 def test_several_angular_errors_are_named_and_close_the_gap(paper):
-    comparison = Comparison(paper)
+    comparison = ModelComparison(paper)
     made = extend(comparison, MachineModel(name="free"), Provenance("a run", "", "now", ""))
     (finding,) = made.diagnosis.findings
     assert made.diagnosis.verdict == NAMED and finding.candidate.effect is SEVERAL

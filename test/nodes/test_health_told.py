@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
-from stepdiag_ros.run.health import Finding, Level
+from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, measure_together, peer_of
 
 
@@ -37,7 +37,7 @@ class Speaker:
         )
         outlet = SimpleNamespace(publish=self.arrays.append)
         self.health = Health(node, "recorder", outlet, lambda: self.time, lambda: "run 1")
-        self.finding = Finding(Level.OK, "all well", {"number (m)": "7"})
+        self.finding = HealthFinding(Level.OK, "all well", {"number (m)": "7"})
         self.health.add_task("subject", lambda: self.finding)
 
     def heartbeat(self):
@@ -68,10 +68,10 @@ def test_a_change_is_told_at_once_and_the_rest_once_a_second(speaker):
         speaker.health.look()
         speaker.health.beat()
     assert speaker.told() == [[HEARTBEAT], [HEARTBEAT, SUBJECT]]
-    speaker.finding = Finding(Level.OK, "all well", {"number (m)": "8"})
+    speaker.finding = HealthFinding(Level.OK, "all well", {"number (m)": "8"})
     speaker.health.look()
     assert speaker.told() == [], "figures alone are no news"
-    speaker.finding = Finding(Level.WARN, "not so well")
+    speaker.finding = HealthFinding(Level.WARN, "not so well")
     speaker.health.look()
     assert speaker.told() == [[HEARTBEAT, SUBJECT]]
 
@@ -82,7 +82,7 @@ def test_the_worst_word_counts_and_each_goes_as_it_came(speaker):
     assert speaker.heartbeat() == (0, "run 1")
     health.miss("the solver is silent")
     assert speaker.heartbeat() == (1, "the solver is silent")
-    speaker.finding = Finding(Level.STALE, "no reading", forbids=True)
+    speaker.finding = HealthFinding(Level.STALE, "no reading", forbids=True)
     health.look()
     assert speaker.heartbeat() == (2, "no reading")
     health.unwell("the disk is full")
@@ -93,7 +93,7 @@ def test_the_worst_word_counts_and_each_goes_as_it_came(speaker):
     assert speaker.heartbeat() == (2, "the disk is full")
     health.say(Level.OK, "run 2")
     assert speaker.heartbeat() == (2, "no reading")
-    speaker.finding = Finding(Level.STALE, "no reading")
+    speaker.finding = HealthFinding(Level.STALE, "no reading")
     health.look()
     assert speaker.heartbeat() == (0, "run 2"), "what forbids nothing is told by its own status"
     health.miss("the solver is silent")
@@ -105,13 +105,13 @@ def test_the_worst_word_counts_and_each_goes_as_it_came(speaker):
 
 def test_the_log_has_each_trouble_once_and_its_end(speaker):
     texts = [
-        Finding(Level.STALE, "not begun"),
-        Finding(Level.OK, "well"),
-        Finding(Level.WARN, "dim"),
-        Finding(Level.WARN, "dim", {"figure": "2"}),
-        Finding(Level.ERROR, "lost"),
-        Finding(Level.OK, "well"),
-        Finding(Level.STALE, "silent"),
+        HealthFinding(Level.STALE, "not begun"),
+        HealthFinding(Level.OK, "well"),
+        HealthFinding(Level.WARN, "dim"),
+        HealthFinding(Level.WARN, "dim", {"figure": "2"}),
+        HealthFinding(Level.ERROR, "lost"),
+        HealthFinding(Level.OK, "well"),
+        HealthFinding(Level.STALE, "silent"),
     ]
     for speaker.finding in texts:
         speaker.health.look()

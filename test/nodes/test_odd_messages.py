@@ -16,7 +16,7 @@ from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.nodes.onlooker import Onlooker
 from stepdiag_ros.nodes.recorder import RecorderNode
 from stepdiag_ros.run.supervision import SILENCE_LIMIT, peer_of
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 RUN_ID = "20260102T030405-abcd"
 
@@ -141,7 +141,7 @@ class View(Onlooker):
     role = "viewer"
 
     def __init__(self):
-        super().__init__("view", State(), 10.0)
+        super().__init__("view", PageState(), 10.0)
 
 
 def test_a_view_goes_on_after_messages_that_make_no_sense():

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from stepdiag_ros.messages.conversion import to_nanoseconds
 from stepdiag_ros.nodes.managed import Stream
 from stepdiag_ros.nodes.parameters import CONFIRMED, GHOST, ParameterCollector
-from stepdiag_ros.parameters.declaration import Change
+from stepdiag_ros.parameters.declaration import Changeable
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.run.supervision import WORK_LEFT
 
@@ -175,7 +175,7 @@ def test_every_setting_that_is_taken_at_the_opening_is_asked_for_then(role, monk
         node.close()
         node.destroy_node()
         rclpy.try_shutdown()
-    taken = {one.name for one in declared.parameters if one.change is Change.WHILE_CLOSED}
+    taken = {one.name for one in declared.parameters if one.change is Changeable.WHILE_CLOSED}
     assert taken and taken <= asked
 
 

@@ -12,7 +12,7 @@ from running_cell import TWO_LINES, nodes_of
 
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.session.following import RunFailed
-from stepdiag_ros.session.measure import Session
+from stepdiag_ros.session.measure import MeasuringSession
 from stepdiag_ros.session.processes import NodeProcess, Processes
 
 
@@ -49,7 +49,7 @@ def test_a_recorder_that_is_killed_before_its_bag_exists_is_said_to_be_killed(
     meddle(signal.SIGKILL)
     said: list[str] = []
     with pytest.raises(RunFailed) as failed:
-        Session(nodes, tmp_path, lambda told: said.append(told.text)).measure()
+        MeasuringSession(nodes, tmp_path, lambda told: said.append(told.text)).measure()
     told = str(failed.value)
     assert "recorder" in told and "SIGKILL" in told and "no bag" in told
     assert "it said nothing" not in told
@@ -70,7 +70,7 @@ def test_a_recorder_that_is_stopped_while_it_starts_is_named_and_the_run_goes_on
             os.kill(process[0], signal.SIGCONT)
 
     # It is named, or this would never end well.
-    assert Session(nodes, tmp_path, tell).measure().is_file()
+    assert MeasuringSession(nodes, tmp_path, tell).measure().is_file()
     assert any("the recorder node is stopped" in text for text in said)
 
 

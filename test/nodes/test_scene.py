@@ -187,10 +187,10 @@ def filled_parameter(name, text):
 
 def test_a_scene_may_be_there_before_a_measurement():
     from stepdiag_ros.run.supervision import Peer, Watch
-    from stepdiag_ros.session.measure import RunFailed, Session
+    from stepdiag_ros.session.measure import MeasuringSession, RunFailed
 
     operator = SimpleNamespace(watch=Watch(), spin_until=lambda condition, _limit: condition())
-    session = Session([], Path(), lambda _told: None)
+    session = MeasuringSession([], Path(), lambda _told: None)
     operator.watch.heard("/scene", Peer("scene", 0.0, "a", ""))
     session._refuse_company(operator)
     operator.watch.heard("/solver", Peer("solver", 0.0, "b", ""))

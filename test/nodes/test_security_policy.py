@@ -23,7 +23,7 @@ from stepdiag_ros.nodes.onlooker import ViewerNode
 from stepdiag_ros.nodes.operator import OperatorNode
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
-from stepdiag_ros.viewers.page.state import State as MonitorState
+from stepdiag_ros.viewers.page.state import PageState as MonitorState
 
 FOLDER = Path(__file__).parents[2] / "config" / "security"
 POLICY = FOLDER / "stepdiag.policy.xml"

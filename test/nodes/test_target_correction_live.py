@@ -8,7 +8,7 @@ from refused import refused
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.session.cell import simulated_cell
 from stepdiag_ros.session.following import RunFailed
-from stepdiag_ros.session.measure import Session
+from stepdiag_ros.session.measure import MeasuringSession
 
 FACTOR = 4.0
 
@@ -20,7 +20,7 @@ def measured(folder, **bridge):
     for node in nodes:
         if node.name == "bridge":
             node.parameters.update(bridge)
-    return Session(nodes, folder, lambda _: None).measure()
+    return MeasuringSession(nodes, folder, lambda _: None).measure()
 
 
 @pytest.fixture(scope="module")

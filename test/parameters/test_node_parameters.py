@@ -15,7 +15,7 @@ from stepdiag_ros import cli
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.declaration import (
     USE_SIM_TIME,
-    Change,
+    Changeable,
     Declaration,
     DeclaredNode,
     written,
@@ -255,5 +255,7 @@ def test_what_is_opened_with_a_device_cannot_be_changed_while_the_node_runs():
     what, how = ("device", "machine", "cell", "autostart"), ("rate", "seed", "position_rate")
     for node in ("cnc_bridge", "interferometer", "weather"):
         for one in declared_node(node).parameters:
-            assert one.name not in what or one.change is Change.AT_START, f"{node}.{one.name}"
-            assert one.name not in how or one.change is Change.WHILE_CLOSED, f"{node}.{one.name}"
+            assert one.name not in what or one.change is Changeable.AT_START, f"{node}.{one.name}"
+            assert one.name not in how or one.change is Changeable.WHILE_CLOSED, (
+                f"{node}.{one.name}"
+            )

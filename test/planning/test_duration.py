@@ -12,7 +12,7 @@ from stepdiag_ros.devices.cnc.simulated import SimulatedCnc
 from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.plan import Line, Plan, Sampling, Volume
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.planning.duration import Assumptions, Clock, duration
+from stepdiag_ros.planning.duration import Assumptions, MoveTimes, duration
 from stepdiag_ros.planning.moves import passes_of
 
 MACHINE = load_machine("demo")[0]
@@ -38,7 +38,7 @@ def end_of_move(cnc, now):
 @pytest.mark.parametrize("distance", [1e-5, 0.001, 0.0333, 0.4])
 @pytest.mark.parametrize("feed", [0.033, 0.4])
 def test_a_move_takes_as_long_as_on_the_simulated_controller(distance, feed):
-    clock = Clock(MACHINE, feed, settling=0.0)
+    clock = MoveTimes(MACHINE, feed, settling=0.0)
     # The controller looks once in a millisecond, and an axis is early in its window.
     assert clock.move(distance) == pytest.approx(
         controller_time((distance, 0.0, 0.0), feed, RIGID), abs=0.0021
@@ -47,7 +47,7 @@ def test_a_move_takes_as_long_as_on_the_simulated_controller(distance, feed):
 
 @pytest.mark.parametrize("target", [(0.1, 0.05, 0.02), (0.001, 0.0, 0.001)])
 def test_axes_that_move_at_once_take_as_long_as_on_the_simulated_controller(target):
-    clock = Clock(MACHINE, 0.4, settling=0.0)
+    clock = MoveTimes(MACHINE, 0.4, settling=0.0)
     taken = controller_time(target, 0.4, RIGID)
     assert clock.between((0.0, 0.0, 0.0), target, at_once=True) == pytest.approx(taken, abs=0.0021)
     assert clock.between((0.0, 0.0, 0.0), target, at_once=False) > 1.1 * taken
@@ -57,7 +57,7 @@ def test_the_default_settling_covers_the_drives_of_the_demonstration():
     from stepdiag_ros.configuration import load_cell
 
     drive = load_cell("demo")[0].drive
-    clock = Clock(MACHINE, 0.033, Assumptions().settling_s)
+    clock = MoveTimes(MACHINE, 0.033, Assumptions().settling_s)
     taken = controller_time((0.01, 0.0, 0.0), 0.033, drive)
     assert taken <= clock.move(0.01) <= taken + 0.1
 

@@ -153,7 +153,7 @@ def test_a_run_warns_before_any_node_is_started(diagonals, tmp_path, capsys, mon
     def none_started(*_):
         raise ValueError("no node is started here")
 
-    monkeypatch.setattr(measure, "Session", none_started)
+    monkeypatch.setattr(measure, "MeasuringSession", none_started)
     given = ["run", "--plan", str(diagonals), "--output", str(tmp_path / "o")]
     assert main(given) == 1
     said = capsys.readouterr().err

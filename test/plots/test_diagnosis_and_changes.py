@@ -9,10 +9,10 @@ from refused import refused
 from results_by_hand import make_result
 
 from stepdiag_ros import plots
-from stepdiag_ros.compensation.remaining import AxisRemainder, Change, Remainder
+from stepdiag_ros.compensation.remaining import AxisRemainder, BeforeAndAfter, Remainder
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation.diagnosing import Reference, diagnose_reproducibly, summary_of
-from stepdiag_ros.metrology.agreement import Measured, compare
+from stepdiag_ros.metrology.agreement import ComparedMeasurement, compare
 from stepdiag_ros.metrology.discrepancy.findings import NAMED
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
@@ -122,7 +122,7 @@ def test_nothing_found_has_no_after(diagnosed):
 
 def test_changes_draw_both_curves_with_e_n_below():
     before, after = make_result(), make_result(shift=4e-7)
-    found = compare(Measured(before), Measured(after))
+    found = compare(ComparedMeasurement(before), ComparedMeasurement(after))
     figure = plots.changes(found)
     assert len(figure.axes) == 18
     upper = next(axes for axes in figure.axes if axes.get_title().startswith("E_YX"))
@@ -172,8 +172,8 @@ def test_what_tables_leave_is_drawn_in_both_directions():
     before = np.stack([np.outer(place, (1e-5, 2e-5, 3e-5)) + half for half in (1e-7, -1e-7)])
     axes = tuple(AxisRemainder(axis, place, before, before / 10.0) for axis in range(3))
     changes = (
-        Change("volume, rms", "m", 3e-6, 3e-7, True),
-        Change("volume, largest", "m", 6e-6, float("nan"), True),
+        BeforeAndAfter("volume, rms", "m", 3e-6, 3e-7, True),
+        BeforeAndAfter("volume, largest", "m", 6e-6, float("nan"), True),
     )
     control = SimpleNamespace(title="a control", corrects=("E_XX",))
     figure = plots.compensation(Remainder(axes, changes, 8, 8, float("nan")), control)

@@ -26,7 +26,7 @@ from stepdiag_ros.run.device_health import (
     Beam,
     Compensation,
 )
-from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, Finding, Level
+from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, HealthFinding, Level
 
 SECOND = 1_000_000_000
 STALE_AFTER = 2.0
@@ -235,7 +235,7 @@ class TestAir:
 
 
 class TestCompensation:
-    AIR = Finding(Level.OK, "")
+    AIR = HealthFinding(Level.OK, "")
 
     def judged(self, kind, raw, compensated, air=AIR, status=STATUS_OK):
         compensation = Compensation(kind)
@@ -253,7 +253,7 @@ class TestCompensation:
             (self.judged("instrument", 1.0, nan), NO_COMPENSATED),
         ):
             assert finding.message == words and finding.forbids
-        unknown = Finding(Level.ERROR, "air pressure is not known")
+        unknown = HealthFinding(Level.ERROR, "air pressure is not known")
         assert "the air is not known" in self.judged("instrument", 1.0, nan, unknown).message
         assert "the air is not known" in self.judged("own", 1.0, nan, unknown).message
 
@@ -270,7 +270,9 @@ class TestCompensation:
         raw = Reading(1, 1, 1.0, nan, 1.0, STATUS_OK, Environment())
         compensation.take([raw])
         for _ in range(3 * Compensation.LOOKS):
-            assert not compensation.judge(Finding(Level.STALE, "no sensor has spoken")).forbids
+            assert not compensation.judge(
+                HealthFinding(Level.STALE, "no sensor has spoken")
+            ).forbids
         for _ in range(Compensation.LOOKS - 1):
             assert not compensation.judge(self.AIR).forbids
         assert compensation.judge(self.AIR).message == NO_COMPENSATED

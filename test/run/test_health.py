@@ -4,7 +4,17 @@ from math import nan
 
 import pytest
 
-from stepdiag_ros.run.health import HOLD, UNKNOWN, WINDOW, Age, Clockwork, Gaps, Level, Rate, figure
+from stepdiag_ros.run.health import (
+    HOLD,
+    UNKNOWN,
+    WINDOW,
+    Age,
+    Clockwork,
+    Gaps,
+    Level,
+    StampRate,
+    figure,
+)
 
 SECOND = 1_000_000_000
 
@@ -28,7 +38,7 @@ def test_data_grows_old_only_if_ros_time_and_real_time_both_say_so():
 
 class TestRate:
     def fed(self, hertz, asked, tolerance=0.1, seconds=2):
-        rate = Rate(asked, tolerance)
+        rate = StampRate(asked, tolerance)
         finding = rate.judge(0.0)
         for number in range(int(hertz * seconds) + 1):
             time = number / hertz
@@ -37,7 +47,7 @@ class TestRate:
         return finding
 
     def test_before_the_first_window_nothing_can_be_told(self):
-        assert Rate(100.0, 0.1).judge(0.0).level is Level.STALE
+        assert StampRate(100.0, 0.1).judge(0.0).level is Level.STALE
 
     @pytest.mark.parametrize(
         ("hertz", "level"),
@@ -58,7 +68,7 @@ class TestRate:
 
     def test_the_rate_is_that_of_ros_time_however_the_readings_come(self):
         """A thousand a simulated second, ten simulated seconds in a real one, in heaps."""
-        rate = Rate(1000.0, 0.1)
+        rate = StampRate(1000.0, 0.1)
         for heap in range(40):
             rate.take(500, (heap + 1) * SECOND // 2)
             finding = rate.judge(heap * 0.05)
@@ -66,7 +76,7 @@ class TestRate:
         assert float(finding.values["readings a second (Hz)"]) == pytest.approx(1000.0, rel=0.01)
 
     def test_it_recovers(self):
-        rate = Rate(10.0, 0.1)
+        rate = StampRate(10.0, 0.1)
         levels = []
         time = 0.0
         for period in (0.1, 0.2, 0.1):
@@ -78,7 +88,7 @@ class TestRate:
         assert levels == [Level.OK, Level.WARN, Level.OK]
 
     def test_a_stream_that_stops_has_no_rate(self):
-        rate = Rate(10.0, 0.1)
+        rate = StampRate(10.0, 0.1)
         for number in range(30):
             rate.take(1, number * SECOND // 10)
             rate.judge(number * 0.1)

@@ -17,8 +17,8 @@ from stepdiag_ros.metrology.plan import (
 )
 from stepdiag_ros.run.permission import (
     OFF_LINE,
-    Move,
-    Permission,
+    CommandedMove,
+    MotionPermission,
     refusal_of_plan,
     shortcomings,
     too_brisk,
@@ -43,12 +43,12 @@ WIDE = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 
 
 def permission(plan=PLAN, machine=MACHINE, limits=WIDE, **traits):
-    return Permission(plan, machine, limits, Traits(**traits))
+    return MotionPermission(plan, machine, limits, Traits(**traits))
 
 
 def a_move(**changed):
     """Return the move from the first stop of line 1 to the next, with some of it changed."""
-    first = Move(1, True, 1, "X", (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.1)
+    first = CommandedMove(1, True, 1, "X", (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.1)
     return replace(first, **changed)
 
 

@@ -9,11 +9,11 @@ from stepdiag_ros.run.health import UNKNOWN, WINDOW, Level
 from stepdiag_ros.run.pacing import GovernedTime
 from stepdiag_ros.run.sequence import Answer, Progress, State
 from stepdiag_ros.run.work_health import (
-    Arrival,
     Commands,
     Reached,
-    Stops,
+    StopCount,
     Storage,
+    StreamArrival,
     Work,
     judge_recording,
     judge_run,
@@ -64,7 +64,7 @@ def test_nothing_was_started():
 
 
 def test_a_stream_is_waited_for_only_in_a_run():
-    arrival = Arrival("reading", 3.0)
+    arrival = StreamArrival("reading", 3.0)
     assert arrival.judge(True, 0, 0.0).level is Level.OK
     arrival.begin(SECOND, 1.0)
     assert arrival.judge(True, 4 * SECOND, 4.0).level is Level.OK
@@ -77,7 +77,7 @@ def test_a_stream_is_waited_for_only_in_a_run():
 
 
 def test_stops_are_counted():
-    stops = Stops()
+    stops = StopCount()
     stops.take("")
     assert stops.judge().level is Level.OK
     stops.take("ppp, stop 3: the beam was lost")

@@ -26,7 +26,7 @@ from stepdiag_ros.selftest.problems import (
     draw,
     tilts,
 )
-from stepdiag_ros.selftest.record import Check, Record, Solved, worst
+from stepdiag_ros.selftest.record import Check, SelftestRecord, SolvedProblem, worst
 from stepdiag_ros.selftest.tables import write_problem
 
 solve_by_commands = partial(solve_as_a_user, cli.main)
@@ -219,8 +219,8 @@ def test_a_check_without_a_number_fails():
     assert Check("x", 0.0, 0.0, "1", "").passed
     checks = [Check("near", 0.9, 1.0, "m", ""), Check("nothing", math.nan, 1.0, "m", "")]
     assert worst(checks).what == "nothing"
-    assert not Solved(1, "kind", "", ()).passed
-    assert not Record(1, (), {}, "", 0.0, 0.0).passed
+    assert not SolvedProblem(1, "kind", "", ()).passed
+    assert not SelftestRecord(1, (), {}, "", 0.0, 0.0).passed
 
 
 def test_tables_hold_the_same_doubles(tmp_path):

@@ -21,7 +21,13 @@ from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
-from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS, Pass, Row, Told, refusal
+from stepdiag_ros.bags.table_rows import (
+    ENVIRONMENT_COLUMNS,
+    PassColumns,
+    PassKey,
+    TableRow,
+    refusal,
+)
 from stepdiag_ros.configuration import find, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
@@ -219,13 +225,13 @@ class _Numbers:
             return float("nan")
         return number_in(text, self._source, cells.row, what, self._mapping.decimal)
 
-    def told(self, cells: _Cells) -> Told:
+    def told(self, cells: _Cells) -> PassColumns:
         """Return what columns tell of the whole pass."""
         attempt = None
         if "attempt" in cells.texts:
             what = f"'{self._mapping.columns['attempt']}'"
             attempt = whole_in(cells.texts["attempt"], self._source, cells.row, what, 1)
-        return Told(
+        return PassColumns(
             attempt=attempt,
             setup=cells.texts.get("setup"),
             overrun=self.known(cells, "overrun"),
@@ -321,18 +327,18 @@ def _lines(
 
 def _stops(
     source: str, rows: Sequence[_Cells], mapping: TableMapping, volume: Volume
-) -> Iterator[Row]:
+) -> Iterator[TableRow]:
     """Make the rows of a run table: where the machine stood follows from line and stop."""
     numbers = _Numbers(source, mapping)
     repeats: dict[tuple[str, ...], dict[int, int]] = {}
-    before: Pass | None = None
+    before: PassKey | None = None
     stop, last_time = 0, float("nan")
     for cells in rows:
         name, order = _line_and_order(source, cells, mapping)
         direction = numbers.direction(cells) or FORWARD
         counted = repeats.setdefault((name, order, direction), {})
         repeat = counted.setdefault(numbers.run(cells), len(counted))
-        which = Pass(kind_of(name, order), name, order, repeat, direction)
+        which = PassKey(kind_of(name, order), name, order, repeat, direction)
         stop = stop + 1 if which == before else 0
         before = which
         if "stop" in cells.texts:
@@ -361,7 +367,7 @@ def _stops(
             along = beam_direction(name, np.asarray(volume.step))
             nominal = float((positions[stop] - start) @ along)
             reading = nominal + mapping.sign * numbers.number(cells, "deviation")
-        yield Row(
+        yield TableRow(
             number=cells.row,
             time=time,
             which=which,

@@ -17,7 +17,7 @@ import numpy as np
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports import renishaw_rtl
 from stepdiag_ros.bags.imports.source import SourceFile
-from stepdiag_ros.metrology.direct import DirectCurve, DirectMeasurement, Place
+from stepdiag_ros.metrology.direct import DirectCurve, DirectMeasurement, DirectPlace
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
 
 UNITS: Mapping[str, float] = {
@@ -37,7 +37,7 @@ _FEWEST = 3
 
 
 @dataclass(frozen=True)
-class Told:
+class FileFacts:
     """What the user says about a file.
 
     Attributes:
@@ -52,12 +52,12 @@ class Told:
     curve: str
     unit: str
     uncertainty: float
-    place: Place
+    place: DirectPlace
     decimal: str = "."
     encoding: str = ""
 
 
-def read_direct_test(source: SourceFile, told: Told) -> DirectMeasurement:
+def read_direct_test(source: SourceFile, told: FileFacts) -> DirectMeasurement:
     """Read one error from a file; every run is a repeat, in whichever sense it was measured.
 
     Raises:
@@ -111,7 +111,7 @@ def read_direct_test(source: SourceFile, told: Told) -> DirectMeasurement:
     return DirectMeasurement({told.curve: curve}, {}, tuple(note for note in notes if note))
 
 
-def _is_angle(told: Told) -> bool:
+def _is_angle(told: FileFacts) -> bool:
     return told.curve in ROTATIONS
 
 
@@ -121,7 +121,7 @@ def _kind(curve: str) -> str:
     return POSITION if curve[2] == curve[3] else STRAIGHTNESS
 
 
-def _check(source: SourceFile, told: Told, content: renishaw_rtl.Content) -> None:
+def _check(source: SourceFile, told: FileFacts, content: renishaw_rtl.RtlContent) -> None:
     """Refuse a file whose text contradicts the user."""
     if _is_angle(told) != (told.unit in OF_ANGLES):
         raise TableError(

@@ -70,7 +70,7 @@ _MILLI, MICRO = 1e-3, 1e-6
 
 
 @dataclass
-class Content:
+class RtlContent:
     """What was found in the sections.
 
     Attributes:
@@ -147,7 +147,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     return axis_test(text.name, NAME, axis, rows, options, environment, facts, remarks)
 
 
-def deviations(text: SourceText, decimal: str) -> tuple[Content, list[AxisRow]]:
+def deviations(text: SourceText, decimal: str) -> tuple[RtlContent, list[AxisRow]]:
     """Return the sections of a file and its deviations, those in µm as metres.
 
     Raises:
@@ -157,8 +157,8 @@ def deviations(text: SourceText, decimal: str) -> tuple[Content, list[AxisRow]]:
     return content, _rows(text.name, content, decimal)
 
 
-def _sections(text: SourceText, decimal: str) -> Content:
-    content = Content()
+def _sections(text: SourceText, decimal: str) -> RtlContent:
+    content = RtlContent()
     section, listing = "", False
     for number, line in text.lines():
         plain = line.strip()
@@ -206,7 +206,7 @@ def _sections(text: SourceText, decimal: str) -> Content:
     return content
 
 
-def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
+def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
     for section in ("TARGET DATA", "DEVIATIONS"):
         if section not in content.entries:
             raise refusal(
@@ -264,7 +264,9 @@ def _rows(source: str, content: Content, decimal: str) -> list[AxisRow]:
     return made
 
 
-def _environment(content: Content, decimal: str) -> tuple[Environment, dict[str, str], list[str]]:
+def _environment(
+    content: RtlContent, decimal: str
+) -> tuple[Environment, dict[str, str], list[str]]:
     """Return means of start and end in SI units, all entries as text, and what is not known."""
     facts: dict[str, str] = {}
     remarks: list[str] = []

@@ -38,9 +38,9 @@ from stepdiag_ros.devices.cnc.grbl_conversation import Conversation
 from stepdiag_ros.devices.cnc.grbl_move import (
     Approach,
     Doing,
-    Place,
-    Progress,
-    Taken,
+    MoveProgress,
+    ReportedPosition,
+    TakenReport,
     braking_limit,
     check_move,
     line_of_move,
@@ -54,8 +54,8 @@ from stepdiag_ros.devices.cnc.grbl_protocol import (
     SOFT_RESET,
     Activity,
     Alarm,
-    Answer,
     Banner,
+    LineAnswer,
     Message,
     Said,
     StatusReport,
@@ -106,7 +106,7 @@ class GrblCnc:
         self._setup: GrblSetup | None = None
         self._interview = Interview()
         self._report: StatusReport | None = None
-        self._place = Place(start)
+        self._place = ReportedPosition(start)
         self._homed: bool | None = None
         # Why the position is not known, and why the controller is locked; empty if it is not.
         self._lost = self._alarm = ""
@@ -212,7 +212,7 @@ class GrblCnc:
     # What it says ---------------------------------------------------------------------------------
 
     def _on_words(self, said: Said, answers: str) -> None:
-        if isinstance(said, Answer):
+        if isinstance(said, LineAnswer):
             self._on_answer(said, answers)
         elif isinstance(said, Alarm):
             self._alarm = alarm_words(said.code)
@@ -228,7 +228,7 @@ class GrblCnc:
         else:
             self._interview.take(said)
 
-    def _on_answer(self, answer: Answer, line: str) -> None:
+    def _on_answer(self, answer: LineAnswer, line: str) -> None:
         wrong = error_words(answer.code) if answer.code else ""
         if self._doing is Doing.ASKING and line:
             if wrong:
@@ -246,7 +246,7 @@ class GrblCnc:
             if not wrong:
                 self._alarm = self._lost = ""
                 if homed:
-                    self._place = Place(self._now)
+                    self._place = ReportedPosition(self._now)
             else:
                 self._fault(f"the controller cannot be {'homed' if homed else 'unlocked'}: {wrong}")
         elif wrong and self._doing is not Doing.RESETTING:
@@ -289,10 +289,10 @@ class GrblCnc:
         before = self._place.position
         homing = report.activity is Activity.HOME or self._doing is Doing.HOMING
         taken = self._place.take(time, report, self._setup, anywhere=homing)
-        if taken is Taken.NOT_YET:
+        if taken is TakenReport.NOT_YET:
             return
         position = self._place.position
-        if taken is Taken.JUMPED:
+        if taken is TakenReport.JUMPED:
             self._lost = self._lost or "the position jumped"
             self._fault("the position jumped: the controller has another zero than before")
         elif self._lost == RESTARTED and position == before:
@@ -368,10 +368,10 @@ class GrblCnc:
         elif self._approach.acknowledged:
             moving = report.activity is Activity.RUN
             progress = self._approach.judge(time, self._place.position, moving=moving)
-            if progress is Progress.ARRIVED:
+            if progress is MoveProgress.ARRIVED:
                 self._begin(Doing.NOTHING)
                 self._change(time, CncState.READY, "")
-            elif progress is Progress.AWAY:
+            elif progress is MoveProgress.AWAY:
                 where = ", ".join(f"{value * 1e3:.3f}" for value in self._place.position)
                 self._fault(f"the controller is idle at {where} mm, away from the target")
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from stepdiag_ros.devices.cnc.grbl_protocol import (
     STATUS_QUERY,
-    Answer,
     Banner,
     Garbage,
+    LineAnswer,
     Said,
     StatusReport,
     read_line,
@@ -56,7 +56,7 @@ class Heard:
     Attributes:
         time: ns; of a report, when it was made, between query and arrival.
         said: what.
-        answers: the line that an ``Answer`` answers; empty if none was sent.
+        answers: the line that an ``LineAnswer`` answers; empty if none was sent.
     """
 
     time: int
@@ -161,7 +161,7 @@ class Conversation:
                 self._due = max(self._asked + self._timing.period, now)
             self._unanswered = None
             return Heard(time, said)
-        if isinstance(said, Answer):
+        if isinstance(said, LineAnswer):
             line, self._awaiting = self._awaiting, ""
             return Heard(now, said, line)
         if isinstance(said, Banner):

@@ -35,7 +35,7 @@ class Doing(Enum):
     HOMING = "is homing"
 
 
-class Taken(Enum):
+class TakenReport(Enum):
     """What became of a report."""
 
     NOT_YET = "it tells no position, or an impossible one"
@@ -43,7 +43,7 @@ class Taken(Enum):
     JUMPED = "it insists on a position that cannot be reached from the one before"
 
 
-class Place:
+class ReportedPosition:
     """The position of the axes, out of the reports.
 
     A serial line has no checksum, so a digit can be lost: a position that cannot be reached from
@@ -68,14 +68,16 @@ class Place:
         """Wait for the work coordinate offset anew: the controller was reset."""
         self._offset = None
 
-    def take(self, time: int, report: StatusReport, setup: GrblSetup, *, anywhere: bool) -> Taken:
+    def take(
+        self, time: int, report: StatusReport, setup: GrblSetup, *, anywhere: bool
+    ) -> TakenReport:
         """Take a report of a time (ns); ``anywhere`` while homing sets the position."""
         if report.offset is not None:
             self._offset = report.offset
         raw = report.machine
         if raw is None:
             if report.work is None or self._offset is None:
-                return Taken.NOT_YET
+                return TakenReport.NOT_YET
             raw = _point(a + b for a, b in zip(report.work, self._offset, strict=True))
         position = _point(value * setup.unit for value in raw)
         jumped = False
@@ -87,19 +89,19 @@ class Place:
             )
         self._jumps = self._jumps + 1 if jumped else 0
         if 0 < self._jumps < MOST_JUMPS:
-            return Taken.NOT_YET
+            return TakenReport.NOT_YET
         self._jumps = 0
         if position != self.position:
             self.changed = time
         self.position, self._sampled = position, time
-        return Taken.JUMPED if jumped else Taken.TAKEN
+        return TakenReport.JUMPED if jumped else TakenReport.TAKEN
 
 
 def _near(machine: Machine, resolution: Point) -> list[float]:
     return [machine.position_window_m + step for step in resolution]
 
 
-class Progress(Enum):
+class MoveProgress(Enum):
     """How a move goes on."""
 
     GOING = "it goes on, or has not stood long enough"
@@ -131,7 +133,7 @@ class Approach:
         """Say whether the axes stood in the window last."""
         return self._within is not None
 
-    def judge(self, time: int, position: Point, *, moving: bool) -> Progress:
+    def judge(self, time: int, position: Point, *, moving: bool) -> MoveProgress:
         """Return how a move goes on at a time (ns)."""
         if moving:
             self._within = self._away = None
@@ -140,13 +142,13 @@ class Approach:
             if self._within is None:
                 self._within = time
             elif time - self._within >= self._machine.position_hold_s * NANOSECONDS:
-                return Progress.ARRIVED
+                return MoveProgress.ARRIVED
         else:
             self._within = None
             self._away = time if self._away is None else self._away
             if time - self._away > AWAY:
-                return Progress.AWAY
-        return Progress.GOING
+                return MoveProgress.AWAY
+        return MoveProgress.GOING
 
 
 def check_move(

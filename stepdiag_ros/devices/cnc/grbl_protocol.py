@@ -71,7 +71,7 @@ class StatusReport:
 
 
 @dataclass(frozen=True)
-class Answer:
+class LineAnswer:
     """``ok`` (code 0) or ``error:`` with its code, to the oldest line not answered yet."""
 
     code: int
@@ -92,7 +92,7 @@ class Banner:
 
 
 @dataclass(frozen=True)
-class Setting:
+class GrblSetting:
     """One line of ``$$``."""
 
     number: int
@@ -126,7 +126,7 @@ class Garbage:
     line: str
 
 
-Said = StatusReport | Answer | Alarm | Banner | Setting | StartupBlock | Message | Garbage
+Said = StatusReport | LineAnswer | Alarm | Banner | GrblSetting | StartupBlock | Message | Garbage
 
 _REPORT = re.compile(r"<([^<>]*)>")
 _ANSWER = re.compile(r"(ok)|error: ?(\d{1,3})")
@@ -146,13 +146,13 @@ def read_line(line: bytes) -> Said:
         report = _read_report(reports[-1])
         return Garbage(text) if report is None else report
     if found := _ANSWER.fullmatch(text):
-        return Answer(0 if found[1] else int(found[2]))
+        return LineAnswer(0 if found[1] else int(found[2]))
     if found := _ALARM.fullmatch(text):
         return Alarm(int(found[1]))
     if _BANNER.fullmatch(text):
         return Banner(text)
     if found := _SETTING.fullmatch(text):
-        return Setting(int(found[1]), found[2].strip())
+        return GrblSetting(int(found[1]), found[2].strip())
     if found := _STARTUP.fullmatch(text):
         return StartupBlock(int(found[1]), found[2].strip())
     # ">G54:ok" tells that a startup block was executed.

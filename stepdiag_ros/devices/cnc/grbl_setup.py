@@ -11,7 +11,14 @@ from typing import Any
 
 from stepdiag_ros.devices.cnc import Point, Traits
 from stepdiag_ros.devices.cnc.grbl_conversation import Timing
-from stepdiag_ros.devices.cnc.grbl_protocol import INCH, Message, Said, Setting, StartupBlock, moves
+from stepdiag_ros.devices.cnc.grbl_protocol import (
+    INCH,
+    GrblSetting,
+    Message,
+    Said,
+    StartupBlock,
+    moves,
+)
 from stepdiag_ros.devices.link import LinkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES
@@ -121,7 +128,7 @@ class Interview:
 
     def take(self, said: Said) -> None:
         """Keep what belongs to an answer."""
-        if isinstance(said, Setting):
+        if isinstance(said, GrblSetting):
             self._settings[said.number] = said.value
         elif isinstance(said, StartupBlock):
             self._startup[said.number] = said.code

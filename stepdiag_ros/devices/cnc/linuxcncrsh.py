@@ -78,7 +78,7 @@ _SETUP = (
 
 
 @dataclass(frozen=True)
-class Access:
+class ServerAccess:
     """Where the server is, and how it lets a client in.
 
     Attributes:
@@ -120,7 +120,7 @@ class LinuxCncRsh:
         ValueError: it does not let this client in, or answers nonsense.
     """
 
-    def __init__(self, access: Access, machine: Machine, sample_rate: float) -> None:
+    def __init__(self, access: ServerAccess, machine: Machine, sample_rate: float) -> None:
         self._access, self._machine = access, machine
         self._wait_limit = WAIT_SHARE * access.silence
         self._period = 1.0 / sample_rate
@@ -478,7 +478,7 @@ def from_settings(
     """
     machine = surroundings.machine_for("linuxcncrsh driver")
     section = Section(settings, "settings of the linuxcncrsh driver")
-    access = Access(
+    access = ServerAccess(
         host=section.text("host", default="127.0.0.1"),
         port=section.integer("port", low=1, high=65535, default=5007),
         connect_password=section.text("connect_password", default="EMC"),

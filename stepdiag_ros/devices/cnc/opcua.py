@@ -34,7 +34,7 @@ from stepdiag_ros.devices.cnc import (
     still_moves,
 )
 from stepdiag_ros.devices.cnc.move_check import check_target, far_axes
-from stepdiag_ros.devices.cnc.opcua_session import Finished, Session, Value
+from stepdiag_ros.devices.cnc.opcua_session import Finished, OpcUaSession, Value
 from stepdiag_ros.devices.cnc.opcua_settings import MOTORS, POSITIONS, TARGETS, OpcUaSettings
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
@@ -75,7 +75,7 @@ class OpcUaCnc:
     def __init__(self, machine: Machine, settings: OpcUaSettings, start: int) -> None:
         self._machine, self._settings = machine, settings
         self._now = self._told = start
-        self._session = Session(settings)
+        self._session = OpcUaSession(settings)
         self._values: dict[str, Any] = {}
         self._sources: dict[str, int | None] = {}
         self._clock = SourceClock()

@@ -63,7 +63,7 @@ class Finished:
     result: Any = None
 
 
-class Session:
+class OpcUaSession:
     """Connects, subscribes, and carries out requests, each in the order in which they were made.
 
     Args:

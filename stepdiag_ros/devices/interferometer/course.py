@@ -54,7 +54,7 @@ class _Leg:
     windows: dict[int, float] = field(default_factory=dict)
 
 
-class Course:
+class FollowedCourse:
     """Follows a run by its commands, the controller's answers and the positions.
 
     Args:

@@ -32,7 +32,7 @@ from stepdiag_ros.devices.interferometer import (
     Point,
 )
 from stepdiag_ros.devices.interferometer.message_values import FARTHEST, STATUSES, worst
-from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
+from stepdiag_ros.devices.interferometer.tally import Counted, ReadingTally, SpeedWatch
 from stepdiag_ros.devices.line_protocol_talk import CONNECT_WITHIN
 from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
@@ -130,7 +130,7 @@ class Ids3010:
         self._index_due = time_ns
         self._index = settings.index
         self._contrast = nan
-        self._tally = Tally()
+        self._tally = ReadingTally()
         self._speed = SpeedWatch(settings.fastest, settings.period / NANOSECONDS)
         self._names: dict[int, int] = {0: STATUS_OK, **settings.warnings}
         # Time, warning and displacement (m), until the words of every warning are known.

@@ -31,7 +31,7 @@ from stepdiag_ros.devices.line_protocol import (
     Fields,
     MessageSettings,
     NoMessage,
-    Quantity,
+    SentQuantity,
     field_of,
     quantity,
     times,
@@ -73,7 +73,7 @@ FARTHEST = 200.0
 """m: no interferometer on a machine reads more; such a number is none."""
 
 
-class Told(NamedTuple):
+class MessageValues(NamedTuple):
     """What one message tells.
 
     Attributes:
@@ -149,7 +149,7 @@ class SignalSettings:
         lost_below: strength below which the beam is lost; 0: never.
     """
 
-    strength: Quantity
+    strength: SentQuantity
     low_below: float
     lost_below: float
 
@@ -165,7 +165,7 @@ class TimeSettings:
         text: field that holds date and time instead; empty if there is none.
     """
 
-    clock: Quantity | None = None
+    clock: SentQuantity | None = None
     wraps: int = 0
     computer: bool = False
     text: str = ""
@@ -187,15 +187,15 @@ class ValueSettings:
         trigger: number of the hardware trigger; None likewise.
     """
 
-    raw: Quantity | None
-    compensated: Quantity | None
+    raw: SentQuantity | None
+    compensated: SentQuantity | None
     sign: float
     signal: SignalSettings | None
     status: StatusSettings | None
     time: TimeSettings
-    sequence: Quantity | None
+    sequence: SentQuantity | None
     sequence_wraps: int
-    trigger: Quantity | None
+    trigger: SentQuantity | None
 
     @classmethod
     def from_section(cls, section: Section, message: MessageSettings) -> "ValueSettings":
@@ -242,7 +242,7 @@ class ValueSettings:
         section.finish()
         return settings
 
-    def read(self, fields: Fields) -> Told:
+    def read(self, fields: Fields) -> MessageValues:
         """Return what a message tells.
 
         Raises:
@@ -268,7 +268,7 @@ class ValueSettings:
         elif self.time.clock is not None:
             number = _whole(self.time.clock, fields)
             clock, moment = (None, number) if self.time.computer else (number, None)
-        return Told(
+        return MessageValues(
             raw,
             compensated,
             nan if isnan(strength) else min(max(strength, 0.0), 1.0),
@@ -279,7 +279,7 @@ class ValueSettings:
             None if self.sequence is None else _whole(self.sequence, fields),
         )
 
-    def _length(self, one: Quantity | None, fields: Fields, status: int) -> float:
+    def _length(self, one: SentQuantity | None, fields: Fields, status: int) -> float:
         if one is None:
             return nan
         try:
@@ -375,7 +375,7 @@ def _time(values: Section, message: MessageSettings) -> TimeSettings:
     return TimeSettings(clock, wraps, computer)
 
 
-def _whole(one: Quantity, fields: Fields) -> int:
+def _whole(one: SentQuantity, fields: Fields) -> int:
     value = one.number(fields)
     if isnan(value) or value < 0.0:
         raise NoMessage(f"'{fields.get(one.source, '')[:40]}' is no whole number")

@@ -5,14 +5,14 @@ from math import isnan
 from typing import Protocol
 
 from stepdiag_ros.devices.interferometer import Point
-from stepdiag_ros.devices.interferometer.message_values import Told, ValueSettings, worst
+from stepdiag_ros.devices.interferometer.message_values import MessageValues, ValueSettings, worst
 from stepdiag_ros.devices.interferometer.stamps import (
     ArrivalStamps,
     ClockStamps,
     Missing,
     StampSettings,
 )
-from stepdiag_ros.devices.interferometer.tally import Counted, SpeedWatch, Tally
+from stepdiag_ros.devices.interferometer.tally import Counted, ReadingTally, SpeedWatch
 from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
@@ -23,7 +23,7 @@ MOST_UNREADABLE = 20
 """Messages in a row that may be unreadable before the device counts as another one."""
 
 
-class Source(Protocol):
+class MessageSource(Protocol):
     """Where messages come from."""
 
     def poll(self, time_ns: int) -> list[bytes]:
@@ -94,10 +94,10 @@ class MessageInterferometer:
         time_ns: now.
     """
 
-    def __init__(self, settings: InstrumentSettings, source: Source, time_ns: int) -> None:
+    def __init__(self, settings: InstrumentSettings, source: MessageSource, time_ns: int) -> None:
         self._settings = settings
         self._source = source
-        self._tally = Tally()
+        self._tally = ReadingTally()
         self._arrivals = ArrivalStamps(time_ns, settings.stamps)
         self._clock = ClockStamps(settings.stamps)
         self._missing = Missing(settings.stamps, settings.values.sequence_wraps)
@@ -129,7 +129,7 @@ class MessageInterferometer:
             OSError: the instrument is gone, silent, or was started again.
             ValueError: what it says makes no sense.
         """
-        readable: list[tuple[Told, int]] = []
+        readable: list[tuple[MessageValues, int]] = []
         for message in self._source.poll(time_ns):
             try:
                 fields = self._settings.message.split(message)
@@ -176,7 +176,7 @@ class MessageInterferometer:
                 fault="malformed",
             )
 
-    def _stamp(self, told: Told, arrived: int) -> int:
+    def _stamp(self, told: MessageValues, arrived: int) -> int:
         delay = self._settings.stamps.delay
         if told.moment is not None:
             return told.moment - delay
@@ -189,7 +189,7 @@ class MessageInterferometer:
         self._clock_told = told.clock
         return self._clock.stamp(told.clock + self._wrapped, arrived + delay)
 
-    def _lost_before(self, told: Told, time: int, unreadable: int) -> int:
+    def _lost_before(self, told: MessageValues, time: int, unreadable: int) -> int:
         if told.sequence is not None:
             return self._missing.by_number(told.sequence)
         # The instrument's own clock is even; a reckoned time is as uneven as the link.

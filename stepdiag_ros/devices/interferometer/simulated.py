@@ -19,7 +19,7 @@ from stepdiag_ros.devices.interferometer import (
     Point,
 )
 from stepdiag_ros.devices.interferometer.behaviour import Behaviour
-from stepdiag_ros.devices.interferometer.course import Course
+from stepdiag_ros.devices.interferometer.course import FollowedCourse
 from stepdiag_ros.metrology.air import (
     compensated_displacement,
     index_of,
@@ -100,7 +100,7 @@ class SimulatedInterferometer:
         self._coming: deque[_Beam] = deque()
         self._zeros = 0
         self._breaks: list[tuple[int, int]] = []
-        self._course: Course | None = None
+        self._course: FollowedCourse | None = None
         self._tracked: dict[str, TrackedLine] = {}
 
     def begin_run(self, plan: Plan, start_ns: int) -> None:
@@ -116,7 +116,7 @@ class SimulatedInterferometer:
         self._tracked = {line.name: line.tracked for line in plan.lines if line.tracked is not None}
         if self._cell.effects:
             begins = self._behaviour.weather_begins
-            self._course = Course(plan, self._cell, start_ns, begins, self._grid)
+            self._course = FollowedCourse(plan, self._cell, start_ns, begins, self._grid)
 
     def update_command(self, command: StopCommand, ends_at_stop: bool) -> None:
         """Take a command to the machine (see ``FollowsRun.update_command``)."""

@@ -45,7 +45,7 @@ class Counted:
     trigger: int = 0
 
 
-class Tally:
+class ReadingTally:
     """Numbers the readings, puts the zero where the instrument was aligned, and keeps a loss."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stepdiag_ros.devices import Surroundings
-from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage, Quantity, quantity
+from stepdiag_ros.devices.line_protocol import MessageSettings, NoMessage, SentQuantity, quantity
 from stepdiag_ros.devices.line_protocol_talk import Talk, TalkSettings
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment
@@ -68,7 +68,7 @@ class SensorSettings:
 
     talk: TalkSettings
     message: MessageSettings
-    quantities: Mapping[str, Quantity]
+    quantities: Mapping[str, SentQuantity]
     delay: int
 
     @classmethod

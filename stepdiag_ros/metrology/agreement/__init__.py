@@ -6,10 +6,10 @@ that knows how its nodes hang together (chi squared with its probability by chan
 anything has changed is judged by all of them at once.
 """
 
-from stepdiag_ros.metrology.agreement.changes import Changes, CurveChange, compare
+from stepdiag_ros.metrology.agreement.changes import CurveChange, MachineChanges, compare
 from stepdiag_ros.metrology.agreement.joint import SIGNIFICANT, JointTest, joint_test
-from stepdiag_ros.metrology.agreement.judgement import OF_CURVES, Family, Judgement
-from stepdiag_ros.metrology.agreement.measured import Measured
+from stepdiag_ros.metrology.agreement.judgement import OF_CURVES, Family, JointJudgement
+from stepdiag_ros.metrology.agreement.measured import ComparedMeasurement
 from stepdiag_ros.metrology.agreement.shared import SAME_INSTRUMENT, SAME_MACHINE
 from stepdiag_ros.metrology.agreement.values import FAMILIES, REVERSAL, FigureChange, PlaceChange
 
@@ -20,13 +20,13 @@ __all__ = [
     "SAME_INSTRUMENT",
     "SAME_MACHINE",
     "SIGNIFICANT",
-    "Changes",
+    "ComparedMeasurement",
     "CurveChange",
     "Family",
     "FigureChange",
+    "JointJudgement",
     "JointTest",
-    "Judgement",
-    "Measured",
+    "MachineChanges",
     "PlaceChange",
     "compare",
     "joint_test",

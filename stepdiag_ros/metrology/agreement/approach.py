@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag_ros.metrology.agreement.measured import Measured
+from stepdiag_ros.metrology.agreement.measured import ComparedMeasurement
 from stepdiag_ros.metrology.agreement.reversal import ReversedAxis, reversed_axes
 from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
@@ -25,7 +25,9 @@ UNKNOWN_REVERSAL = 1e-5
 """m: more than the reversal error of most axes; so what depends on it tells next to nothing."""
 
 
-def by_their_approach(before: Measured, after: Measured) -> tuple[Measured, Measured, list[str]]:
+def by_their_approach(
+    before: ComparedMeasurement, after: ComparedMeasurement
+) -> tuple[ComparedMeasurement, ComparedMeasurement, list[str]]:
     """Return two measurements with what their different overrun adds, and remarks.
 
     Args:
@@ -76,7 +78,9 @@ def _reversal(name: str, told: list[dict[str, ReversedAxis]]) -> float:
     return max(known, default=UNKNOWN_REVERSAL)
 
 
-def _covariance(one: Measured, measurement: Measurement, sizes: dict[str, float]) -> Vector:
+def _covariance(
+    one: ComparedMeasurement, measurement: Measurement, sizes: dict[str, float]
+) -> Vector:
     """Return what the first stops add to the covariance of the stacked curves, shape (k, k)."""
     stacked = _stacked(one.result, measurement)
     made = np.zeros((stacked.size, stacked.size))

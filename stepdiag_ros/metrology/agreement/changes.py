@@ -20,10 +20,15 @@ from stepdiag_ros.metrology.agreement.judgement import (
     NODES,
     OF_CURVES,
     TOGETHER,
-    Judgement,
+    JointJudgement,
     of_figures,
 )
-from stepdiag_ros.metrology.agreement.measured import Measured, Pair, figure_weights, pair
+from stepdiag_ros.metrology.agreement.measured import (
+    ComparedMeasurement,
+    ResultPair,
+    figure_weights,
+    pair,
+)
 from stepdiag_ros.metrology.agreement.reversal import reversals
 from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sources
 from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange, chance_of
@@ -82,7 +87,7 @@ class CurveChange:
 
 
 @dataclass(frozen=True)
-class Changes:
+class MachineChanges:
     """What two measurements say of one machine.
 
     Attributes:
@@ -116,7 +121,7 @@ class Changes:
     worst_places: Vector
     rms_noise: tuple[float, float]
     joint: JointTest
-    judgement: Judgement = field(default=Judgement())
+    judgement: JointJudgement = field(default=JointJudgement())
     shared: tuple[str, ...] = ()
     at_least: bool = False
     remarks: tuple[str, ...] = field(default=())
@@ -151,7 +156,9 @@ class Changes:
         return max(known, key=lambda one: float(abs(one.difference[one.largest])))
 
 
-def compare(before: Measured, after: Measured, same_instrument: bool = False) -> Changes:
+def compare(
+    before: ComparedMeasurement, after: ComparedMeasurement, same_instrument: bool = False
+) -> MachineChanges:
     """Return how two measurements of a machine differ.
 
     Args:
@@ -171,9 +178,9 @@ def compare(before: Measured, after: Measured, same_instrument: bool = False) ->
     rms, worst, moved, places, noise = volume_changes(both)
     told, remarks = reversals(before.measurement, after.measurement)
     figures = (rms, worst, *_figures(both), *told)
-    judgement = Judgement.of({**_of_curves(curves, joint), **of_figures(figures)})
+    judgement = JointJudgement.of({**_of_curves(curves, joint), **of_figures(figures)})
     rms, worst, *others = (_judged_figure(one, judgement) for one in figures)
-    return Changes(
+    return MachineChanges(
         before=both.before,
         after=both.after,
         chain=both.chain,
@@ -194,7 +201,7 @@ def compare(before: Measured, after: Measured, same_instrument: bool = False) ->
     )
 
 
-def _curves(both: Pair, combined: Vector) -> tuple[tuple[CurveChange, ...], JointTest]:
+def _curves(both: ResultPair, combined: Vector) -> tuple[tuple[CurveChange, ...], JointTest]:
     names = list(both.before.curves)
     ends = np.cumsum([len(both.before.curves[name]) for name in names])
     starts = [0, *ends[:-1].tolist()]
@@ -237,7 +244,7 @@ def _node(curve: str, row: int) -> str:
 
 
 def _judged_curves(
-    curves: tuple[CurveChange, ...], judgement: Judgement
+    curves: tuple[CurveChange, ...], judgement: JointJudgement
 ) -> tuple[CurveChange, ...]:
     """Return the curves with whether each changed.
 
@@ -254,14 +261,14 @@ def _judged_curves(
     )
 
 
-def _judged_figure(one: FigureChange, judgement: Judgement) -> FigureChange:
+def _judged_figure(one: FigureChange, judgement: JointJudgement) -> FigureChange:
     """Return a figure with whether it changed."""
     if not np.isfinite(one.probability):
         return one
     return replace(one, changed=one.name in judgement.named(one.family))
 
 
-def _figures(both: Pair) -> list[FigureChange]:
+def _figures(both: ResultPair) -> list[FigureChange]:
     """Return the figures of both; of each its size and sign as the result has it."""
     later = {figure.name: figure for figure in both.after.figures}
     shown = [figure for figure in both.before.figures if figure.name in later]

@@ -52,7 +52,7 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class JointJudgement:
     """What all families together say.
 
     Attributes:
@@ -62,7 +62,7 @@ class Judgement:
     families: tuple[Family, ...] = ()
 
     @classmethod
-    def of(cls, members: Mapping[str, Mapping[str, float]]) -> "Judgement":
+    def of(cls, members: Mapping[str, Mapping[str, float]]) -> "JointJudgement":
         """Judge families.
 
         Args:

@@ -30,7 +30,7 @@ _COMPARED = ("positioning", "straightness", "angular", "angular-shape", "diagona
 
 
 @dataclass(frozen=True)
-class Measured:
+class ComparedMeasurement:
     """One measurement, as it goes into a comparison.
 
     Attributes:
@@ -78,7 +78,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ResultPair:
     """Two results with the same curves at the same nodes in one frame.
 
     Attributes:
@@ -108,8 +108,8 @@ def curve_rows(budget: Budget, result: VolumetricErrors) -> tuple[list[int], lis
     return [starts[one.curve] + one.node for one in quantities], rows
 
 
-def pair(before: Measured, after: Measured, cross: Vector) -> Pair:
-    """Bring two measurements together; see ``Pair``.
+def pair(before: ComparedMeasurement, after: ComparedMeasurement, cross: Vector) -> ResultPair:
+    """Bring two measurements together; see ``ResultPair``.
 
     Args:
         before: the first.
@@ -153,7 +153,7 @@ def pair(before: Measured, after: Measured, cross: Vector) -> Pair:
         results = [one for one, _ in turned]
         shared = turned[0][1] @ shared @ turned[1][1].T
         remarks.append(f"the frames differ: both were turned into one, {FRAME}")
-    return Pair(results[0], results[1], shared, chain, tuple(remarks))
+    return ResultPair(results[0], results[1], shared, chain, tuple(remarks))
 
 
 def common_nodes(
@@ -256,7 +256,11 @@ def _places(result: VolumetricErrors, names: Sequence[str], picks: Sequence[Inte
 
 
 def _restricted(
-    one: Measured, names: Sequence[str], picks: Sequence[Integers], places: Vector, chain: str
+    one: ComparedMeasurement,
+    names: Sequence[str],
+    picks: Sequence[Integers],
+    places: Vector,
+    chain: str,
 ) -> VolumetricErrors:
     """Return a result with some of its curves at some of its nodes."""
     result = one.result

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag_ros.metrology.agreement.measured import Measured, curve_rows
+from stepdiag_ros.metrology.agreement.measured import ComparedMeasurement, curve_rows
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.source import COMMON, Source
@@ -31,7 +31,9 @@ UNSEEN_ANGLES = "angular errors that the readings do not show"
 """The same in both because the machine is, unless these themselves changed."""
 
 
-def shared_sources(before: Measured, after: Measured, same_instrument: bool) -> tuple[str, ...]:
+def shared_sources(
+    before: ComparedMeasurement, after: ComparedMeasurement, same_instrument: bool
+) -> tuple[str, ...]:
     """Return the names of the sources that two measurements share.
 
     Args:
@@ -50,7 +52,7 @@ def shared_sources(before: Measured, after: Measured, same_instrument: bool) -> 
     )
 
 
-def _of_rotations(before: Measured, after: Measured) -> Vector | None:
+def _of_rotations(before: ComparedMeasurement, after: ComparedMeasurement) -> Vector | None:
     """Return what the rotations that no reading tells make wrong in both alike.
 
     None where that is nothing, or not known.
@@ -79,7 +81,7 @@ def _root(covariance: Vector) -> Vector:
     return root
 
 
-def _lines(measured: Measured) -> tuple[object, ...]:
+def _lines(measured: ComparedMeasurement) -> tuple[object, ...]:
     """Return what decides what rotations do to a result."""
     if measured.measurement is None:
         return ()
@@ -91,7 +93,9 @@ def _lines(measured: Measured) -> tuple[object, ...]:
     return (measured.result.method, volume, tuple(sorted(kinds)))
 
 
-def cross_covariance(before: Measured, after: Measured, names: Sequence[str]) -> Vector:
+def cross_covariance(
+    before: ComparedMeasurement, after: ComparedMeasurement, names: Sequence[str]
+) -> Vector:
     """Return the covariance of the stacked curves of one measurement with those of the other.
 
     A shared source is one value x with one standard uncertainty u: what it does to the first, times

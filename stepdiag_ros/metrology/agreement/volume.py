@@ -4,7 +4,7 @@ from math import nan
 
 import numpy as np
 
-from stepdiag_ros.metrology.agreement.measured import Pair
+from stepdiag_ros.metrology.agreement.measured import ResultPair
 from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, Vector
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -20,7 +20,7 @@ MOST_WITH_UNCERTAINTY = 1000
 Volumes = tuple[FigureChange, FigureChange, PlaceChange | None, Vector, tuple[float, float]]
 
 
-def volume_changes(both: Pair) -> Volumes:
+def volume_changes(both: ResultPair) -> Volumes:
     """Return what changed in the volume.
 
     The uncertainty of the rms and of a length is to first order, with the covariance of the curves
@@ -79,7 +79,7 @@ def volume_changes(both: Pair) -> Volumes:
     )
 
 
-def _moved(both: Pair, maps: list[VolumetricMap]) -> PlaceChange:
+def _moved(both: ResultPair, maps: list[VolumetricMap]) -> PlaceChange:
     places = maps[0].some_nodes(MOST_PLACES)
     before, after = (one.errors(places) for one in maps)
     row = int(np.argmax(np.sum((after - before) ** 2, axis=1)))

@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.measurement import Environment
 
 
 @dataclass(frozen=True)
-class Plausible:
+class PlausibleAir:
     """What a sensor at a machine can mean.
 
     Attributes:
@@ -38,10 +38,10 @@ _TEMPERATURES: Mapping[str, Callable[[float], float]] = {
     "degF": lambda value: (value - 32.0) / 1.8,
 }
 
-PLAUSIBLE: Mapping[str, Plausible] = {
-    "air_temperature": Plausible("air temperature", "degC", -10.0, 50.0, 3.0, _TEMPERATURES),
+PLAUSIBLE: Mapping[str, PlausibleAir] = {
+    "air_temperature": PlausibleAir("air temperature", "degC", -10.0, 50.0, 3.0, _TEMPERATURES),
     # From 5000 m above the sea to below it.
-    "air_pressure": Plausible(
+    "air_pressure": PlausibleAir(
         "air pressure",
         "Pa",
         50e3,
@@ -56,10 +56,10 @@ PLAUSIBLE: Mapping[str, Plausible] = {
             "bar": lambda value: value * 1e5,
         },
     ),
-    "relative_humidity": Plausible(
+    "relative_humidity": PlausibleAir(
         "relative humidity", "0..1", 0.0, 1.0, 0.3, {"per cent": lambda value: value / 100.0}
     ),
-    "material_temperature": Plausible(
+    "material_temperature": PlausibleAir(
         "material temperature", "degC", -10.0, 60.0, 3.0, _TEMPERATURES
     ),
 }

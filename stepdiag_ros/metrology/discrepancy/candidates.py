@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
-from stepdiag_ros.metrology.discrepancy.columns import Changes, Columns, changes_of, in_blocks
+from stepdiag_ros.metrology.discrepancy.columns import ColumnChanges, Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -100,7 +100,7 @@ def signatures(
     """
     hidden: dict[str, str] = {}
     candidates: list[Candidate] = []
-    changes: list[Changes] = []
+    changes: list[ColumnChanges] = []
     free: dict[str, Vector] = {}
     # The same run with other noise: what depends on readings must not depend on their noise.
     noise = problem.noise * np.random.default_rng(0).standard_normal(len(stops.time))
@@ -152,7 +152,7 @@ def _blurred(columns: Vector, again: Vector) -> bool:
 
 def _left_by_baseline(
     candidates: list[Candidate],
-    changes: list[Changes],
+    changes: list[ColumnChanges],
     free: Mapping[str, Vector],
     problem: Whitened,
     hidden: dict[str, str],

@@ -19,7 +19,7 @@ from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.geometry import Vector
 
 
-class Changes(NamedTuple):
+class ColumnChanges(NamedTuple):
     """Changes of some columns from one reading to the next, those that are not zero.
 
     Attributes:
@@ -46,10 +46,10 @@ class Columns:
     problem: Whitened
 
     @classmethod
-    def of(cls, changes: Sequence[Changes], problem: Whitened) -> "Columns":
+    def of(cls, changes: Sequence[ColumnChanges], problem: Whitened) -> "Columns":
         """Join the changes of several blocks of columns, see ``changes_of``."""
         # One sparse array: to make one of each block and join them takes ten times as long.
-        none = Changes(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int64))
+        none = ColumnChanges(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int64))
         values, rows, counts = (np.concatenate(parts) for parts in zip(none, *changes, strict=True))
         ends = np.append(0, np.cumsum(counts)).astype(np.int32)
         shape = (len(problem.baseline.gap), len(counts))
@@ -112,7 +112,7 @@ class Columns:
         return before, after
 
 
-def changes_of(columns: Vector) -> Changes:
+def changes_of(columns: Vector) -> ColumnChanges:
     """Return columns of the readings as their changes from one reading to the next.
 
     Args:
@@ -121,7 +121,7 @@ def changes_of(columns: Vector) -> Changes:
     steps = np.diff(columns, axis=0, prepend=0.0).T
     column, row = np.nonzero(steps)
     counts = np.bincount(column, minlength=len(steps))
-    return Changes(steps[column, row], row.astype(np.int32), counts)
+    return ColumnChanges(steps[column, row], row.astype(np.int32), counts)
 
 
 def in_blocks(

@@ -43,7 +43,7 @@ class Extension:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """How a run is compared with a model; the same for every round.
 
     Attributes:
@@ -89,7 +89,7 @@ def with_chain(measurement: Measurement, model: MachineModel) -> Measurement:
 
 
 def extend(
-    comparison: Comparison,
+    comparison: ModelComparison,
     model: MachineModel,
     provenance: Provenance,
     status: str = FITTED,

@@ -56,7 +56,7 @@ _WEATHER = {
 
 
 @dataclass(frozen=True)
-class Pair:
+class RivalPair:
     """Two rivals and how well an extra plan tells them apart.
 
     Attributes:
@@ -84,7 +84,7 @@ class LeftOpen:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class ExtraPlan:
     """An extra plan for what a diagnosis left open.
 
     Attributes:
@@ -103,7 +103,7 @@ class Proposal:
     plan: Plan | None
     seconds: float
     certainty: float
-    pairs: tuple[Pair, ...]
+    pairs: tuple[RivalPair, ...]
     left_open: tuple[LeftOpen, ...]
     conditions: tuple[str, ...] = ()
     tried: int = 0
@@ -142,7 +142,7 @@ def propose(
     catalogue: Iterable[Effect] | None = None,
     fitted: Sequence[ActiveEffect] = (),
     curves: Mapping[str, Sequence[float]] | None = None,
-) -> Proposal:
+) -> ExtraPlan:
     """Seek the quickest extra plan that tells apart what a diagnosis left open.
 
     Args:
@@ -162,7 +162,7 @@ def propose(
         raise ValueError("the feed of the run is not known, so no time of an extra plan is either")
     unclear = [one for one in diagnosis.findings if one.ambiguous]
     if not unclear:
-        return Proposal((), None, float("nan"), float("nan"), (), ())
+        return ExtraPlan((), None, float("nan"), float("nan"), (), ())
     stops = diagnosis.stops
     baseline = fit_baseline(measurement, stops, known, curves=curves)
     if catalogue is None:
@@ -177,7 +177,7 @@ def propose(
     groups = [rivals for _, rivals in found if len(rivals) > 1]
     if not unclear:
         labels = tuple(one.labels for one in turning)
-        return Proposal(labels, None, float("nan"), float("nan"), (), turning)
+        return ExtraPlan(labels, None, float("nan"), float("nan"), (), turning)
 
     def contests(some: Sequence[Sequence[Rival]]) -> list[Contest]:
         return [
@@ -275,7 +275,7 @@ class _Search:
             self._known[key] = self._quick.good(chosen)
         return self._known[key]
 
-    def proposal(self, lost: Sequence[tuple[Candidate, Candidate]]) -> Proposal:
+    def proposal(self, lost: Sequence[tuple[Candidate, Candidate]]) -> ExtraPlan:
         """Return the quickest plan that is good enough.
 
         Args:
@@ -288,14 +288,14 @@ class _Search:
         left_open = (*_lost_words(lost), *_bound_words(judge))
         if not judge.asks:
             unknown = float("nan")
-            return Proposal(names, None, unknown, unknown, (), left_open, (), judge.tried)
+            return ExtraPlan(names, None, unknown, unknown, (), left_open, (), judge.tried)
         chosen = self._quickest()
         if not judge.good(chosen):
             self._quick, self._known = judge, {}
             chosen = self._quickest()
         judged = judge(chosen)
         plan = judge.plan(chosen)
-        return Proposal(
+        return ExtraPlan(
             rivals=names,
             plan=plan,
             seconds=self._seconds(plan),
@@ -374,7 +374,7 @@ class _Search:
         return chosen
 
 
-def _pairs(judged: Sequence[Judged], contests: Sequence[Contest]) -> tuple[Pair, ...]:
+def _pairs(judged: Sequence[Judged], contests: Sequence[Contest]) -> tuple[RivalPair, ...]:
     found = []
     for one in judged:
         rivals = contests[one.contest].rivals
@@ -382,7 +382,7 @@ def _pairs(judged: Sequence[Judged], contests: Sequence[Contest]) -> tuple[Pair,
             asked = [place for place in ((i, j), (j, i)) if one.asked[place]]
             if asked:
                 found.append(
-                    Pair(
+                    RivalPair(
                         (rivals[i].candidate.label, rivals[j].candidate.label),
                         float(np.sqrt(min(one.distance[place] for place in asked))),
                         float(min(one.chance[place] for place in asked)),

@@ -60,7 +60,7 @@ def is_bound(candidate: Candidate) -> bool:
 
 
 @dataclass(frozen=True)
-class Separation:
+class RivalSeparation:
     """How well the rivals of one finding would be told apart.
 
     Attributes:
@@ -210,7 +210,7 @@ class Contest:
         values, squares = _solved(columns, self._gap)
         return values[: sum(block.shape[1] for block in blocks)], squares
 
-    def separation(self, further: FurtherReadings) -> Separation:
+    def separation(self, further: FurtherReadings) -> RivalSeparation:
         """Return how well the rivals are told apart by the runs so far and further readings."""
         new = [further.of(one) for one in self._acting]
         before, after = len(self._gap), len(further.curves)
@@ -248,7 +248,7 @@ class Contest:
             rest = _beyond(units[-1], _beyond(beside, readings))
             distance[:, rival] = np.sum(rest**2, axis=0) - self._alone[rival][1]
         np.fill_diagonal(distance, 0.0)
-        return Separation(np.maximum(distance, 0.0), _overlaps(units))
+        return RivalSeparation(np.maximum(distance, 0.0), _overlaps(units))
 
     def overlap(self) -> Vector:
         """Return the overlap of the signatures in the runs so far, shape (rivals, rivals)."""

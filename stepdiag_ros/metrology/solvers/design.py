@@ -48,7 +48,7 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.direct_rows import RowMaker
-from stepdiag_ros.metrology.solvers.exact_model import LARGEST_TILT, ExactModel, State, padded
+from stepdiag_ros.metrology.solvers.exact_model import LARGEST_TILT, ExactModel, ModelState, padded
 from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.folded import fold, inverse_folded, places_in
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
@@ -365,7 +365,7 @@ class Design:
             squares,
         )
 
-    def _refined(self, given: Vector, unknowns: Vector, state: State) -> tuple[Vector, Vector]:
+    def _refined(self, given: Vector, unknowns: Vector, state: ModelState) -> tuple[Vector, Vector]:
         """Go on to the very minimum from where the nominal matrix led.
 
         There its transpose times the residuals vanishes, in the minimum that of the exact model's

@@ -21,8 +21,8 @@ from stepdiag_ros.metrology.direct import (
     EDGE_SHARE,
     DirectCurve,
     DirectMeasurement,
+    DirectPlace,
     DirectSquareness,
-    Place,
     between_nodes,
 )
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
@@ -229,7 +229,7 @@ class RowMaker:
                     matrix[:, self._names.index(rotation)] += at * across[which] / self._arm
         return matrix.reshape(1, -1)
 
-    def _weights(self, name: str, at: Vector, place: Place) -> Vector:
+    def _weights(self, name: str, at: Vector, place: DirectPlace) -> Vector:
         """Return functionals of one curve as functionals of all stacked unknowns.
 
         Args:
@@ -252,7 +252,7 @@ class RowMaker:
                     matrix[:, self._names.index(rotation)] += at * turn[which] / self._arm
         return matrix.reshape(len(at), -1)
 
-    def _lever(self, axis: int, place: Place) -> Vector:
+    def _lever(self, axis: int, place: DirectPlace) -> Vector:
         """Return the lever of an axis's rotations at a place, m, shape (3,)."""
         standing = np.asarray(place.standing) - np.asarray(self._volume.origin)
         after = levers(np.nan_to_num(standing)[None, :], self._chain)[axis][0]

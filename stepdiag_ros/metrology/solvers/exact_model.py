@@ -1,8 +1,9 @@
 """The exact model of a design's readings, and its derivatives; ``design`` says how it comes about.
 
 Both need the same errors of the mirror and the same turned directions, so that these are computed
-once for each set of unknowns (``State``). Arrays have the readings last: sums over the few curves
-and directions then run over whole rows, which is several times faster than over three numbers.
+once for each set of unknowns (``ModelState``). Arrays have the readings last: sums over the few
+curves and directions then run over whole rows, which is several times faster than over three
+numbers.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ LARGEST_TILT = 0.2
 
 
 @dataclass(frozen=True)
-class State:
+class ModelState:
     """What the model says for given unknowns.
 
     Attributes:
@@ -84,7 +85,7 @@ class ExactModel:
         nominal: Vector = self.directions[self.tilted]
         return nominal
 
-    def state(self, unknowns: Vector) -> State:
+    def state(self, unknowns: Vector) -> ModelState:
         """Return what the model says for unknowns of shape (..., p)."""
         # Much of this is small arrays, of which each call of numpy costs more than the sums.
         angles = unknowns.take(self.tilt_column, axis=-1) / self.arm
@@ -95,9 +96,9 @@ class ExactModel:
         excess: Vector = parts[..., 0, :] + parts[..., 1, :] + parts[..., 2, :]
         if len(self.effect_column):
             excess = excess + unknowns[..., self.effect_column] @ self.effects
-        return State(excess + unknowns.take(self.zero, axis=-1), errors, turned, tilts)
+        return ModelState(excess + unknowns.take(self.zero, axis=-1), errors, turned, tilts)
 
-    def derivatives(self, state: State, nominal: Vector) -> Vector:
+    def derivatives(self, state: ModelState, nominal: Vector) -> Vector:
         """Return the derivatives of one state's excess, as values of the matrix's entries.
 
         Args:

@@ -37,7 +37,7 @@ _SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class Row:
+class VerdictRow:
     """What can be told of one error.
 
     Attributes:
@@ -115,7 +115,7 @@ class Verdicts:
         smallest = float(values[self._design.unseen.shape[1]])
         return float(np.sqrt(values[-1] / smallest)) if smallest > 0.0 else float("inf")
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[VerdictRow, ...]:
         """Return the verdict on each curve and each squareness error."""
         rows = [self._curve(name) for name in self._design.names]
         rows += [self._squareness(name) for name in SQUARENESS_SLOPES]
@@ -209,7 +209,7 @@ class Verdicts:
             self._spaces[key] = _held_by(inside, within)
         return self._spaces[key]
 
-    def _curve(self, name: str) -> Row:
+    def _curve(self, name: str) -> VerdictRow:
         design = self._design
         columns = self._groups[name]
         unit = curve_unit(name)
@@ -221,7 +221,7 @@ class Verdicts:
         inflation = np.sqrt(variance * self._information[columns])
         place = design.names.index(name)
         ends_at_zero = design.curve_column[place, -1] == design.count
-        row = Row(
+        row = VerdictRow(
             name,
             unit,
             DETERMINED,
@@ -262,7 +262,7 @@ class Verdicts:
         scale = design.arm if curve_unit(name) == "rad" else 1.0
         return self._noise * float(np.sqrt(np.max(variance))) / scale
 
-    def _squareness(self, name: str) -> Row:
+    def _squareness(self, name: str) -> VerdictRow:
         design = self._design
         pair = SQUARENESS_SLOPES[name][1]
         weights = np.zeros(design.count + 1)
@@ -276,10 +276,12 @@ class Verdicts:
             spread = self._noise * float(np.sqrt(variance))
             alone = float(np.sum(weights**2 / np.maximum(self._information, 1e-300)))
             condition = float(np.sqrt(variance / alone))
-            return Row(name, "rad", DETERMINED, end=spread, largest=spread, condition=condition)
+            return VerdictRow(
+                name, "rad", DETERMINED, end=spread, largest=spread, condition=condition
+            )
         seen = any(self._shows(curve) for curve in pair)
         partners = self._partners(pair, left[None, :])
-        return Row(name, "rad", CONFOUNDED if seen else INVISIBLE, confounded_with=partners)
+        return VerdictRow(name, "rad", CONFOUNDED if seen else INVISIBLE, confounded_with=partners)
 
 
 def _held_by(gram: Vector, within: Vector | None = None) -> Vector:

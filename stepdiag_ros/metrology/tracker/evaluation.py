@@ -53,7 +53,7 @@ from stepdiag_ros.metrology.tracker.readings import (
     points_of,
     uncertainties_of,
 )
-from stepdiag_ros.metrology.tracker.separation import Separation, separate
+from stepdiag_ros.metrology.tracker.separation import AxisSeparation, separate
 
 _PLANES = {"C0Y": "xy", "B0Z": "xz", "A0Z": "yz"}
 _STEEPEST = np.radians(60.0)
@@ -99,7 +99,7 @@ class LineSlope:
 
 
 @dataclass(frozen=True)
-class Squareness:
+class SquarenessAngle:
     """One squareness angle.
 
     Attributes:
@@ -127,7 +127,7 @@ class LineEvaluation:
 
     tests: tuple[PositioningTest, ...]
     slopes: tuple[LineSlope, ...]
-    squareness: tuple[Squareness, ...]
+    squareness: tuple[SquarenessAngle, ...]
     closure: float
     closure_uncertainty: float
 
@@ -152,7 +152,7 @@ class SevenLineResult:
     joint: JointEstimate | None
     located: LineEvaluation
     corrected: LineEvaluation | None
-    separations: dict[str, "Separation | str"]
+    separations: dict[str, "AxisSeparation | str"]
     remarks: tuple[str, ...]
 
 
@@ -355,7 +355,7 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
 
 def squareness_of(
     slopes: Sequence[LineSlope], joint: JointEstimate | None
-) -> tuple[Squareness, ...]:
+) -> tuple[SquarenessAngle, ...]:
     """Return the squareness angles that face lines and the lines along their axes tell.
 
     Lines along which the beam does not run are left out: squareness across them is in their slopes.
@@ -374,7 +374,7 @@ def squareness_of(
         if joint is not None:
             functional = functionals_of(joint.machine)[NAMES.index(name)]
             spread = standard_uncertainty(value, functional, joint)
-        made.append(Squareness(name, value, spread))
+        made.append(SquarenessAngle(name, value, spread))
     return tuple(made)
 
 
@@ -460,7 +460,7 @@ def _joint(
 
 def _separated(
     readings: Sequence[TrackerReading], location: Location, joint: JointEstimate | None
-) -> "Separation | str":
+) -> "AxisSeparation | str":
     ordered = sorted(readings, key=_stop)
     try:
         made = separate(

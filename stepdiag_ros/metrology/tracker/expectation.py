@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
 
 
 @dataclass(frozen=True)
-class Expectation:
+class TrackerExpectation:
     """Standard uncertainties to come.
 
     Attributes:
@@ -39,7 +39,7 @@ class Expectation:
     warnings: tuple[str, ...]
 
 
-def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> Expectation:
+def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> TrackerExpectation:
     """Return how well a test will tell the tracker's place, positioning and squareness.
 
     Args:
@@ -84,7 +84,7 @@ def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> Expectatio
             separations[line.name] = str(error)
             continue
         separations[line.name] = (*one.standard_uncertainty, one.correlation)
-    return Expectation(
+    return TrackerExpectation(
         location.standard_uncertainty[:3],
         joint,
         separations,

@@ -28,17 +28,17 @@ from stepdiag_ros.metrology.forward import levers
 from stepdiag_ros.metrology.geometry import AXES, CURVES, FRAME, ROTATIONS, Vector
 from stepdiag_ros.metrology.plan import FORWARD
 from stepdiag_ros.metrology.solvers.summary import slope_weights
-from stepdiag_ros.metrology.tracker.mixed_model import Effects, Size
+from stepdiag_ros.metrology.tracker.mixed_model import Effects, GroupSize
 from stepdiag_ros.metrology.tracker.readings import LOCATE, TrackerReading
 
 SIZES = (
-    Size("the readings' uncertainty, as a factor", 1.0, 2.0),
-    Size("positioning, m", 1.5e-6, 2.0, least=1.2e-6),
-    Size("straightness, m", 1.0e-6, 2.0, least=0.8e-6),
-    Size("rotation, rad", 6.0e-6, 2.0, least=5.0e-6),
-    Size("zero of a pass, m", 0.1e-6, 4.0),
-    Size("lost motion, m", 0.3e-6, 4.0),
-    Size("scale of the lengths in a pass, m/m", 0.1e-6, 3.0),
+    GroupSize("the readings' uncertainty, as a factor", 1.0, 2.0),
+    GroupSize("positioning, m", 1.5e-6, 2.0, least=1.2e-6),
+    GroupSize("straightness, m", 1.0e-6, 2.0, least=0.8e-6),
+    GroupSize("rotation, rad", 6.0e-6, 2.0, least=5.0e-6),
+    GroupSize("zero of a pass, m", 0.1e-6, 4.0),
+    GroupSize("lost motion, m", 0.3e-6, 4.0),
+    GroupSize("scale of the lengths in a pass, m/m", 0.1e-6, 3.0),
 )
 """What is known of machines before anything is measured. Machine tools and coordinate measuring
 machines are within two standard deviations. Seven lines see a part of the curves only, and what
@@ -253,7 +253,7 @@ def effects_of(
     readings: Sequence[TrackerReading],
     unit: Vector,
     changes: Vector,
-    sizes: tuple[Size, ...] = SIZES,
+    sizes: tuple[GroupSize, ...] = SIZES,
 ) -> Effects:
     """Return all random effects on the lengths: curves, then what differs between passes.
 

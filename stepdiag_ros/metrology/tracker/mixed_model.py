@@ -34,7 +34,7 @@ _FLATTEST = 0.05
 
 
 @dataclass(frozen=True)
-class Size:
+class GroupSize:
     """What is known of the size of one group of effects before the readings speak.
 
     Attributes:
@@ -62,7 +62,7 @@ class Effects:
 
     design: Vector
     group: NDArray[np.intp]
-    sizes: tuple[Size, ...]
+    sizes: tuple[GroupSize, ...]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.tracker.instrument import Tracker
 _SAME = 1e-9
 
 
-class Route:
+class TrackerRoute:
     """Finds ways on one machine with one tracker.
 
     Args:

@@ -39,7 +39,7 @@ _LEAST_TARGETS = 3
 
 
 @dataclass(frozen=True)
-class Separation:
+class AxisSeparation:
     """Positioning and squareness of the axis along one line.
 
     Attributes:
@@ -138,7 +138,7 @@ def separate(
     station: Vector,
     station_covariance: Vector | None = None,
     start_length: float | None = None,
-) -> Separation:
+) -> AxisSeparation:
     """Separate positioning and squareness from the lengths along one line.
 
     Args:
@@ -189,7 +189,7 @@ def separate(
         ) from None
     both = fit.covariance[:2, :2]
     correlation = float(both[0, 1] / np.sqrt(both[0, 0] * both[1, 1]))
-    return Separation(
+    return AxisSeparation(
         scale=float(fit.parameters[0]),
         lean=float(fit.parameters[1]),
         covariance=both,

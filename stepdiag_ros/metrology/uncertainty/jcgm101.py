@@ -31,7 +31,7 @@ _COLUMNS = 16
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """What the trials say of each output quantity; all vectors have shape (m,).
 
     Attributes:
@@ -141,7 +141,7 @@ def monte_carlo(
     seed: int = 0,
     share: float = 1.0,
     progress: Callable[[float], None] | None = None,
-) -> Outcome:
+) -> TrialOutcome:
     """Run the adaptive procedure of clause 7.9.4.
 
     Args:
@@ -206,7 +206,7 @@ def monte_carlo(
     low, high, shortest_low, shortest_high = (
         origin + np.concatenate(ends) for ends in zip(*parts, strict=True)
     )
-    return Outcome(
+    return TrialOutcome(
         estimate=means.mean(axis=0),
         standard_uncertainty=overall,
         low=low,
@@ -222,7 +222,7 @@ def monte_carlo(
 
 
 def validate(
-    estimate: Vector, expanded: Vector, outcome: Outcome, uncertainty: Vector, digits: int = 1
+    estimate: Vector, expanded: Vector, outcome: TrialOutcome, uncertainty: Vector, digits: int = 1
 ) -> Validation:
     """Compare y ± U of the GUM uncertainty framework with the symmetric interval (clause 8.1).
 

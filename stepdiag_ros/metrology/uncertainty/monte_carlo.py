@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.jcgm101 import (
     VALIDATION_SHARE,
-    Outcome,
+    TrialOutcome,
     Validation,
     monte_carlo,
     validate,
@@ -20,7 +20,7 @@ _ROWS = 500
 
 
 @dataclass(frozen=True)
-class Check:
+class BudgetCheck:
     """A budget checked by Monte Carlo; vectors have one entry a quantity of the budget.
 
     Attributes:
@@ -29,7 +29,7 @@ class Check:
         digits: significant digits of the standard uncertainties that count.
     """
 
-    outcome: Outcome
+    outcome: TrialOutcome
     validation: Validation
     digits: int
 
@@ -40,7 +40,7 @@ def check_budget(
     most_trials: int = 400_000,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> Check:
+) -> BudgetCheck:
     """Propagate the distributions of all known sources and compare with the linear budget.
 
     Each trial draws every source, changes the readings by what it does to them, and solves them by
@@ -80,7 +80,7 @@ def check_budget(
     outcome = monte_carlo(
         sample, budget.coverage, digits, most_trials, seed, VALIDATION_SHARE, progress
     )
-    return Check(
+    return BudgetCheck(
         outcome,
         validate(found.values, budget.expanded, outcome, budget.standard_uncertainty, digits),
         digits,

@@ -24,7 +24,7 @@ from stepdiag_ros.metrology.solvers.summary import (
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ResultQuantity:
     """One number of a result.
 
     Attributes:
@@ -58,7 +58,7 @@ class Sensitivity:
 
     method: str
     observations: Observations
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[ResultQuantity, ...]
     values: Vector
     matrix: Vector
     weights: Vector
@@ -124,7 +124,7 @@ def sensitivity(measurement: Measurement, method: str = "least_squares") -> Sens
 
 def _nodes(
     ready: Estimator, known: NDArray[np.bool_], by_reading: Vector
-) -> tuple[list[Quantity], Vector]:
+) -> tuple[list[ResultQuantity], Vector]:
     """Return the curve values that are determined and not fixed by the frame."""
     size = len(known) // len(ready.names)
     moved = np.linalg.norm(by_reading, axis=1)
@@ -133,7 +133,7 @@ def _nodes(
     for place in wanted:
         curve, node = ready.names[place // size], int(place % size)
         unit = "rad" if curve in ROTATIONS else "m"
-        quantities.append(Quantity(f"{curve} at {node}", unit, curve, node))
+        quantities.append(ResultQuantity(f"{curve} at {node}", unit, curve, node))
     rows = np.zeros((len(wanted), len(known)))
     rows[np.arange(len(wanted)), wanted] = 1.0
     return quantities, rows
@@ -141,7 +141,7 @@ def _nodes(
 
 def _figures(
     ready: Estimator, stacked: Vector, known: NDArray[np.bool_], lines: list[str], chain: str
-) -> tuple[list[Quantity], Vector, Vector]:
+) -> tuple[list[ResultQuantity], Vector, Vector]:
     """Return the figures that need determined curve values only, and their weights."""
     volume = ready.observations.volume
     values = np.nan_to_num(stacked)
@@ -155,5 +155,5 @@ def _figures(
     wanted = np.flatnonzero(np.isfinite(start))
     every = functionals(volume, estimate, lines, chain)
     rows = np.array([every[row].weights * known for row in wanted])
-    quantities = [Quantity(made[row].name, made[row].unit) for row in wanted]
+    quantities = [ResultQuantity(made[row].name, made[row].unit) for row in wanted]
     return quantities, rows, start[wanted]

@@ -8,7 +8,7 @@ from msgspec import UNSET
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.metrology.uncertainty import source as sources
-from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
+from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.schemas.budget import Document, MonteCarlo, Quantity, Source, Trial
 
 
@@ -69,7 +69,7 @@ def _quantity(report: BudgetReport, row: int) -> Quantity:
     )
 
 
-def _trial(check: Check, row: int) -> Trial:
+def _trial(check: BudgetCheck, row: int) -> Trial:
     outcome, validation = check.outcome, check.validation
     return Trial(
         estimate=outcome.estimate[row],
@@ -84,7 +84,7 @@ def _trial(check: Check, row: int) -> Trial:
     )
 
 
-def _monte_carlo(check: Check) -> MonteCarlo:
+def _monte_carlo(check: BudgetCheck) -> MonteCarlo:
     return MonteCarlo(
         trials=check.outcome.trials,
         blocks=check.outcome.blocks,

@@ -75,7 +75,7 @@ def experiment_document(experiment: Experiment) -> dict[str, Any]:
     return schemas.document("comparison", content)
 
 
-def _row(row: table_one.Row) -> Row:
+def _row(row: table_one.TableOneRow) -> Row:
     return Row(
         label=row.label,
         name=row.name,
@@ -86,7 +86,7 @@ def _row(row: table_one.Row) -> Row:
     )
 
 
-def _by_definition(row: table_one.Row) -> dict[str, Angles]:
+def _by_definition(row: table_one.TableOneRow) -> dict[str, Angles]:
     made: dict[str, Angles] = {}
     for definition in SIGN_DEFINITIONS:
         factor = sign(row.name, definition)

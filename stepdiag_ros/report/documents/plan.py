@@ -23,7 +23,7 @@ from stepdiag_ros.schemas.plan import (
 )
 
 
-def _expectation(expectation: expectations.Expectation) -> Expectation:
+def _expectation(expectation: expectations.PlanExpectation) -> Expectation:
     return Expectation(
         squareness=expectation.squareness,
         straightness=expectation.straightness,
@@ -83,7 +83,7 @@ def _plan(plan: plans.Plan) -> Plan:
     )
 
 
-def _candidate(candidate: proposals.Candidate) -> Candidate:
+def _candidate(candidate: proposals.PlanCandidate) -> Candidate:
     return Candidate(
         lines=candidate.scheme.words,
         blocks=candidate.plan.volume.blocks,
@@ -93,7 +93,7 @@ def _candidate(candidate: proposals.Candidate) -> Candidate:
     )
 
 
-def _proposal(proposal: proposals.Proposal) -> Proposal:
+def _proposal(proposal: proposals.PlanProposal) -> Proposal:
     return Proposal(
         purpose=proposal.request.purpose,
         reason=proposal.reason,
@@ -105,7 +105,7 @@ def _proposal(proposal: proposals.Proposal) -> Proposal:
 
 
 def assessment_document(
-    assessment: Assessment, proposal: proposals.Proposal | None = None
+    assessment: Assessment, proposal: proposals.PlanProposal | None = None
 ) -> dict[str, Any]:
     """Return all that is known of a plan before it is run as a mapping that ``json`` can write.
 
@@ -136,6 +136,6 @@ def assessment_document(
     return schemas.document("plan", content)
 
 
-def assessment_json(assessment: Assessment, proposal: proposals.Proposal | None = None) -> str:
+def assessment_json(assessment: Assessment, proposal: proposals.PlanProposal | None = None) -> str:
     """Return the JSON text; see ``assessment_document``."""
     return schemas.json_text(assessment_document(assessment, proposal))

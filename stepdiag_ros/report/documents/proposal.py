@@ -5,7 +5,7 @@ from stepdiag_ros.planning.moves import describe
 from stepdiag_ros.schemas.diagnosis import LeftOpen, Pair, Proposal
 
 
-def proposal_part(proposal: proposals.Proposal | None, path: str = "") -> Proposal | None:
+def proposal_part(proposal: proposals.ExtraPlan | None, path: str = "") -> Proposal | None:
     """Return a proposal as a part of a document; None if there is none."""
     if proposal is None:
         return None

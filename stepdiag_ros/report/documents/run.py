@@ -4,7 +4,7 @@ from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
-from stepdiag_ros.evaluation.report import Comparison, Report, Truth, compare_with_truth
+from stepdiag_ros.evaluation.report import Report, Truth, TruthComparison, compare_with_truth
 from stepdiag_ros.metrology import visibility as visibilities
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Measurement
@@ -49,7 +49,7 @@ def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
     }
 
 
-def _comparison_document(found: Comparison) -> dict[str, Any]:
+def _comparison_document(found: TruthComparison) -> dict[str, Any]:
     return {
         "rms": found.rms,
         "largest_deviation": found.largest,

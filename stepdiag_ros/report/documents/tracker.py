@@ -10,7 +10,7 @@ from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFo
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
-from stepdiag_ros.metrology.tracker.separation import Separation
+from stepdiag_ros.metrology.tracker.separation import AxisSeparation
 from stepdiag_ros.words.tracker import sentences_of
 
 
@@ -114,7 +114,7 @@ def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any
     }
 
 
-def _separation_document(one: Separation) -> dict[str, Any]:
+def _separation_document(one: AxisSeparation) -> dict[str, Any]:
     return {
         "scale": one.scale,
         "lean": one.lean,

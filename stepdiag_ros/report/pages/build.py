@@ -10,7 +10,7 @@ from stepdiag_ros.report.pages.lead import judge, lead_of, what_to_do
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Chapter, Lead, chapter, page
 from stepdiag_ros.report.pages.pictures import Drawn, Studio
-from stepdiag_ros.report.pages.section import Content
+from stepdiag_ros.report.pages.section import SectionContent
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.publish import make_folder, whole_file
 
@@ -33,7 +33,7 @@ class Handover:
     """
 
     lead: Lead
-    contents: Mapping[str, Content | str]
+    contents: Mapping[str, SectionContent | str]
     pictures: Mapping[str, Mapping[str, Drawn]]
     footer: str
     subtitle: str
@@ -74,7 +74,7 @@ def prepare(
     Raises:
         OSError: the process that draws has ended.
     """
-    contents: dict[str, Content | str] = {}
+    contents: dict[str, SectionContent | str] = {}
     for section in sections():
         tell(section.title)
         told = section.tell(material)

@@ -34,7 +34,7 @@ _TITLE = "Two measurements of one machine"
 _UNBROKEN = "\N{NO-BREAK SPACE}"
 
 
-class Page:
+class ChangesPage:
     """The page, on a screen and for print; its pictures are drawn once.
 
     Args:

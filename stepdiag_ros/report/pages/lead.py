@@ -22,7 +22,7 @@ KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ToleranceJudgement:
     """Whether the longest error vector in the volume is allowed (ISO 14253-1).
 
     Attributes:
@@ -51,7 +51,7 @@ class Judgement:
         return f"{self.tolerance * IN_MICRO:.10g} µm"
 
 
-def judge(material: Material) -> Judgement:
+def judge(material: Material) -> ToleranceJudgement:
     """Judge the longest error vector in the volume."""
     accuracy, tolerance = material.accuracy, material.given.tolerance
     value = math.nan if accuracy is None else accuracy.value
@@ -67,7 +67,9 @@ def judge(material: Material) -> Judgement:
         verdict = EXCEEDS
     else:
         verdict = OPEN
-    return Judgement(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise)
+    return ToleranceJudgement(
+        verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise
+    )
 
 
 def lead_of(material: Material) -> Lead:
@@ -84,7 +86,7 @@ def lead_of(material: Material) -> Lead:
     return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
 
 
-def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
+def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:
     limit = judged.limit
     if material.report.preferred() is None:
         return "open", "This run does not tell the machine's errors"
@@ -111,7 +113,7 @@ def _headline(material: Material, judged: Judgement) -> tuple[str, str]:
     return tone, text
 
 
-def _judged(judged: Judgement) -> list[str]:
+def _judged(judged: ToleranceJudgement) -> list[str]:
     if not math.isfinite(judged.value):
         nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
         return [f"How large the largest error in the volume is these lines do not tell{nor}."]
@@ -155,7 +157,7 @@ def _basis(material: Material) -> str:
     return f"The ± on this page {basis} Tables headed '{OF_READINGS}' have the readings alone."
 
 
-def what_to_do(material: Material, judged: Judgement) -> list[str]:
+def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
     """Return what is to be done, most urgent first, in sentences that go on from a colon."""
     bag, run = material.recorded.path.name, material.lead
     said = [] if run.whole else [f"measure what is missing: {missing_words(run)}."]
@@ -204,7 +206,7 @@ def what_to_do(material: Material, judged: Judgement) -> list[str]:
     return said
 
 
-def _facts(material: Material, judged: Judgement) -> list[Fact]:
+def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
     accuracy, report = material.accuracy, material.report
     rms = math.nan if accuracy is None else accuracy.rms
     size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)

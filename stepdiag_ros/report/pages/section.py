@@ -9,7 +9,7 @@ from stepdiag_ros.report.pages.pictures import Drawing
 
 
 @dataclass(frozen=True)
-class Content:
+class SectionContent:
     """What a section tells of one run.
 
     Attributes:
@@ -22,7 +22,7 @@ class Content:
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """A section of the report.
 
     Attributes:
@@ -36,5 +36,5 @@ class Section:
 
     key: str
     title: str
-    tell: Callable[[Material], Content | str]
+    tell: Callable[[Material], SectionContent | str]
     document: Callable[[Material], Any] | None = None

@@ -30,7 +30,7 @@ from stepdiag_ros.report.pages.page import (
     table_views,
 )
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio
-from stepdiag_ros.report.pages.section import Content
+from stepdiag_ros.report.pages.section import SectionContent
 from stepdiag_ros.report.pages.sections import curves, measurement
 from stepdiag_ros.report.pages.tracker_facts import stations_in
 from stepdiag_ros.report.tables.positioning import target_table
@@ -152,7 +152,7 @@ class TrackerHandover:
         """
         asked = {part.key: part.drawings for part in self._parts}
         for key, told in (("measurement", self._measured), ("curves", self._curves)):
-            if isinstance(told, Content):
+            if isinstance(told, SectionContent):
                 asked[key] = told.drawings
         for key, drawings in asked.items():
             for name, drawing in drawings.items():
@@ -176,7 +176,7 @@ class TrackerHandover:
             (measurement.SECTION, self._measured),
             (curves.SECTION, self._curves),
         ):
-            if isinstance(told, Content):
+            if isinstance(told, SectionContent):
                 drawn = self._pictures.get(section.key, {})
                 template = f"sections/{section.key}.html"
                 chapters.append(

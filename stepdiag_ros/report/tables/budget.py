@@ -10,7 +10,7 @@ from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.metrology.uncertainty.monte_carlo import Check
+from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
@@ -108,7 +108,7 @@ def curves_table(budget: Budget) -> list[Table]:
     return tables
 
 
-def check_table(budget: Budget, check: Check) -> Table:
+def check_table(budget: Budget, check: BudgetCheck) -> Table:
     """Return the comparison of the linear budget with Monte Carlo for all figures (JCGM 101, 8)."""
     table = new_table(
         f"Monte Carlo, {check.outcome.trials:,} trials (JCGM 101), µm or µrad",
@@ -140,7 +140,7 @@ def check_table(budget: Budget, check: Check) -> Table:
     return table
 
 
-def check_sentences(check: Check) -> list[str]:
+def check_sentences(check: BudgetCheck) -> list[str]:
     """Say whether the Monte Carlo method settled, and what it says of the linear budget."""
     outcome = check.outcome
     failed = int(np.count_nonzero(~check.validation.passed))

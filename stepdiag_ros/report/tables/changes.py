@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from stepdiag_ros.evaluation.changes import ChangesReport
-from stepdiag_ros.metrology.agreement import Changes, CurveChange, FigureChange
+from stepdiag_ros.metrology.agreement import CurveChange, FigureChange, MachineChanges
 from stepdiag_ros.metrology.geometry import AXES, moving_axis
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
@@ -47,7 +47,7 @@ def print_changes(report: ChangesReport, console: PlainConsole) -> None:
         sentence(f"- {remark}")
 
 
-def figure_table(changes: Changes, space: str = " ") -> Table:
+def figure_table(changes: MachineChanges, space: str = " ") -> Table:
     """Return the figures of both, with the change, its uncertainty and E_n.
 
     Args:
@@ -83,7 +83,7 @@ def figure_table(changes: Changes, space: str = " ") -> Table:
     return table
 
 
-def curve_table(changes: Changes) -> Table:
+def curve_table(changes: MachineChanges) -> Table:
     """Return for each curve its largest change and what all of its nodes together say."""
     table = new_table(
         "Error curves, node by node",

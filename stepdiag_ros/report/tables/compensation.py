@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from stepdiag_ros.compensation.remaining import COMPUTED, Change
+from stepdiag_ros.compensation.remaining import COMPUTED, BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import UNKNOWN, plain
@@ -71,7 +71,7 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     sentence(NOT_INSTALLED)
 
 
-def change_table(title: str, changes: Sequence[Change], with_tables: bool = True) -> Table:
+def change_table(title: str, changes: Sequence[BeforeAndAfter], with_tables: bool = True) -> Table:
     """Return figures before and after.
 
     Args:
@@ -88,7 +88,7 @@ def change_table(title: str, changes: Sequence[Change], with_tables: bool = True
     return table
 
 
-def _times(one: Change) -> str:
+def _times(one: BeforeAndAfter) -> str:
     if math.isnan(one.factor) or not math.isfinite(one.after):
         return UNKNOWN if math.isnan(one.before) or math.isnan(one.after) else "-"
     return "> 1000" if one.factor > 1000 else plain(one.factor, 1)

@@ -6,7 +6,7 @@ from rich.table import Table
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.evaluation.report import method_title, short_title
 from stepdiag_ros.metrology.comparison import DirectComparison
-from stepdiag_ros.metrology.table_one import Row
+from stepdiag_ros.metrology.table_one import TableOneRow
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
@@ -40,7 +40,7 @@ def table_one_table(experiment: Experiment) -> Table:
     return table
 
 
-def _short_label(row: Row) -> str:
+def _short_label(row: TableOneRow) -> str:
     """Return a row's label in so few letters that every number has room."""
     if row.name[0] != "E":
         return row.label.replace("of ", "")

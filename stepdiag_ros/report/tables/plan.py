@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
-from stepdiag_ros.planning.proposal import Candidate, Proposal, hours, size_words
+from stepdiag_ros.planning.proposal import PlanCandidate, PlanProposal, hours, size_words
 from stepdiag_ros.report.tables.run import PlainConsole, new_table
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 
@@ -114,7 +114,7 @@ def visibility_table(assessment: Assessment) -> Table:
     return table
 
 
-def alternatives_table(proposal: Proposal) -> Table:
+def alternatives_table(proposal: PlanProposal) -> Table:
     """Return the candidates that are worth a thought, the chosen one marked."""
     purpose = PURPOSES[proposal.request.purpose]
     table = new_table(
@@ -136,11 +136,11 @@ def alternatives_table(proposal: Proposal) -> Table:
     return table
 
 
-def _repeats(candidate: Candidate) -> int:
+def _repeats(candidate: PlanCandidate) -> int:
     return max(line.repeat for line in candidate.plan.lines) + 1
 
 
-def summary_sentences(assessment: Assessment, proposal: Proposal | None) -> list[str]:
+def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> list[str]:
     """Return what comes first: how long, how many, how well, and why this plan."""
     duration = assessment.duration
     repeats = "each line one way"
@@ -175,7 +175,7 @@ def summary_sentences(assessment: Assessment, proposal: Proposal | None) -> list
 
 
 def print_assessment(
-    assessment: Assessment, console: PlainConsole, proposal: Proposal | None = None
+    assessment: Assessment, console: PlainConsole, proposal: PlanProposal | None = None
 ) -> None:
     """Print all that is known of a plan before it is run.
 
@@ -207,7 +207,7 @@ def print_assessment(
         sentence(f"- {text}")
 
 
-def head_of_plan(assessment: Assessment, proposal: Proposal) -> list[str]:
+def head_of_plan(assessment: Assessment, proposal: PlanProposal) -> list[str]:
     """Return the sentences that stand at the head of a proposed plan's file."""
     return [
         f"Proposed by stepdiag {__version__} for {assessment.machine.name}.",

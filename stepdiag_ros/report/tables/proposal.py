@@ -2,7 +2,7 @@
 
 from rich.table import Table
 
-from stepdiag_ros.metrology.discrepancy.proposal import Proposal
+from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan
 from stepdiag_ros.report.tables.run import new_table
 from stepdiag_ros.text.numbers import plain
 
@@ -10,7 +10,7 @@ _MOST_PAIRS = 12
 _PAIR_COLUMNS = ("cause", "or", "expected difference in σ", "chance to tell")
 
 
-def pairs_table(proposal: Proposal | None) -> Table | None:
+def pairs_table(proposal: ExtraPlan | None) -> Table | None:
     """Return how well the proposed lines tell the rivals apart, the least certain first."""
     if proposal is None or not proposal.pairs:
         return None

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.report import (
-    Comparison,
     Report,
+    TruthComparison,
     compare_with_truth,
     frame_sentences,
     method_title,
@@ -26,7 +26,7 @@ from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLA
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.metrology.visibility import DETERMINED, Row, Visibility
+from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.controls import printable
 from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.words.lead import next_lines, sentences_of
@@ -293,7 +293,7 @@ def _expanded(standard_uncertainty: float) -> str:
     return f"{COVERAGE_FACTOR * standard_uncertainty:.2g}"
 
 
-def _inflation(row: Row) -> str:
+def _inflation(row: VerdictRow) -> str:
     return f"{row.condition:.2g}" if math.isfinite(row.condition) else "-"
 
 
@@ -393,7 +393,7 @@ def _reduced_chi_squared(result: VolumetricErrors) -> str:
     return plain(result.chi_squared / result.degrees_of_freedom)
 
 
-def _inside(comparison: Comparison) -> str:
+def _inside(comparison: TruthComparison) -> str:
     if not comparison.points_with_uncertainty:
         return UNKNOWN
     return f"{comparison.points_inside} of {comparison.points_with_uncertainty}"

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation, SevenLineResult
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
-from stepdiag_ros.metrology.tracker.separation import Separation
+from stepdiag_ros.metrology.tracker.separation import AxisSeparation
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.positioning import target_table
@@ -158,9 +158,9 @@ def squareness_rows(result: SevenLineResult) -> Table | None:
     return table
 
 
-def separation_table(separations: "dict[str, Separation | str]") -> Table | None:
+def separation_table(separations: "dict[str, AxisSeparation | str]") -> Table | None:
     """Return positioning and squareness from single lines; None where no line tells them."""
-    found = {name: one for name, one in separations.items() if isinstance(one, Separation)}
+    found = {name: one for name, one in separations.items() if isinstance(one, AxisSeparation)}
     if not found:
         return None
     table = new_table(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag_ros.metrology.tracker.expectation import Expectation
+from stepdiag_ros.metrology.tracker.expectation import TrackerExpectation
 from stepdiag_ros.metrology.tracker.seven_lines import SevenLineTest
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -17,7 +17,7 @@ _ALONE, _USUAL = "lengths alone", "lengths and a usual machine"
 
 
 def print_test(
-    test: SevenLineTest, expectation: Expectation, station: str, console: PlainConsole
+    test: SevenLineTest, expectation: TrackerExpectation, station: str, console: PlainConsole
 ) -> None:
     """Print a planned test: its lines, what it will tell, what is left out, remarks."""
     table = new_table(

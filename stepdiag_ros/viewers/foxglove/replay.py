@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Record
+from stepdiag_ros.bags.bag import RecordedMessage
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.run import check_version
 from stepdiag_ros.bags.runs import choose_run, records_of
@@ -16,7 +16,13 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.run.pacing import Pace
 from stepdiag_ros.topics import Topic
 from stepdiag_ros.viewers.foxglove.recorded_scene import MADE, SOURCES, RecordedScene
-from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, Place, Playback, Playing, Wish
+from stepdiag_ros.viewers.foxglove.server import (
+    FoxgloveServer,
+    Playback,
+    Playing,
+    ServedPlace,
+    Wish,
+)
 
 TICK = 0.02
 """Real seconds between two looks at what is due."""
@@ -55,7 +61,7 @@ class FoxgloveReplay:
         path: Path,
         run_id: str | None,
         rate: float,
-        place: Place,
+        place: ServedPlace,
         log: Callable[[str], None],
     ) -> None:
         self._bag = open_bag(path)
@@ -160,7 +166,7 @@ class FoxgloveReplay:
             due = min(due, self._next.log_time)
         self._time = min(max(self._time, due), self._end)
 
-    def _see(self, record: Record) -> None:
+    def _see(self, record: RecordedMessage) -> None:
         source = self._sources.get(record.topic)
         if source is not None and self._drawn:
             self._scene.take(source, self._bag.decode(record))
@@ -218,9 +224,9 @@ class FoxgloveReplay:
         self.server.say_what_holds()
         self._picture_shown = 0.0
 
-    def _records(self, begin: int) -> Iterator[Record]:
+    def _records(self, begin: int) -> Iterator[RecordedMessage]:
         """Go through the run from a time on; of what was before, what holds is taken note of."""
-        tool: Record | None = None
+        tool: RecordedMessage | None = None
         for record, _ in records_of(self._bag, self._run, self._names):
             if record.log_time >= begin:
                 if tool is not None:

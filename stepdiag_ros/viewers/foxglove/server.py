@@ -43,7 +43,7 @@ Decode = Callable[[bytes], Any]
 
 
 @dataclass(frozen=True)
-class Place:
+class ServedPlace:
     """Where viewers are served, and who may come.
 
     Attributes:
@@ -150,7 +150,7 @@ class FoxgloveServer:
     def __init__(
         self,
         title: str,
-        place: Place,
+        place: ServedPlace,
         log: Callable[[str], None],
         playback: Playback | None = None,
     ) -> None:

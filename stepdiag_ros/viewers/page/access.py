@@ -20,7 +20,7 @@ LEAST_TOKEN = 16
 
 
 @dataclass(frozen=True)
-class Access:
+class PageAccess:
     """What is asked of a request.
 
     Attributes:
@@ -87,7 +87,7 @@ def is_loopback(address: str) -> bool:
         return False
 
 
-def make_access(address: str, token_file: str) -> Access:
+def make_access(address: str, token_file: str) -> PageAccess:
     """Return the rules for an address.
 
     Args:
@@ -100,14 +100,14 @@ def make_access(address: str, token_file: str) -> Access:
         OSError: the file cannot be read.
     """
     if token_file:
-        return Access(address, _read_token(Path(token_file)), made=False)
+        return PageAccess(address, _read_token(Path(token_file)), made=False)
     if not is_loopback(address):
         raise Refusal(
             f"other computers can reach the address '{address}': give a token_file too, which holds"
             f" {LEAST_TOKEN} characters or more and which only you can read",
             fault="exposed",
         )
-    return Access(address, secrets.token_hex(LEAST_TOKEN), made=True)
+    return PageAccess(address, secrets.token_hex(LEAST_TOKEN), made=True)
 
 
 def _read_token(path: Path) -> str:

@@ -11,7 +11,7 @@ LEADERS = ("sequencer", "by_hand")
 
 
 @dataclass(frozen=True)
-class Answer:
+class RequestAnswer:
     """What came of a request.
 
     Attributes:
@@ -23,5 +23,5 @@ class Answer:
     text: str
 
 
-Ask = Callable[[str], "Future[Answer]"]
+Ask = Callable[[str], "Future[RequestAnswer]"]
 """Asks for one of ``ACTIONS``; called from the server's thread."""

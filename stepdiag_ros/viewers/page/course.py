@@ -14,9 +14,9 @@ from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.control import LEADERS
-from stepdiag_ros.viewers.page.items import MachineStatus, Place, RunBegin, RunStatus
-from stepdiag_ros.viewers.page.section import Section, drawn, measured, time_left
-from stepdiag_ros.viewers.scene.progress_markers import Course, courses
+from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, RunStatus
+from stepdiag_ros.viewers.page.section import PageSection, drawn, measured, time_left
+from stepdiag_ros.viewers.scene.progress_markers import LineCourse, courses
 
 STATE_WORDS = {
     State.IDLE: "nothing is measured",
@@ -32,7 +32,7 @@ _POINTS = 200
 """Points of a drawn line, at most; a line of more stops is drawn by its ends."""
 
 
-class RunSection(Section):
+class RunSection(PageSection):
     """Which run it is, where it is, how long it takes still, and what may be asked of it."""
 
     name: ClassVar[str] = "run"
@@ -109,7 +109,7 @@ class RunSection(Section):
         return "no sequencer is heard"
 
 
-class VolumeSection(Section):
+class VolumeSection(PageSection):
     """The box that is measured and the lines through it, as they stand in the plan."""
 
     name: ClassVar[str] = "volume"
@@ -145,7 +145,7 @@ class VolumeSection(Section):
         }
 
 
-class ProgressSection(Section):
+class ProgressSection(PageSection):
     """How far each of these lines is, and the present block."""
 
     name: ClassVar[str] = "progress"
@@ -153,7 +153,7 @@ class ProgressSection(Section):
     def begin(self, run: RunBegin | None) -> None:
         """Take up a plan of which nothing is measured."""
         self._plan = run.plan if run else None
-        self._courses: tuple[Course, ...] = courses(run.plan) if run else ()
+        self._courses: tuple[LineCourse, ...] = courses(run.plan) if run else ()
         self._measured: dict[int, bool] = {}
         self._present: tuple[int, int] | None = None
 
@@ -184,7 +184,7 @@ class ProgressSection(Section):
             "block": self._block(),
         }
 
-    def _look(self, course: Course) -> str:
+    def _look(self, course: LineCourse) -> str:
         known = [self._measured[one] for one in course.passes if one in self._measured]
         if self._present is not None and self._present[0] in course.passes:
             return "present"
@@ -205,7 +205,7 @@ class ProgressSection(Section):
         return _millimetres(stops[stop - 1 : stop + 1])
 
 
-class PositionSection(Section):
+class PositionSection(PageSection):
     """Where the tool is, and whether the machine says that it is stopped or faulty."""
 
     name: ClassVar[str] = "position"
@@ -214,7 +214,7 @@ class PositionSection(Section):
     def begin(self, run: RunBegin | None) -> None:
         """Know nothing yet."""
         del run
-        self._place: Place | None = None
+        self._place: AxisPlace | None = None
         self._trouble = ""
         self._silence = ""
 
@@ -223,7 +223,7 @@ class PositionSection(Section):
         if isinstance(item, Contact):
             before, self._silence = self._silence, _silence(item)
             return self._silence != before
-        if isinstance(item, Place):
+        if isinstance(item, AxisPlace):
             changed = self._place is None or item.position != self._place.position
             self._place = item
             return changed
@@ -257,7 +257,7 @@ def _silence(contact: Contact) -> str:
     return ""
 
 
-def _path(course: Course, volume: Volume) -> Vector:
+def _path(course: LineCourse, volume: Volume) -> Vector:
     stops = course.line.stops(volume)
     return stops if len(stops) <= _POINTS or not course.along_a_line else stops[[0, -1]]
 

@@ -72,7 +72,7 @@ class MachineStatus(NamedTuple):
     faulty: bool = False
 
 
-class Place(NamedTuple):
+class AxisPlace(NamedTuple):
     """Where the axes are, m, at a time (ns)."""
 
     time: int
@@ -88,7 +88,7 @@ class Said(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Source:
+class HeardTopic:
     """A topic that the page hears.
 
     Attributes:
@@ -145,10 +145,10 @@ def _machine(message: Any) -> Iterable[MachineStatus]:
     )
 
 
-def _place(message: Any) -> Iterable[Place]:
+def _place(message: Any) -> Iterable[AxisPlace]:
     position = conversion.axis_positions(message)
     if position is not None and all(math.isfinite(value) for value in position):
-        yield Place(conversion.to_nanoseconds(message.header.stamp), position)
+        yield AxisPlace(conversion.to_nanoseconds(message.header.stamp), position)
 
 
 def _said(message: Any) -> Iterable[Said]:
@@ -170,20 +170,20 @@ def _one(convert: Callable[[Any], Any]) -> Callable[[Any], Iterable[Any]]:
     return lambda message: (convert(message),)
 
 
-SOURCES: tuple[Source, ...] = (
-    Source(topics.RUN_DESCRIPTION, _one(to_run_begin)),
-    Source(topics.RUN_STATE, _one(to_run_status)),
-    Source(topics.MACHINE_STATE, _machine),
-    Source(topics.JOINT_STATES, _place, newest=True),
-    Source(topics.READING, _one(conversion.to_reading), newest=True),
-    Source(topics.STOP, _one(conversion.to_settled_stop)),
-    Source(topics.BLOCK, _one(conversion.to_block)),
-    Source(topics.LINE, _one(conversion.to_measured_line)),
-    Source(topics.VOLUMETRIC_ERRORS, _one(to_volumetric_errors)),
-    Source(topics.DIAGNOSIS, _one(to_diagnosis)),
-    Source(topics.DIAGNOSTICS, _said),
+SOURCES: tuple[HeardTopic, ...] = (
+    HeardTopic(topics.RUN_DESCRIPTION, _one(to_run_begin)),
+    HeardTopic(topics.RUN_STATE, _one(to_run_status)),
+    HeardTopic(topics.MACHINE_STATE, _machine),
+    HeardTopic(topics.JOINT_STATES, _place, newest=True),
+    HeardTopic(topics.READING, _one(conversion.to_reading), newest=True),
+    HeardTopic(topics.STOP, _one(conversion.to_settled_stop)),
+    HeardTopic(topics.BLOCK, _one(conversion.to_block)),
+    HeardTopic(topics.LINE, _one(conversion.to_measured_line)),
+    HeardTopic(topics.VOLUMETRIC_ERRORS, _one(to_volumetric_errors)),
+    HeardTopic(topics.DIAGNOSIS, _one(to_diagnosis)),
+    HeardTopic(topics.DIAGNOSTICS, _said),
     *(
-        Source(topic, _sensor(name, field), newest=True)
+        HeardTopic(topic, _sensor(name, field), newest=True)
         for name, (topic, field) in topics.WEATHER.items()
     ),
 )

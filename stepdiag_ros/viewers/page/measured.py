@@ -20,7 +20,7 @@ from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.expectation import expected_displacement, nominal_displacement
 from stepdiag_ros.viewers.page.items import RunBegin
-from stepdiag_ros.viewers.page.section import Section, drawn, measured, micrometres
+from stepdiag_ros.viewers.page.section import PageSection, drawn, measured, micrometres
 from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
 _ROUGH = (
@@ -35,7 +35,7 @@ _TENTH = 10
 """Parts of a percent of the signal that are told apart: noise is no news."""
 
 
-class BeamSection(Section):
+class BeamSection(PageSection):
     """Whether there is a beam, how strong it is, and what it reads."""
 
     name: ClassVar[str] = "beam"
@@ -86,7 +86,7 @@ def _silence(contact: Contact) -> str:
     return ""
 
 
-class StopSection(Section):
+class StopSection(PageSection):
     """The last stop: what was measured against a perfect machine and against the model.
 
     Both are counted from the first settled stop of the setup, at which the reading is zeroed. Where
@@ -191,7 +191,7 @@ class StopSection(Section):
         return nominal, expected, method
 
 
-class BlockSection(Section):
+class BlockSection(PageSection):
     """The blocks of the present pass as they come, and of the pass before over the same line."""
 
     name: ClassVar[str] = "blocks"
@@ -274,7 +274,7 @@ def _deviation(block: BlockDisplacement) -> float:
     return _forward(block) * (block.displacement - block.nominal_displacement)
 
 
-class WeatherSection(Section):
+class WeatherSection(PageSection):
     """The air and the machine's temperature, by the sensors or by what the laser was told."""
 
     name: ClassVar[str] = "weather"

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Record
+from stepdiag_ros.bags.bag import RecordedMessage
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import check_version
 from stepdiag_ros.bags.runs import choose_run, records_of
 from stepdiag_ros.run.pacing import Pace
-from stepdiag_ros.viewers.page.items import SOURCES, Source, to_run_begin
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.items import SOURCES, HeardTopic, to_run_begin
+from stepdiag_ros.viewers.page.state import PageState
 
 _LOOK = 0.05
 """Real seconds between two messages of a topic of which the newest is enough."""
@@ -33,7 +33,7 @@ class Replay:
         time: at which the message that was folded in last was recorded, ns.
     """
 
-    def __init__(self, path: Path, state: State, run_id: str | None = None) -> None:
+    def __init__(self, path: Path, state: PageState, run_id: str | None = None) -> None:
         self._bag = BagReader(path)
         self._run = choose_run(self._bag, run_id)
         description = self._run.description
@@ -45,7 +45,7 @@ class Replay:
             for source in SOURCES
             if source.topic is not topics.RUN_DESCRIPTION
         }
-        self._sources: dict[str, Source] = {
+        self._sources: dict[str, HeardTopic] = {
             name: source for name, source in by_name.items() if name in self._bag.topics
         }
 
@@ -59,7 +59,7 @@ class Replay:
         self._state.take(to_run_begin(self._run.description))
         pace: Pace | None = None
         looked: dict[str, float] = {}
-        passed: dict[str, tuple[Record, Any]] = {}
+        passed: dict[str, tuple[RecordedMessage, Any]] = {}
         count = 0
         for record, message in records_of(self._bag, self._run, self._sources.keys()):
             pace = pace or Pace(rate or 1.0, record.log_time, time.monotonic())
@@ -80,7 +80,7 @@ class Replay:
             self._fold_in(record, message)
         return count + len(passed)
 
-    def _fold_in(self, record: Record, message: Any) -> None:
+    def _fold_in(self, record: RecordedMessage, message: Any) -> None:
         self.time = record.log_time
         found = self._bag.decode(record) if message is None else message
         run_id = str(getattr(found, "run_id", ""))

@@ -25,14 +25,14 @@ from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
 from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
 from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
-from stepdiag_ros.viewers.page.section import Section, drawn, micrometres
+from stepdiag_ros.viewers.page.section import PageSection, drawn, micrometres
 from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
 _MOST_FAULTS = 40
 """Faults that are listed; more are counted."""
 
 
-class _ResultSection(Section):
+class _ResultSection(PageSection):
     """A section that is made of the result to rely on."""
 
     def begin(self, run: RunBegin | None) -> None:
@@ -211,7 +211,7 @@ class SquarenessSection(_ResultSection):
         return {"figures": shown, "method": short_title(result.method) if result else ""}
 
 
-class VerdictSection(Section):
+class VerdictSection(PageSection):
     """The gap between run and model, and what the diagnosis makes of it."""
 
     name: ClassVar[str] = "verdict"
@@ -266,7 +266,7 @@ def _finding(effect: FoundEffect) -> dict[str, Any]:
     return {"label": effect.label, "sentence": effect.sentence, "sizes": sizes}
 
 
-class FaultSection(Section):
+class FaultSection(PageSection):
     """What is wrong, in the words of whoever says so; what is well is not listed."""
 
     name: ClassVar[str] = "faults"

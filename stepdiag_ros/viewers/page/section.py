@@ -12,7 +12,7 @@ _DIGITS = 6
 """Significant digits of a number that is only drawn."""
 
 
-class Section(ABC):
+class PageSection(ABC):
     """A part of the page: folds what is heard into one small document.
 
     Its size does not grow with the length of the run, so that neither node nor browser does.

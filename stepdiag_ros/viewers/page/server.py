@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.text.intake import parse_json
 from stepdiag_ros.text.sparing import Handler, Sparing
-from stepdiag_ros.viewers.page.access import Access
-from stepdiag_ros.viewers.page.control import ACTIONS, Answer, Ask
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.access import PageAccess
+from stepdiag_ros.viewers.page.control import ACTIONS, Ask, RequestAnswer
+from stepdiag_ros.viewers.page.state import PageState
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -86,8 +86,8 @@ class Offer:
         log: is told of each request for control and of who is refused, in words.
     """
 
-    state: State
-    access: Access
+    state: PageState
+    access: PageAccess
     source: str
     title: str
     ask: Ask | None
@@ -257,16 +257,16 @@ class MonitorServer:
             raise web.HTTPNotFound
         if not offer.access.knows(request.headers.get(_TOKEN_HEADER, "")):
             self._refused(f"{request.remote} asked to {action} without the token: refused")
-            return _told(Answer(False, "control needs the token"), 403)
+            return _told(RequestAnswer(False, "control needs the token"), 403)
         if offer.ask is None:
-            return _told(Answer(False, "a recording cannot be controlled"), 409)
+            return _told(RequestAnswer(False, "a recording cannot be controlled"), 409)
         offer.log(f"{request.remote} asks to {action} the run")
         try:
             waited = asyncio.wrap_future(offer.ask(action))
             answer = await asyncio.wait_for(waited, ANSWER_LIMIT)
         except asyncio.TimeoutError:
             text = f"nobody has answered; whether {action} was done is not known: see the state"
-            answer = Answer(False, text)
+            answer = RequestAnswer(False, text)
         offer.log(f"{request.remote} asked to {action} the run: {answer.text}")
         return _told(answer, 200 if answer.done else 409)
 
@@ -368,7 +368,7 @@ async def _listen(socket: "web.WebSocketResponse", taken: asyncio.Event) -> None
         taken.set()
 
 
-def _told(answer: Answer, status: int) -> "web.Response":
+def _told(answer: RequestAnswer, status: int) -> "web.Response":
     from aiohttp import web
 
     return web.json_response({"done": answer.done, "text": answer.text}, status=status)

@@ -25,9 +25,9 @@ from stepdiag_ros.viewers.page.results import (
     SquarenessSection,
     VerdictSection,
 )
-from stepdiag_ros.viewers.page.section import Section
+from stepdiag_ros.viewers.page.section import PageSection
 
-SECTIONS: tuple[type[Section], ...] = (
+SECTIONS: tuple[type[PageSection], ...] = (
     RunSection,
     FaultSection,
     VolumeSection,
@@ -47,7 +47,7 @@ _EARLY = 4000
 their publishers keep."""
 
 
-class State:
+class PageState:
     """What the page shows. Safe to be used by two threads.
 
     Attributes:

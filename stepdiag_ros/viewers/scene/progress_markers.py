@@ -36,7 +36,7 @@ from stepdiag_ros.viewers.scene.shapes import (
 
 
 @dataclass(frozen=True)
-class Course:
+class LineCourse:
     """A line in space, which several passes go along.
 
     Attributes:
@@ -58,16 +58,16 @@ class Course:
         return self.line.tracked is None or self.line.tracked.straight
 
 
-def courses(plan: Plan) -> tuple[Course, ...]:
+def courses(plan: Plan) -> tuple[LineCourse, ...]:
     """Return the lines in space of a plan, in the order in which it first comes to them."""
     found: dict[tuple[str, str, str, Triple], list[int]] = {}
     for number, line in enumerate(plan.lines):
         found.setdefault((line.kind, line.name, line.order, line.offset), []).append(number)
-    return tuple(Course(plan.lines[passes[0]], tuple(passes)) for passes in found.values())
+    return tuple(LineCourse(plan.lines[passes[0]], tuple(passes)) for passes in found.values())
 
 
 @dataclass(frozen=True)
-class Progress:
+class DrawnProgress:
     """How far a measurement is.
 
     Attributes:
@@ -85,7 +85,7 @@ class Progress:
     mirror_offset: Triple = (0.0, 0.0, 0.0)
 
 
-def progress_markers(plan: Plan, progress: Progress) -> tuple[Shape, ...]:
+def progress_markers(plan: Plan, progress: DrawnProgress) -> tuple[Shape, ...]:
     """Return the picture of a measurement that goes on.
 
     To do: grey; being measured: orange; every pass done: sky blue; a pass without all its stops:
@@ -153,7 +153,7 @@ def _crosses(places: Vector, arm: float) -> Vector:
     return pairs
 
 
-def _look(course: Course, progress: Progress) -> tuple[Vector, float]:
+def _look(course: LineCourse, progress: DrawnProgress) -> tuple[Vector, float]:
     """Return colour and width (of the box's shortest edge) of a line."""
     measured = [progress.measured[one] for one in course.passes if one in progress.measured]
     if progress.present in course.passes:
@@ -166,7 +166,7 @@ def _look(course: Course, progress: Progress) -> tuple[Vector, float]:
 
 
 def _optics(
-    laser: Placement, volume: Volume, progress: Progress, station: Vector | None
+    laser: Placement, volume: Volume, progress: DrawnProgress, station: Vector | None
 ) -> tuple[Shape, ...]:
     """Return laser, mirror and beam.
 

@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.viewers.scene.error_markers import Options, chosen_results, picture
-from stepdiag_ros.viewers.scene.progress_markers import Progress, progress_markers
+from stepdiag_ros.viewers.scene.progress_markers import DrawnProgress, progress_markers
 from stepdiag_ros.viewers.scene.shapes import Shape
 
 
@@ -42,8 +42,8 @@ class View:
         exaggeration: of the errors; see ``Options``.
     """
 
-    laser_distance: float = Progress.laser_distance
-    mirror_offset: Triple = Progress.mirror_offset
+    laser_distance: float = DrawnProgress.laser_distance
+    mirror_offset: Triple = DrawnProgress.mirror_offset
     method: str = "preferred"
     exaggeration: float = Options.exaggeration
 
@@ -129,7 +129,7 @@ class RunPicture:
         """Return the lines and the beam."""
         if self._plan is None or not self._is_due(Part.PROGRESS):
             return None
-        progress = Progress(
+        progress = DrawnProgress(
             self._measured, self._present, self._position, view.laser_distance, view.mirror_offset
         )
         return progress_markers(self._plan, progress)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Any
 
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import Glyphs
 from stepdiag_ros.viewers.terminal.sections import largest, of_lines
 
@@ -23,7 +23,11 @@ class Journal:
     """
 
     def __init__(
-        self, state: State, signs: Glyphs, clock: Callable[[], datetime], say: Callable[[str], None]
+        self,
+        state: PageState,
+        signs: Glyphs,
+        clock: Callable[[], datetime],
+        say: Callable[[str], None],
     ) -> None:
         self._state = state
         self._signs = signs

@@ -34,7 +34,7 @@ class Heading:
     time: str
 
 
-class Page:
+class ScreenPage:
     """Lays out a view.
 
     Args:

@@ -7,9 +7,9 @@ from math import inf
 from rich.console import Console, Group
 from rich.live import Live
 
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import glyphs_for
-from stepdiag_ros.viewers.terminal.page import Heading, Page
+from stepdiag_ros.viewers.terminal.page import Heading, ScreenPage
 from stepdiag_ros.viewers.terminal.sections import Document, Lines
 
 RATE = 4.0
@@ -25,12 +25,12 @@ class Screen:
         heading: called for the first row.
     """
 
-    def __init__(self, state: State, console: Console, heading: Callable[[], Heading]) -> None:
+    def __init__(self, state: PageState, console: Console, heading: Callable[[], Heading]) -> None:
         self._state = state
         self._console = console
         self._heading = heading
         self._signs = glyphs_for(console.encoding)
-        self._page = Page(self._signs)
+        self._page = ScreenPage(self._signs)
         self._documents: dict[str, Document] = {}
         self._revision = 0
         self._drawn: tuple[Lines, tuple[int, int]] = ([], (0, 0))

@@ -10,11 +10,11 @@ from stepdiag_ros.devices.cnc.grbl_move import line_of_move
 from stepdiag_ros.devices.cnc.grbl_protocol import (
     Activity,
     Alarm,
-    Answer,
     Banner,
     Garbage,
+    GrblSetting,
+    LineAnswer,
     Message,
-    Setting,
     StartupBlock,
     moves,
     read_line,
@@ -29,15 +29,15 @@ MACHINE = Machine("m", "XYZ", (-0.4, -0.4, -0.4), (0.4, 0.4, 0.4), 0.5, 2.0)
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("ok", Answer(0)),
-        ("error:22", Answer(22)),
+        ("ok", LineAnswer(0)),
+        ("error:22", LineAnswer(22)),
         ("ALARM:3", Alarm(3)),
         ("Grbl 1.1h ['$' for help]", Banner("Grbl 1.1h ['$' for help]")),
         (
             "GrblHAL 1.1f ['$' or '$HELP' for help]",
             Banner("GrblHAL 1.1f ['$' or '$HELP' for help]"),
         ),
-        ("$130=200.000", Setting(130, "200.000")),
+        ("$130=200.000", GrblSetting(130, "200.000")),
         ("$N0=G54", StartupBlock(0, "G54")),
         ("[VER:1.1h.20190830:lathe]", Message("VER", "1.1h.20190830:lathe")),
         (">G54G20:ok", Message("startup", "G54G20:ok")),

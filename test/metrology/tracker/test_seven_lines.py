@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.tracker.expectation import expect
 from stepdiag_ros.metrology.tracker.instrument import CARRIAGE, Tracker
 from stepdiag_ros.metrology.tracker.joint import error_matrix
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES
-from stepdiag_ros.metrology.tracker.route import Route
+from stepdiag_ros.metrology.tracker.route import TrackerRoute
 from stepdiag_ros.metrology.tracker.seven_lines import make_test
 
 PERFECT = ErrorCurves.from_curves([np.array([0.0, 1.0])] * 3, {})
@@ -92,7 +92,7 @@ def test_ways_keep_clear_of_the_tracker_one_axis_at_a_time():
     tracker = Tracker(minimum_range=0.1)
     start, end = np.array([0.0, 0.0, 0.0]), np.array([0.8, 0.0, 0.0])
     assert tracker.unseen_on_the_way(start, end, station)
-    way = [start, *Route(BOX, station, tracker).way(start, end)]
+    way = [start, *TrackerRoute(BOX, station, tracker).way(start, end)]
     np.testing.assert_array_equal(way[-1], end)
     for here, there in pairwise(way):
         assert np.count_nonzero(here != there) == 1
@@ -103,7 +103,9 @@ def test_no_way_is_refused():
     wall = Tracker(minimum_range=0.6)
     station = np.array([0.4, 0.25, 0.2])
     with refused(Refusal, "not_found"):
-        Route(BOX, station, wall).way(np.array([-0.3, 0.25, 0.2]), np.array([1.1, 0.25, 0.2]))
+        TrackerRoute(BOX, station, wall).way(
+            np.array([-0.3, 0.25, 0.2]), np.array([1.1, 0.25, 0.2])
+        )
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.tracker.run_result import (
 )
 from stepdiag_ros.metrology.tracker.seven_lines import make_test
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.run.permission import Move, Permission
+from stepdiag_ros.run.permission import CommandedMove, MotionPermission
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "devices"))
 
@@ -107,12 +107,12 @@ class Watched(LiveCell):
         super().__init__(*arguments, **options)
         limits = tuple([np.nan] * 3), tuple([np.nan] * 3)
         traits = Traits((np.nan,) * 3, (np.nan,) * 3, (np.nan,) * 3, 0.1, True)
-        self.permission = Permission(self.plan, MACHINE, limits, traits)
+        self.permission = MotionPermission(self.plan, MACHINE, limits, traits)
         self.refusals, self.unseen = [], []
 
     def _send(self, command):
         at_stop = command.purpose == 0
-        move = Move(
+        move = CommandedMove(
             *(command.line_index, at_stop, command.stop, command.axis),
             *(self.position, command.target, command.feed),
         )

@@ -28,7 +28,14 @@ from stepdiag_ros.metrology.effects import backlash
 from stepdiag_ros.metrology.refusal import Refusal, Unusable
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.pages import material, pictures
-from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, Judgement, judge
+from stepdiag_ros.report.pages.lead import (
+    EXCEEDS,
+    KEEPS,
+    NOT_ASKED,
+    OPEN,
+    ToleranceJudgement,
+    judge,
+)
 from stepdiag_ros.report.pages.page import Column, TableView, chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
 from stepdiag_ros.report.pages.sections import sections
@@ -218,7 +225,7 @@ def test_noise_exceeds_no_limit():
     [(25e-6, "25 µm"), (7.29e-6, "7.29 µm"), (0.05e-6, "0.05 µm"), (1.2345e-3, "1234.5 µm")],
 )
 def test_a_limit_is_written_as_it_was_given(tolerance, written):
-    assert Judgement(OPEN, 1.0, 0.1, False, tolerance, False, False).limit == written
+    assert ToleranceJudgement(OPEN, 1.0, 0.1, False, tolerance, False, False).limit == written
 
 
 def _refused(capsys, *arguments):

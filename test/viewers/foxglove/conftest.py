@@ -8,7 +8,7 @@ from shown_run import small_run
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.messages.conversion import new_message
-from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, Place
+from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, ServedPlace
 
 __all__ = ["small_run"]
 SHOWN = (topics.RUN_DESCRIPTION, topics.READING, topics.LINE, topics.FIXED_FRAMES, topics.STOP)
@@ -19,7 +19,7 @@ class Served:
 
     def __init__(self):
         self.told, self.count = [], 0
-        self.server = FoxgloveServer("test", Place(port=0), self.told.append)
+        self.server = FoxgloveServer("test", ServedPlace(port=0), self.told.append)
         types = own_types()
         for topic in SHOWN:
             kind = topic.type_name

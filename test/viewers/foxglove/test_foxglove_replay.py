@@ -23,7 +23,7 @@ from stepdiag_ros.metrology.frames import LASER, MIRROR, TOOL, WORKPIECE
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.topics import Qos
 from stepdiag_ros.viewers.foxglove.replay import FoxgloveReplay
-from stepdiag_ros.viewers.foxglove.server import Place
+from stepdiag_ros.viewers.foxglove.server import ServedPlace
 
 ROOT = Path(__file__).parents[3]
 OLD = ROOT / "test" / "data" / "bags" / "schema_1.mcap"
@@ -54,7 +54,7 @@ class Played:
     """A replay in a thread, and a viewer that hears all of it from the beginning."""
 
     def __init__(self, path, rate):
-        self._replay = FoxgloveReplay(path, None, rate, Place(port=0), print)
+        self._replay = FoxgloveReplay(path, None, rate, ServedPlace(port=0), print)
         self._replay.server.start()
         self.port = int(self._replay.server.url.rpartition(":")[2])
         self._stop = threading.Event()

@@ -13,7 +13,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.messages.conversion import new_message
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.viewers.foxglove.server import BACKLOG, FoxgloveServer, Place
+from stepdiag_ros.viewers.foxglove.server import BACKLOG, FoxgloveServer, ServedPlace
 
 READING, LINE, STOP = (topics.absolute(one) for one in (topics.READING, topics.LINE, topics.STOP))
 DESCRIPTION, FRAMES = topics.absolute(topics.RUN_DESCRIPTION), topics.FIXED_FRAMES.name
@@ -167,13 +167,13 @@ def test_who_speaks_another_protocol_is_turned_away_and_that_is_said(served):
 @pytest.mark.parametrize("address", ["0.0.0.0", "::", "192.0.2.1", "cell.example"])
 def test_an_address_that_others_can_reach_must_be_wanted(address):
     with refused(Refusal, "exposed") as caught:
-        Place(address)
+        ServedPlace(address)
     assert address in str(caught.value) and "open_to_network" in str(caught.value)
-    assert not Place(address, open_to_network=True).is_local
+    assert not ServedPlace(address, open_to_network=True).is_local
 
 
 def test_a_port_in_use_and_an_address_of_nobody_are_said(served):
-    for place in (Place(port=served.port), Place("192.0.2.1", 0, open_to_network=True)):
+    for place in (ServedPlace(port=served.port), ServedPlace("192.0.2.1", 0, open_to_network=True)):
         server = FoxgloveServer("test", place, print)
         with refused(Refusal, "busy") as caught:
             server.start()
@@ -185,4 +185,4 @@ def test_a_port_in_use_and_an_address_of_nobody_are_said(served):
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with refused(Refusal, "not_installed", "stepdiag_ros[foxglove]"):
-        FoxgloveServer("test", Place(port=0), print)
+        FoxgloveServer("test", ServedPlace(port=0), print)

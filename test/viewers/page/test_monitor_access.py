@@ -4,7 +4,7 @@ import pytest
 from refused import refused
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.viewers.page.access import Access, make_access
+from stepdiag_ros.viewers.page.access import PageAccess, make_access
 
 TOKEN = "0123456789abcdef"
 
@@ -60,7 +60,7 @@ def test_a_token_that_others_read_or_guess_is_refused(token_file, tmp_path):
     ],
 )
 def test_a_name_that_is_not_ours_is_refused(address, host, refused):
-    assert Access(address, TOKEN, made=False).refuses_host(host) is refused
+    assert PageAccess(address, TOKEN, made=False).refuses_host(host) is refused
 
 
 @pytest.mark.parametrize(
@@ -74,4 +74,4 @@ def test_a_name_that_is_not_ours_is_refused(address, host, refused):
     ],
 )
 def test_the_page_of_another_site_is_refused(origin, refused):
-    assert Access.refuses_origin(origin, "127.0.0.1:8470") is refused
+    assert PageAccess.refuses_origin(origin, "127.0.0.1:8470") is refused

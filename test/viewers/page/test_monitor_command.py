@@ -14,9 +14,9 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.viewers.page.control import Answer
+from stepdiag_ros.viewers.page.control import RequestAnswer
 from stepdiag_ros.viewers.page.replay import Replay
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 ROOT = Path(__file__).parents[3]
 BAG = ROOT / "test" / "data" / "bags" / "schema_1.mcap"
@@ -46,7 +46,7 @@ def test_a_port_is_a_number(port, capsys):
 
 
 def test_a_bag_is_folded_in_as_it_was_recorded():
-    run, state = load_run(BAG), State()
+    run, state = load_run(BAG), PageState()
     replay = Replay(BAG, state)
     assert replay.play(0.0, threading.Event()) > 5
     replay.close()
@@ -59,7 +59,7 @@ def test_a_bag_is_folded_in_as_it_was_recorded():
 
 
 def test_a_replay_ends_when_it_is_told_to():
-    state, stop = State(), threading.Event()
+    state, stop = PageState(), threading.Event()
     stop.set()
     replay = Replay(BAG, state)
     assert replay.play(1.0, stop) == 0
@@ -72,7 +72,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
     path = tmp_path / "text.mcap"
     path.write_text("no bag")
     with refused(BagError, "wrong_kind", "text.mcap"):
-        Replay(path, State())
+        Replay(path, PageState())
 
 
 def test_the_page_is_launched_where_it_is_asked_for(monkeypatch):
@@ -148,7 +148,7 @@ def test_control_goes_to_whoever_leads_the_run(led):
     assert node.clients["by_hand/start"].asked == 1 and not answer.done()
     node.clients["by_hand/start"].response = SimpleNamespace(success=False, message="no recorder")
     control.work()
-    assert answer.result(0) == Answer(False, "no recorder")
+    assert answer.result(0) == RequestAnswer(False, "no recorder")
     control.work()
     assert node.clients["by_hand/start"].asked == 1
 

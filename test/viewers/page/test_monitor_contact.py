@@ -11,8 +11,8 @@ from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.run.sequence import State as RunState
 from stepdiag_ros.run.supervision import SILENCE_LIMIT, Peer, Watch
 from stepdiag_ros.viewers.page.contact import BYSTANDERS, FRESH, QUIET_AFTER, contact_of
-from stepdiag_ros.viewers.page.items import Place, Said
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.items import AxisPlace, Said
+from stepdiag_ros.viewers.page.state import PageState
 
 NODES = ("sequencer", "cnc_bridge", "interferometer", "recorder", "operator")
 AIR = Environment(20.5, 101_325.0, 0.45, 20.0)
@@ -42,7 +42,7 @@ class Graph:
 
 @pytest.fixture
 def state(small_run):
-    made = State()
+    made = PageState()
     made.take(small_run.begin)
     return made
 
@@ -50,11 +50,11 @@ def state(small_run):
 def read(graph):
     graph.newest[topics.READING.name] = graph.newest[topics.JOINT_STATES.name] = graph.now
     graph.state.take(Reading(0, 1, 0.1, 0.1, 0.9, 0, AIR))
-    graph.state.take(Place(0, (0.01, 0.02, 0.03)))
+    graph.state.take(AxisPlace(0, (0.01, 0.02, 0.03)))
 
 
 def test_nobody_heard_is_not_said_to_be_well():
-    state = State()
+    state = PageState()
     assert state.document("faults")["note"] == "nothing is heard yet"
     graph = Graph(state, ())
     assert graph.faults() == (
@@ -67,7 +67,7 @@ def test_nobody_heard_is_not_said_to_be_well():
 
 
 def test_a_bag_has_no_contact_and_lacks_none():
-    state = State()
+    state = PageState()
     state.take(Said("recorder: disk", 0, "fine"))
     assert state.document("faults") == {"faults": [], "more": 0, "note": ""}
     assert state.document("run")["refused_start"] == ""

@@ -13,14 +13,14 @@ from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.run.sequence import State as RunState
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
-from stepdiag_ros.viewers.page.items import MachineStatus, Place, RunBegin, Said
+from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said
 from stepdiag_ros.viewers.page.section import micrometres, time_left
-from stepdiag_ros.viewers.page.state import SECTIONS, State
+from stepdiag_ros.viewers.page.state import SECTIONS, PageState
 
 
 @pytest.fixture
 def state(small_run):
-    made = State()
+    made = PageState()
     made.take(small_run.begin)
     return made
 
@@ -39,7 +39,7 @@ def reading(**fields):
 
 
 def test_before_anything_is_known_all_is_said_to_be_unknown():
-    state = State()
+    state = PageState()
     revision, text = state.update()
     told = json.loads(text)
     assert set(told) == {section.name for section in SECTIONS} and revision == state.revision
@@ -55,11 +55,11 @@ def test_before_anything_is_known_all_is_said_to_be_unknown():
 def test_only_what_has_changed_is_told_again(state, small_run):
     known, _ = state.update()
     assert state.update(known) == (known, "{}")
-    state.take(Place(1, (0.01, 0.02, 0.03)))
+    state.take(AxisPlace(1, (0.01, 0.02, 0.03)))
     later, text = state.update(known)
     assert set(json.loads(text)) == {"position"} and later > known
     # The same again is no news, nor is a heartbeat of the run's state.
-    state.take(Place(2, (0.01, 0.02, 0.03)))
+    state.take(AxisPlace(2, (0.01, 0.02, 0.03)))
     state.take(small_run.status())
     before = state.revision
     state.take(small_run.status(time=5))
@@ -341,7 +341,7 @@ def test_a_new_run_begins_with_an_empty_page(state, small_run):
 
 
 def test_what_comes_before_the_description_of_its_run_is_not_lost(small_run):
-    state = State()
+    state = PageState()
     state.take(small_run.results["least_squares"], small_run.begin.run_id)
     state.take(small_run.results["conventional"], "of another run")
     assert state.document("curves")["curves"] == []

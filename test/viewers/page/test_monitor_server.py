@@ -11,18 +11,18 @@ from refused import refused
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.viewers.page import server as server_module
-from stepdiag_ros.viewers.page.access import Access
-from stepdiag_ros.viewers.page.control import Answer
-from stepdiag_ros.viewers.page.items import Place
+from stepdiag_ros.viewers.page.access import PageAccess
+from stepdiag_ros.viewers.page.control import RequestAnswer
+from stepdiag_ros.viewers.page.items import AxisPlace
 from stepdiag_ros.viewers.page.server import MonitorServer, Offer
-from stepdiag_ros.viewers.page.state import SECTIONS, State
+from stepdiag_ros.viewers.page.state import SECTIONS, PageState
 
 TOKEN = "0123456789abcdef"
-DONE = Answer(True, "done")
+DONE = RequestAnswer(True, "done")
 NAMES = {section.name for section in SECTIONS}
 
 
-class Remote(Access):
+class Remote(PageAccess):
     """As if other computers could reach the page, which stays on loopback."""
 
     is_local = False
@@ -31,8 +31,8 @@ class Remote(Access):
 class Served:
     """A page with its state, and what was asked and logged."""
 
-    def __init__(self, kind=Access, controlled=True, answer=DONE):
-        self.state, self.log, self.asked = State(), [], []
+    def __init__(self, kind=PageAccess, controlled=True, answer=DONE):
+        self.state, self.log, self.asked = PageState(), [], []
         self.answer = answer
         offer = Offer(
             state=self.state,
@@ -79,7 +79,7 @@ def test_everything_comes_first_and_then_what_has_changed():
         async with client.ws_connect("/live") as viewer:
             await viewer.send_json({"token": ""})
             first = await update(viewer)
-            served.state.take(Place(1, (0.1, 0.2, 0.3)))
+            served.state.take(AxisPlace(1, (0.1, 0.2, 0.3)))
             second = await update(viewer)
             # A viewer that comes late misses nothing.
             async with client.ws_connect("/live") as late:
@@ -122,7 +122,7 @@ def test_a_viewer_that_takes_nothing_is_cut_off_and_delays_nobody(monkeypatch):
             seen = 0
             while served.server.viewers > 1:
                 seen += 1
-                served.state.take(Place(seen, (seen * 1e-3, 0.0, 0.0)))
+                served.state.take(AxisPlace(seen, (seen * 1e-3, 0.0, 0.0)))
                 got = await update(viewer)
                 assert got["sections"]["position"]["at"][0] == pytest.approx(seen)
             rest = [await asyncio.wait_for(stalled.receive(), 20.0) for _ in range(1)]
@@ -141,7 +141,7 @@ def test_a_slow_viewer_gets_the_newest_and_not_all():
             await viewer.send_json({"token": ""})
             first = await asyncio.wait_for(viewer.receive_json(), 20.0)
             for k in range(50):
-                served.state.take(Place(k, (k * 1e-3, 0.0, 0.0)))
+                served.state.take(AxisPlace(k, (k * 1e-3, 0.0, 0.0)))
             await viewer.send_str(str(first["number"]))
             return await update(viewer)
 
@@ -181,7 +181,11 @@ def test_control_needs_the_token_and_is_logged():
     ("served", "status", "text"),
     [
         (Served(controlled=False), 409, "a recording cannot be controlled"),
-        (Served(answer=Answer(False, "cannot start: there is no recorder node")), 409, "recorder"),
+        (
+            Served(answer=RequestAnswer(False, "cannot start: there is no recorder node")),
+            409,
+            "recorder",
+        ),
         (Served(answer=None), 409, "whether start was done is not known"),
     ],
     ids=["replay", "refused", "no answer"],
@@ -261,13 +265,13 @@ def test_the_page_is_whole_and_asks_nothing_of_elsewhere():
 def test_a_port_that_is_taken_is_said_in_one_sentence():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        offer = Offer(State(), Access("127.0.0.1", TOKEN, True), "run", "", None, print)
+        offer = Offer(PageState(), PageAccess("127.0.0.1", TOKEN, True), "run", "", None, print)
         with refused(Refusal, "busy", "127.0.0.1", str(port)):
             MonitorServer(offer, port).start()
 
 
 def test_the_messages_are_plain_json():
-    _, text = State().update()
+    _, text = PageState().update()
     assert json.loads(text) and "NaN" not in text
 
 

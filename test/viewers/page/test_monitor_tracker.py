@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.measurement import (
 from stepdiag_ros.metrology.tracker.run_result import solve_station
 from stepdiag_ros.run.sequence import State as RunState
 from stepdiag_ros.viewers.page.items import RunBegin, RunStatus
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import UNICODE
 from stepdiag_ros.viewers.terminal.sections import curve_lines, run_lines, stop_lines
 
@@ -57,7 +57,7 @@ def status(plan, **fields):
 
 @pytest.fixture
 def state():
-    made = State()
+    made = PageState()
     made.take(RunBegin(RUN_ID, 0, tracker_run()[0], "YXZ", simulated=True))
     return made
 
@@ -71,7 +71,7 @@ def test_the_volume_has_the_lines_and_where_the_tracker_stands(state):
     }
     places = next(one for one in told["courses"] if one["places"])
     assert len(places["path"]) == 8
-    four = State()
+    four = PageState()
     plan = tracker_run(stations=STATIONS, nodes=4)[0]
     four.take(RunBegin(RUN_ID, 0, plan, "YXZ", simulated=True))
     assert len(four.document("volume")["stations"]) == 4

@@ -10,7 +10,7 @@ from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.viewers.scene import shapes as colours
 from stepdiag_ros.viewers.scene.conversion import from_placements, from_shapes
 from stepdiag_ros.viewers.scene.error_markers import picture
-from stepdiag_ros.viewers.scene.progress_markers import Progress, courses, progress_markers
+from stepdiag_ros.viewers.scene.progress_markers import DrawnProgress, courses, progress_markers
 
 PLAN = load_plan("demo")[0]
 """x, y, z, ppp, npp, pnp, ppn: four passes each, one after the other."""
@@ -30,7 +30,7 @@ def test_a_line_is_drawn_once_through_its_stops_for_all_its_passes():
         "x", "y", "z", "ppp XYZ", "npp XYZ", "pnp XYZ", "ppn XYZ",
     ]  # fmt: skip
     assert sorted(one for course in found for one in course.passes) == list(range(28))
-    drawn = lines(progress_markers(PLAN, Progress()))
+    drawn = lines(progress_markers(PLAN, DrawnProgress()))
     assert len(drawn) == 7 and len(drawn[0].points) == 13 and len(drawn[3].points) == 37
     moves = np.diff(drawn[4].points, axis=0)
     assert np.all(np.count_nonzero(moves, axis=1) == 1)  # one axis after the other
@@ -38,13 +38,13 @@ def test_a_line_is_drawn_once_through_its_stops_for_all_its_passes():
 
 def test_colours_tell_what_is_done():
     measured = {0: True, 1: True, 2: True, 3: True, 4: True, 5: False, 8: True}
-    drawn = lines(progress_markers(PLAN, Progress(measured, present=12)))
+    drawn = lines(progress_markers(PLAN, DrawnProgress(measured, present=12)))
     assert shade(drawn[0]) == shade_of(colours.SKY_BLUE)  # all four passes
     assert shade(drawn[1]) == shade_of(colours.VERMILION)  # one without all its stops
     assert shade(drawn[2]) == shade_of(colours.GREY)  # one of four
     assert shade(drawn[3]) == shade_of(colours.ORANGE)  # going on
     assert shade(drawn[4]) == shade_of(colours.GREY)  # not begun
-    after = lines(progress_markers(PLAN, Progress(dict.fromkeys(range(28), True))))
+    after = lines(progress_markers(PLAN, DrawnProgress(dict.fromkeys(range(28), True))))
     assert {tuple(shade(shape)[0]) for shape in after.values()} == {
         tuple(shade_of(colours.SKY_BLUE)[0])
     }
@@ -55,28 +55,28 @@ def shade_of(colour):
 
 
 def test_names_stand_beyond_the_ends_and_count_passes():
-    shapes = progress_markers(PLAN, Progress({12: True, 13: True}))
+    shapes = progress_markers(PLAN, DrawnProgress({12: True, 13: True}))
     names = [shape for shape in shapes if shape.group == "line_names"]
     (ppp,) = (shape for shape in names if "ppp" in shape.text)
     assert ppp.text == "ppp XYZ  2/4" and np.all(ppp.points > 0.12)
     orders = load_plan("ibaraki_hata_2010")[0]
-    labels = [s.text for s in progress_markers(orders, Progress()) if s.group == "line_names"]
+    labels = [s.text for s in progress_markers(orders, DrawnProgress()) if s.group == "line_names"]
     # Lines that end at one place share a label, so that none covers another.
     assert sum(label.count("\n") + 1 for label in labels) == len(courses(orders)) > len(labels)
 
 
 def test_laser_beam_and_mirror_are_there_while_a_line_is_measured():
     at = (0.03, 0.02, 0.02)
-    before = {shape.group for shape in progress_markers(PLAN, Progress(position=at))}
+    before = {shape.group for shape in progress_markers(PLAN, DrawnProgress(position=at))}
     assert before == {"lines", "line_names"}
-    progress = Progress(present=13, position=at, laser_distance=0.25)
+    progress = DrawnProgress(present=13, position=at, laser_distance=0.25)
     shapes = {shape.group: shape for shape in progress_markers(PLAN, progress)}
     assert (shapes["laser"].frame, shapes["mirror"].frame) == ("laser", "mirror")
     beam = shapes["beam"]
     assert beam.frame == "laser" and np.all(beam.points[:, 1:] == 0.0)
     # The body diagonal: 0.25 m to the first stop, and the place's share along the beam.
     assert beam.points[1, 0] == pytest.approx(0.25 + sum(at) / 3**0.5)
-    unknown = progress_markers(PLAN, Progress(present=13))
+    unknown = progress_markers(PLAN, DrawnProgress(present=13))
     assert "beam" not in {shape.group for shape in unknown}
 
 
@@ -89,7 +89,7 @@ def array():
     )
     shapes = [
         *picture((result,), PLAN),
-        *progress_markers(PLAN, Progress({}, 3, (0.0, 0.0, 0.0))),
+        *progress_markers(PLAN, DrawnProgress({}, 3, (0.0, 0.0, 0.0))),
     ]
     return from_shapes(shapes, 12_000_000_345, "cell_1/")
 

@@ -10,7 +10,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.metrology.frames import setup_placements
 from stepdiag_ros.metrology.tracker.run_result import solve_station
 from stepdiag_ros.viewers.foxglove.recorded_scene import RecordedScene
-from stepdiag_ros.viewers.scene.progress_markers import Progress, courses, progress_markers
+from stepdiag_ros.viewers.scene.progress_markers import DrawnProgress, courses, progress_markers
 from stepdiag_ros.viewers.scene.run_picture import RunPicture, View
 from stepdiag_ros.viewers.scene.shapes import Kind
 
@@ -21,7 +21,7 @@ def group(shapes, name):
 
 def test_every_station_is_drawn_and_named_where_the_plan_has_it():
     plan, _ = tracker_run(stations=STATIONS, nodes=4)
-    shapes = group(progress_markers(plan, Progress()), "stations")
+    shapes = group(progress_markers(plan, DrawnProgress()), "stations")
     boxes = [shape for shape in shapes if shape.kind is Kind.BOX]
     assert {tuple(one.points[0]) for one in boxes} == set(STATIONS)
     assert [one.text for one in shapes if one.kind is Kind.TEXT] == [
@@ -32,7 +32,7 @@ def test_every_station_is_drawn_and_named_where_the_plan_has_it():
 
 def test_lines_are_paths_and_places_are_no_way():
     plan, _ = tracker_run()
-    drawn = group(progress_markers(plan, Progress()), "lines")
+    drawn = group(progress_markers(plan, DrawnProgress()), "lines")
     for course, shape in zip(courses(plan), drawn, strict=True):
         stops = course.line.stops(plan.volume)
         if course.line.name == "1:locate":
@@ -48,7 +48,7 @@ def test_lines_are_paths_and_places_are_no_way():
 
 def test_a_single_place_is_named_without_a_direction():
     plan, _ = tracker_run(stations=STATIONS, nodes=4)
-    names = group(progress_markers(plan, Progress()), "line_names")
+    names = group(progress_markers(plan, DrawnProgress()), "line_names")
     assert all(np.all(np.isfinite(shape.points)) for shape in names)
 
 
@@ -56,7 +56,7 @@ def test_the_beam_goes_from_the_station_to_where_the_reflector_is():
     plan, _ = tracker_run()
     offset = (0.01, 0.0, -0.02)
     for position in ((0.03, 0.05, 0.01), (0.12, 0.0, 0.12)):
-        progress = Progress(present=2, position=position, mirror_offset=offset)
+        progress = DrawnProgress(present=2, position=position, mirror_offset=offset)
         (beam,) = group(progress_markers(plan, progress), "beam")
         assert beam.frame == "machine"
         np.testing.assert_allclose(beam.points, np.array([BESIDE, position]) + np.array(offset))

@@ -7,7 +7,7 @@ import pytest
 
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.viewers.page.replay import Replay
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 
 BAG = Path(__file__).parents[3] / "docs" / "examples" / "small_run.mcap"
 
@@ -26,7 +26,7 @@ def run():
 @pytest.fixture(scope="session")
 def ended():
     """Return the documents of all sections of a run that has ended."""
-    state = State()
+    state = PageState()
     replay = Replay(BAG, state)
     replay.play(0.0, threading.Event())
     replay.close()

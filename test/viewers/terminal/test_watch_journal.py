@@ -8,7 +8,7 @@ import pytest
 from stepdiag_ros.run.sequence import State as RunState
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.items import RunBegin, RunStatus, Said
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import ASCII, UNICODE
 from stepdiag_ros.viewers.terminal.journal import Journal
 
@@ -19,7 +19,7 @@ STATUS = RunStatus(0, "a", RunState.RUNNING, 0, 6, "x forward", "x", 1, 4, 1, 42
 @pytest.fixture
 def told():
     """Return a state, and the lines that its journal has written."""
-    lines, state = [], State()
+    lines, state = [], PageState()
     state.listener = Journal(state, UNICODE, lambda: NOW, lines.append).look
     return state, lines
 
@@ -104,7 +104,7 @@ def test_faults_come_and_go_and_their_figures_move(told):
 
 
 def test_a_log_is_one_line_a_change_and_in_ascii_where_it_must_be():
-    lines, state = [], State()
+    lines, state = [], PageState()
     state.listener = Journal(state, ASCII, lambda: NOW, lines.append).look
     state.take(Said("a: b", 2, "20 °C ± 1\nand \x1b[31mmore"))
     assert lines == ["2026-01-02T03:04:05+00:00 fault: a: b: 20 C +- 1 and  [31mmore"]

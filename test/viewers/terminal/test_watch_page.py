@@ -10,9 +10,9 @@ from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.items import MachineStatus, Said
 from stepdiag_ros.viewers.page.section import micrometres
-from stepdiag_ros.viewers.page.state import State
+from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import ASCII, UNICODE
-from stepdiag_ros.viewers.terminal.page import Heading, Page
+from stepdiag_ros.viewers.terminal.page import Heading, ScreenPage
 
 HEADING = Heading("11 nodes", "17:00:00 UTC")
 SIZES = [(80, 24), (120, 40), (160, 50)]
@@ -20,7 +20,7 @@ SIZES = [(80, 24), (120, 40), (160, 50)]
 
 def drawn(documents, width=80, height=24, signs=UNICODE):
     shown = signs.readable(documents)
-    return [line.plain for line in Page(signs).draw(shown, HEADING, width, height)]
+    return [line.plain for line in ScreenPage(signs).draw(shown, HEADING, width, height)]
 
 
 def joined(rows):
@@ -29,7 +29,7 @@ def joined(rows):
 
 def known(*items):
     """Return the documents of a view that has heard of these items alone."""
-    state = State()
+    state = PageState()
     for item in items:
         state.take(item)
     return state.news()[1]
@@ -38,7 +38,7 @@ def known(*items):
 @pytest.fixture(scope="module")
 def faulty(ended):
     """Return the documents of the same run where all kinds of things are wrong."""
-    state = State()
+    state = PageState()
     state.take(Said("recorder: disk", 1, "1.5 GB are free"))
     state.take(Said("cnc_bridge: heartbeat", 2, "the controller is silent " * 8))
     for number in range(5):
@@ -157,7 +157,7 @@ def test_nobody_in_the_graph_steers_the_terminal():
 
 def test_no_information_is_in_a_colour_alone(faulty):
     """Every coloured piece is a word that says the same."""
-    for line in Page(UNICODE).draw(faulty, HEADING, 160, 50):
+    for line in ScreenPage(UNICODE).draw(faulty, HEADING, 160, 50):
         for span in line.spans:
             if span.style not in ("", "bold"):
                 assert any(sign.isalpha() for sign in line.plain[span.start : span.end])

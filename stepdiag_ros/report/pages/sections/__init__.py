@@ -6,7 +6,7 @@ A new section is a module here, a template of the same name and a line in ``_MOD
 from functools import cache
 from importlib import import_module
 
-from stepdiag_ros.report.pages.section import Section
+from stepdiag_ros.report.pages.section import ReportSection
 
 _MODULES = (
     "measurement",
@@ -26,6 +26,6 @@ _MODULES = (
 
 
 @cache
-def sections() -> tuple[Section, ...]:
+def sections() -> tuple[ReportSection, ...]:
     """Return all sections in the order of the page."""
     return tuple(import_module(f"{__name__}.{name}").SECTION for name in _MODULES)

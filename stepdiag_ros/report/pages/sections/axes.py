@@ -12,12 +12,12 @@ from stepdiag_ros.report.documents.positioning import positioning_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_view
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.positioning import parameter_table, target_table
 from stepdiag_ros.words.positioning import decimals_of, sentences
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.positioning
     if report is None:
         return material.why_not("positioning")
@@ -42,7 +42,9 @@ def _tell(material: Material) -> Content | str:
         )
         for number, test in enumerate(tests)
     }
-    return Content({"axes": axes, "sentences": [*_general(report), *remarks_of(tests)]}, drawings)
+    return SectionContent(
+        {"axes": axes, "sentences": [*_general(report), *remarks_of(tests)]}, drawings
+    )
 
 
 def _general(report: PositioningReport) -> list[str]:
@@ -66,4 +68,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return made
 
 
-SECTION = Section("axes", "Positioning of the axes (ISO 230-2)", _tell, _document)
+SECTION = ReportSection("axes", "Positioning of the axes (ISO 230-2)", _tell, _document)

@@ -10,7 +10,7 @@ from stepdiag_ros.report.documents.compensation import compensation_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.compensation import change_table
 from stepdiag_ros.words.compensation import uncorrected
 
@@ -27,7 +27,7 @@ _NOT_YET = {
 """Verdict → why the tables of this run are not to be used."""
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.compensation
     if report is None:
         return material.why_not("compensation")
@@ -37,7 +37,7 @@ def _tell(material: Material) -> Content | str:
         f"What tables for {report.control.title} would leave.",
         {"title": ""},
     )
-    return Content(
+    return SectionContent(
         {
             "control": report.control.title,
             "not_yet": not_yet(material),
@@ -69,4 +69,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return made
 
 
-SECTION = Section("compensation", "What compensation would leave", _tell, _document)
+SECTION = ReportSection("compensation", "What compensation would leave", _tell, _document)

@@ -14,7 +14,7 @@ from stepdiag_ros.report.documents.run import report_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import curve_tables, fit_table, setup_table, translation_tables
 from stepdiag_ros.text.numbers import OF_READINGS
 
@@ -22,7 +22,7 @@ _BESIDE = ("conventional", "setup_robust")
 """Methods that are drawn beside the one to rely on."""
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.report
     preferred = report.preferred()
     if preferred is None:
@@ -57,7 +57,7 @@ def _tell(material: Material) -> Content | str:
         *translation_tables(report),
         fit_table(report),
     ]
-    return Content(
+    return SectionContent(
         {
             "tables": table_views(tables),
             "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
@@ -100,4 +100,4 @@ def _document(material: Material) -> dict[str, Any]:
     return report_document(material.report, material.lead)
 
 
-SECTION = Section("curves", "Error curves", _tell, _document)
+SECTION = ReportSection("curves", "Error curves", _tell, _document)

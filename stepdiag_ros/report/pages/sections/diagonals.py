@@ -3,13 +3,13 @@
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_view, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.sections.axes import remarks_of
 from stepdiag_ros.report.tables.positioning import group_tables, target_table
 from stepdiag_ros.words.positioning import decimals_of
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.positioning
     if report is None:
         return material.why_not("positioning")
@@ -34,7 +34,7 @@ def _tell(material: Material) -> Content | str:
     }
     tests = [test for group in report.groups for test in group.tests]
     said = [*remarks_of(tests), *report.warnings]
-    return Content({"groups": groups, "sentences": said}, drawings)
+    return SectionContent({"groups": groups, "sentences": said}, drawings)
 
 
-SECTION = Section("diagonals", "Displacement along diagonals (ISO 230-6)", _tell)
+SECTION = ReportSection("diagonals", "Displacement along diagonals (ISO 230-6)", _tell)

@@ -8,7 +8,7 @@ from stepdiag_ros.report.documents.diagnosis import diagnosis_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.diagnosis import (
     extension_sentences,
     findings_table,
@@ -31,7 +31,7 @@ _CLOSES = {AMBIGUOUS: "What would close it", UNEXPLAINED: "What closes a part of
 """Heading above the effects that were found, where they are not simply named."""
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.diagnosis
     if report is None:
         return material.why_not("diagnosis")
@@ -62,7 +62,7 @@ def _tell(material: Material) -> Content | str:
             "Readings that took no part in the fit, predicted without and with the effects.",
             {"title": ""},
         )
-    return Content(
+    return SectionContent(
         {
             "verdict": diagnosis.verdict,
             # What the free values of the model take up whole is no gap that could be looked at.
@@ -96,4 +96,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return None if material.diagnosis is None else diagnosis_document(material.diagnosis)
 
 
-SECTION = Section("discrepancy", "Does the model explain the run?", _tell, _document)
+SECTION = ReportSection("discrepancy", "Does the model explain the run?", _tell, _document)

@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Column, Fact, TableView
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.tracker_facts import tracker_facts
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.numbers import UNKNOWN, plain
@@ -201,7 +201,7 @@ def _weather_table(material: Material) -> TableView:
     )
 
 
-def _tell(material: Material) -> Content:
+def _tell(material: Material) -> SectionContent:
     drawings = {
         "plan": Drawing(
             "plan",
@@ -214,7 +214,7 @@ def _tell(material: Material) -> Content:
         drawings["weather"] = Drawing(
             "weather", (list(material.weather),), "Weather during the run.", {"title": ""}
         )
-    return Content(
+    return SectionContent(
         {
             "run": _run_facts(material),
             "plan": _plan_facts(material),
@@ -264,4 +264,4 @@ def _document(material: Material) -> dict[str, Any]:
     }
 
 
-SECTION = Section("measurement", "What was measured, and how", _tell, _document)
+SECTION = ReportSection("measurement", "What was measured, and how", _tell, _document)

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Column, Fact, TableView
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.text.numbers import two_digits
 
 _STOPS_SHOWN = 3
@@ -87,7 +87,7 @@ def _pass_of(stop: SettledStop) -> tuple[int, int]:
     return stop.command.line_index, stop.command.attempt
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     if not material.measurement.lines:
         return "No line was finished."
     measurement = material.measurement
@@ -116,7 +116,7 @@ def _tell(material: Material) -> Content | str:
             "Every pass less the mean of the passes of its setup.",
             {"title": ""},
         )
-    return Content(
+    return SectionContent(
         {
             "taken": _table(material),
             "repeats": repeated,
@@ -150,4 +150,4 @@ def _document(material: Material) -> dict[str, Any]:
     }
 
 
-SECTION = Section("readings", "Readings and repeatability", _tell, _document)
+SECTION = ReportSection("readings", "Readings and repeatability", _tell, _document)

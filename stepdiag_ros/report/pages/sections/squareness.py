@@ -7,12 +7,12 @@ from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import squareness_table
 from stepdiag_ros.words.squareness import LEAST_SQUARES_LINES, SIGN_DEFINITIONS
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.report
     preferred = report.preferred()
     if preferred is None:
@@ -30,7 +30,7 @@ def _tell(material: Material) -> Content | str:
         "How the axes stand to each other, the angle exaggerated.",
         {"title": "", "truth": report.truth},
     )
-    return Content(
+    return SectionContent(
         {
             "tables": table_views([squareness_table(report, "rotation")]),
             "sentences": [
@@ -51,4 +51,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return {"method": preferred.method, "sign": SIGN_DEFINITIONS["rotation"]}
 
 
-SECTION = Section("squareness", "Squareness", _tell, _document)
+SECTION = ReportSection("squareness", "Squareness", _tell, _document)

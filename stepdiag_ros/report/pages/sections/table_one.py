@@ -5,7 +5,7 @@ from typing import Any
 from stepdiag_ros.report.documents.experiment import experiment_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.experiment import table_one_table
 
 ABOUT = (
@@ -16,15 +16,15 @@ ABOUT = (
 )
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     if material.experiment is None:
         return material.why_not("experiment")
     view = table_views([table_one_table(material.experiment)])
-    return Content({"tables": view, "sentences": [ABOUT]})
+    return SectionContent({"tables": view, "sentences": [ABOUT]})
 
 
 def _document(material: Material) -> dict[str, Any] | None:
     return None if material.experiment is None else experiment_document(material.experiment)
 
 
-SECTION = Section("table_one", "Table 1 of Ibaraki & Hata", _tell, _document)
+SECTION = ReportSection("table_one", "Table 1 of Ibaraki & Hata", _tell, _document)

@@ -8,13 +8,13 @@ from stepdiag_ros.report.documents.budget import budget_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import TableView, table_view, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.budget import budget_table, curves_table, sources_table
 from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.words.budget import figure_groups
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     report = material.budget
     if report is None:
         return material.why_not("budget")
@@ -39,7 +39,7 @@ def _tell(material: Material) -> Content | str:
             " of the variance.",
             {"title": ""},
         )
-    return Content(
+    return SectionContent(
         {
             "sources": table_views([sources_table(budget)]),
             "tables": [
@@ -66,4 +66,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return None if material.budget is None else budget_document(material.budget)
 
 
-SECTION = Section("uncertainty", "Uncertainty budget", _tell, _document)
+SECTION = ReportSection("uncertainty", "Uncertainty budget", _tell, _document)

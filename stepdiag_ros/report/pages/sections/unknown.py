@@ -4,7 +4,7 @@ from typing import Any
 
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.sections.readings import NO_REPEATS
 
 _GIVEN = {
@@ -53,12 +53,12 @@ def unknowns(material: Material) -> dict[str, list[str]]:
     return {title: texts for title, texts in found.items() if texts}
 
 
-def _tell(material: Material) -> Content:
-    return Content({"groups": unknowns(material)})
+def _tell(material: Material) -> SectionContent:
+    return SectionContent({"groups": unknowns(material)})
 
 
 def _document(material: Material) -> dict[str, Any]:
     return unknowns(material)
 
 
-SECTION = Section("unknown", "What is not known", _tell, _document)
+SECTION = ReportSection("unknown", "What is not known", _tell, _document)

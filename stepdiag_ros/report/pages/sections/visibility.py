@@ -3,16 +3,16 @@
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import visibility_sentences, visibility_table
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     found = material.report.visibility
     if found is None:
         return "What these lines can tell was not computed."
     drawing = Drawing("visibility", (found,), "What these lines tell of each error.", {"title": ""})
-    return Content(
+    return SectionContent(
         {
             "tables": table_views([visibility_table(found)]),
             "sentences": visibility_sentences(found, material.report.ordered_results()),
@@ -21,4 +21,4 @@ def _tell(material: Material) -> Content | str:
     )
 
 
-SECTION = Section("visibility", "What these lines can tell", _tell)
+SECTION = ReportSection("visibility", "What these lines can tell", _tell)

@@ -13,7 +13,7 @@ from stepdiag_ros.report.documents.volumetric import volumetric_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
-from stepdiag_ros.report.pages.section import Content, Section
+from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.volumetric import accuracy_table
 from stepdiag_ros.text.numbers import plain, with_expanded
 from stepdiag_ros.words.volumetric import DEFINITION
@@ -25,7 +25,7 @@ def _volumetric(material: Material) -> VolumetricReport:
     )
 
 
-def _tell(material: Material) -> Content | str:
+def _tell(material: Material) -> SectionContent | str:
     preferred, found = material.report.preferred(), material.accuracy
     if preferred is None or found is None:
         return "The errors in the volume are unknown: the lines are not enough for any method."
@@ -63,7 +63,7 @@ def _tell(material: Material) -> Content | str:
             {"title": ""},
         )
     tables = table_views([accuracy_table(_volumetric(material))])
-    return Content(
+    return SectionContent(
         {
             "facts": facts,
             "method": method_title(preferred.method),
@@ -91,4 +91,4 @@ def _method(material: Material) -> str | None:
     return None if preferred is None else preferred.method
 
 
-SECTION = Section("volume", "Errors in the volume", _tell, _document)
+SECTION = ReportSection("volume", "Errors in the volume", _tell, _document)
