@@ -202,10 +202,14 @@ class Writer(_Entity):
         self._sertype = sertype
         self._lib.dds_set_status_mask(handle, ddslib.OFFERED_INCOMPATIBLE_QOS_STATUS)
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, more: bool = False) -> None:
         """Send one sample: CDR with its four bytes of encapsulation header.
 
         Waits while a reader that keeps all is behind.
+
+        Args:
+            data: What is sent.
+            more: More follows at once: let it share packets, until :meth:`flush`.
 
         Raises:
             DdsError: The bytes are not CDR, or the writer is closed.
@@ -226,6 +230,12 @@ class Writer(_Entity):
         code = lib.dds_writecdr(self.handle, made)
         if code < 0:
             lib.check(code, "send a sample")
+        if not more:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what was written and still waits for more."""
+        self._lib.check(self._lib.dds_write_flush(self.handle), "send samples")
 
     def matched(self) -> int:
         """Return how many readers receive what is written."""

@@ -48,6 +48,8 @@ def make_qos(qos: Qos, user_data: str) -> Any:
     depth = -1 if qos.keep_all else qos.depth
     lib.dds_qset_history(made, history, depth)
     lib.dds_qset_writer_data_lifecycle(made, False)
+    # A packet goes when its writer says so: after every sample, or after a burst of them.
+    lib.dds_qset_writer_batching(made, True)
     if qos.reliable:
         lib.dds_qset_reliability(made, ddslib.RELIABLE, UNLIMITED)
     else:

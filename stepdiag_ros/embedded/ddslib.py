@@ -180,6 +180,7 @@ _SLOW: dict[str, tuple[Any, list[Any]]] = {
     "dds_delete": (c_int32, [_ENTITY]),
     "dds_set_status_mask": (c_int32, [_ENTITY, c_uint32]),
     "dds_writecdr": (c_int32, [_ENTITY, _POINTER]),
+    "dds_write_flush": (c_int32, [_ENTITY]),
     "dds_takecdr": (
         c_int32,
         [_ENTITY, POINTER(_POINTER), c_uint32, POINTER(SampleInfo), c_uint32],
@@ -233,6 +234,7 @@ _SLOW: dict[str, tuple[Any, list[Any]]] = {
     "dds_qset_liveliness": (None, [_POINTER, c_int32, c_int64]),
     "dds_qget_liveliness": (c_bool, [_POINTER, POINTER(c_int32), POINTER(c_int64)]),
     "dds_qset_writer_data_lifecycle": (None, [_POINTER, c_bool]),
+    "dds_qset_writer_batching": (None, [_POINTER, c_bool]),
     "dds_qset_data_representation": (None, [_POINTER, c_uint32, POINTER(ctypes.c_int16)]),
     "dds_qset_ignorelocal": (None, [_POINTER, c_int32]),
     "dds_free": (None, [_POINTER]),

@@ -10,14 +10,13 @@ nearly as much as the first. What is smaller is not found here; a repeated line 
 
 from collections import deque
 from dataclasses import dataclass
-from itertools import islice, takewhile
-from math import isfinite
+from math import dist, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag_ros.metrology.assembly import FIRST_STATUS_THAT_LOSES_ZERO
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam
-from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Reading
 
 MARGIN = 50_000_000
@@ -40,12 +39,25 @@ COUNT_ERROR = 5
 """STATUS_COUNT_ERROR of InterferometerReading.msg."""
 
 
+Place = tuple[float, float, float]
+"""X, Y, Z, m."""
+
+
 @dataclass(frozen=True)
 class _Standing:
     """A moment at which the axes stood."""
 
     displacement: float
-    position: Vector
+    position: Place
+
+
+class _Position(NamedTuple):
+    """An actual position at a time (ns); time (ns) and speed (m/s) since the one before."""
+
+    time: int
+    place: Place
+    since: int
+    speed: float
 
 
 class CountCheck:
@@ -53,7 +65,7 @@ class CountCheck:
 
     def __init__(self) -> None:
         self._beam: BeamPath | None = None
-        self._positions: deque[tuple[int, Vector]] = deque(maxlen=MOST_PENDING)
+        self._positions: deque[_Position] = deque(maxlen=MOST_PENDING)
         self._readings: deque[tuple[int, float]] = deque(maxlen=MOST_PENDING)
         self._last: tuple[int, float] | None = None
         self._standing: _Standing | None = None
@@ -82,10 +94,16 @@ class CountCheck:
         self._since = time
         self.trouble = ""
 
-    def add_position(self, time: int, position: tuple[float, float, float]) -> None:
+    def add_position(self, time: int, position: Place) -> None:
         """Take an actual position, m, of a time, ns."""
-        if not self._positions or time > self._positions[-1][0]:
-            self._positions.append((time, np.asarray(position)))
+        if not self._positions:
+            self._positions.append(_Position(time, position, 0, 0.0))
+            return
+        last = self._positions[-1]
+        if time > last.time:
+            since = time - last.time
+            speed = dist(position, last.place) / (since * 1e-9)
+            self._positions.append(_Position(time, position, since, speed))
 
     def add_reading(self, time: int, displacement: float, counts: bool) -> None:
         """Take a reading, m, of a time, ns.
@@ -122,7 +140,7 @@ class CountCheck:
         """Judge what can be judged by now; return what is wrong, which holds until ``begin``."""
         if not self._positions:
             return self.trouble
-        known = self._positions[-1][0] - MARGIN
+        known = self._positions[-1].time - MARGIN
         while self._readings and self._readings[0][0] <= known and not self.trouble:
             self._judge(*self._readings.popleft())
         return self.trouble
@@ -132,14 +150,11 @@ class CountCheck:
         if last is None:
             return
         around = self._around(last[0] - MARGIN, time + MARGIN)
-        instants = np.array([when for when, _ in around])
+        steps = around[1:]
         # What the axes have done between positions that are far apart, nobody knows.
-        if len(around) < 2 or np.max(np.diff(instants)) > MARGIN:
+        if not steps or max(step.since for step in steps) > MARGIN:
             return
-        times = (instants - instants[0]) * 1e-9
-        places = np.array([place for _, place in around])
-        ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        speed = float(np.max(ways / np.diff(times)))
+        speed = max(step.speed for step in steps)
         change = abs(displacement - last[1])
         possible = FLOOR + SLACK * speed * (time - last[0]) * 1e-9
         if change > possible:
@@ -147,18 +162,35 @@ class CountCheck:
                 f"the count jumped by {change * 1e6:.4g} µm from one reading to the next, but the "
                 f"axes can have moved {possible * 1e6:.4g} µm at most"
             )
-        elif float(np.max(np.ptp(places, axis=0))) <= STILL:
-            self._judge_standing(_Standing(displacement, places[-1]))
+        elif all(
+            max(places) - min(places) <= STILL
+            for places in zip(*(position.place for position in around), strict=True)
+        ):
+            self._judge_standing(_Standing(displacement, around[-1].place))
 
     def _judge_standing(self, now: _Standing) -> None:
         before, self._standing = self._standing, now
         if before is None or self._beam is None:
             return
-        way = now.position - before.position
-        expected = float(self._beam.between(before.position, now.position))
         found = now.displacement - before.displacement
+        expected, allowed = 0.0, FLOOR
+        # Most readings are of the place of the one before.
+        if now.position != before.position:
+            expected, allowed = self._expected(before.position, now.position, found)
+        if abs(found - expected) > allowed:
+            self.trouble = (
+                f"the displacement changed by {found * 1e3:.4f} mm where the way of the axes makes "
+                f"{expected * 1e3:.4f} mm of it, with {allowed * 1e3:.4f} mm more or less at most"
+            )
+
+    def _expected(self, start: Place, end: Place, found: float) -> tuple[float, float]:
+        """Return what a way of the axes makes of the displacement, and how far it may be off, m."""
+        assert self._beam is not None
+        begun, ended = np.array(start), np.array(end)
+        way = ended - begun
+        expected = float(self._beam.between(begun, ended))
         length = float(np.linalg.norm(way))
-        allowed = FLOOR + self._beam.misdirection(before.position, now.position) * length
+        allowed = FLOOR + self._beam.misdirection(begun, ended) * length
         axis = int(np.argmax(np.abs(way)))
         along_axis = length > LEAST_WAY and length - abs(way[axis]) <= STILL
         if along_axis and isinstance(self._beam, FixedBeam):
@@ -167,23 +199,21 @@ class CountCheck:
                 allowed = 2.0 * FLOOR + ROUGHNESS * length
             else:
                 self._slopes[axis] = (found - expected) / float(way[axis])
-        if abs(found - expected) > allowed:
-            self.trouble = (
-                f"the displacement changed by {found * 1e3:.4f} mm where the way of the axes makes "
-                f"{expected * 1e3:.4f} mm of it, with {allowed * 1e3:.4f} mm more or less at most"
-            )
+        return expected, allowed
 
-    def _around(self, start: int, end: int) -> list[tuple[int, Vector]]:
+    def _around(self, start: int, end: int) -> list[_Position]:
         """Return the positions from the last up to a time to the first from another on.
 
         They may be far apart when a computer is busy. Empty if they do not reach that far back.
         """
         positions = self._positions
-        while len(positions) > 2 and positions[1][0] <= start:
+        while len(positions) > 2 and positions[1].time <= start:
             positions.popleft()
-        if positions[0][0] > start:
+        if positions[0].time > start:
             return []
-        return [*takewhile(lambda entry: entry[0] < end, positions), *self._first_from(end)]
-
-    def _first_from(self, time: int) -> list[tuple[int, Vector]]:
-        return list(islice((entry for entry in self._positions if entry[0] >= time), 1))
+        found = []
+        for position in positions:
+            found.append(position)
+            if position.time >= end:
+                break
+        return found

@@ -381,17 +381,26 @@ class BridgeNode(DeviceNode[CncDevice]):
 
     def poll(self, device: CncDevice) -> None:
         """Publish positions, and what has become of the command at work."""
+        samples: list[PositionSample] = []
         for event in device.poll(self.now()):
-            if self._command is None and getattr(event, "state", None) is CncState.READY:
+            if isinstance(event, PositionSample):
+                samples.append(event)
+                continue
+            self._take_positions(samples)
+            samples = []
+            if self._command is None and event.state is CncState.READY:
                 self._learn(device)
             self._position = event.position
-            if isinstance(event, PositionSample):
-                self._axes.take(event.position, event.time, self.real_time())
-                self._publish_position(event)
-                self._end(self._motion.take(event.time, event.position))
-            else:
-                self._on_change(event)
+            self._on_change(event)
+        self._take_positions(samples)
         self._watch_over()
+
+    def _take_positions(self, samples: list[PositionSample]) -> None:
+        self._joints.publish_all(map(_joint_states, samples))
+        for sample in samples:
+            self._position = sample.position
+            self._axes.take(sample.position, sample.time, self.real_time())
+            self._end(self._motion.take(sample.time, sample.position))
 
     def _watch_over(self) -> None:
         """Stop a move that nobody wants any more, or of which nothing is heard."""
@@ -465,16 +474,6 @@ class BridgeNode(DeviceNode[CncDevice]):
             )
         )
 
-    def _publish_position(self, sample: PositionSample) -> None:
-        message = new_message(topics.JOINT_STATES.type_name)
-        set_header(message, sample.time)
-        message.name = list(AXES)
-        message.position = list(sample.position)
-        if sample.motors is not None:
-            message.name = [*AXES, *MOTORS]
-            message.position = [*sample.position, *sample.motors]
-        self._joints.publish(message)
-
     def _repeat_state(self) -> None:
         if self.device is not None and self.active:
             self._publish_state(self.device.state)
@@ -488,6 +487,17 @@ class BridgeNode(DeviceNode[CncDevice]):
         message.soft_limits_low, message.soft_limits_high = list(low), list(high)
         message.reason = self._reason
         self._state.publish(message)
+
+
+def _joint_states(sample: PositionSample) -> Any:
+    message = new_message(topics.JOINT_STATES.type_name)
+    set_header(message, sample.time)
+    message.name = list(AXES)
+    message.position = list(sample.position)
+    if sample.motors is not None:
+        message.name = [*AXES, *MOTORS]
+        message.position = [*sample.position, *sample.motors]
+    return message
 
 
 def main() -> int:

@@ -217,16 +217,21 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         before, readings = self._count_check.trouble, self._count_check.judged(readings)
         if self._count_check.trouble != before:
             self.get_logger().error(f"the count is wrong: {self._count_check.trouble}")
+        self._readings.publish_all(
+            from_reading(reading, LASER, message=self._message) for reading in readings
+        )
+        self._note_zero(readings)
+        if readings and self.active:
+            self._look_at(readings)
+
+    def _note_zero(self, readings: list[Reading]) -> None:
+        """Say that the beam stands, once a good reading of its setup has come."""
         for reading in readings:
-            message = from_reading(reading, LASER, message=self._message)
-            self._readings.publish(message)
             if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
                 self._aligned = 0
                 self._count_check.begin(self._line_beam, reading.time)
                 self.facts["beam"] = fact_of_run(self.run_id, self._setup)
                 self.beat()
-        if readings and self.active:
-            self._look_at(readings)
 
     def _look_at(self, readings: list[Reading]) -> None:
         real = self.real_time()

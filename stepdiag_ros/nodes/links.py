@@ -8,7 +8,7 @@ topics is named, in the log and on /diagnostics.
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -122,6 +122,15 @@ class Outlet:
             data = serialize_message(message)
         self._send(data)
         self._repeater.said(message, data, self._node.real_time())
+
+    def publish_all(self, messages: Iterable[Any]) -> None:
+        """Publish messages that came at once; the embedded client puts them into few packets."""
+        at_once = getattr(self._publisher, "publish_all", None)
+        if at_once is None or self._repeater is not None or self._patience:
+            for message in messages:
+                self.publish(message)
+        else:
+            at_once(messages)
 
     def forget_results(self) -> None:
         """Do not say again what follows from the run so far."""

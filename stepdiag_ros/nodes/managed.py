@@ -14,7 +14,7 @@ The heartbeat goes on in every state, and says which.
 """
 
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import Enum
 from functools import partial
@@ -78,6 +78,11 @@ class Stream(SimpleManagedEntity):
         """Publish a message, or drop it."""
         if self.is_activated:
             self._outlet.publish(message)
+
+    def publish_all(self, messages: Iterable[Any]) -> None:
+        """Publish messages that came at once, or drop them."""
+        if self.is_activated:
+            self._outlet.publish_all(messages)
 
 
 class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):

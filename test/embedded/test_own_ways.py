@@ -93,6 +93,50 @@ def test_broken_sample_is_said_once_and_survived(node: Any, capfd: Any) -> None:
         publisher.publish(Int32())
 
 
+def test_messages_published_at_once_arrive_in_order_and_as_far_as_they_were_made(
+    node: Any, peer: Start
+) -> None:
+    from rclpy.qos import HistoryPolicy, QoSProfile
+    from std_msgs.msg import Int32
+
+    got: list[int] = []
+    qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    node.create_subscription(Int32, "many", lambda message: got.append(message.data), qos)
+    other = peer(
+        """
+        import time
+        from rclpy.qos import HistoryPolicy, QoSProfile
+        from std_msgs.msg import Int32
+        rclpy.init()
+        node = rclpy.create_node('talker')
+        publisher = node.create_publisher(Int32, 'many', QoSProfile(history=HistoryPolicy.KEEP_ALL))
+        while not publisher.get_subscription_count():
+            time.sleep(0.01)
+
+        def made(first, last):
+            message = Int32()
+            for message.data in range(first, last):
+                yield message
+
+        def broken():
+            yield from made(5000, 5003)
+            raise ValueError('no more')
+
+        publisher.publish_all(made(0, 5000))
+        publisher.publish_all([])
+        try:
+            publisher.publish_all(broken())
+        except ValueError as error:
+            print(error)
+        publisher.publish(Int32(data=5003))
+        publisher.wait_for_all_acked()
+        """
+    )
+    assert spin_until(node, lambda: len(got) >= 5004)
+    assert got == [*range(5004)]
+    assert other.finish()[1].strip() == "no more"
+
+
 def test_a_tilde_needs_its_slash(node: Any) -> None:
     from rclpy.exceptions import InvalidTopicNameException
     from std_msgs.msg import String

@@ -116,7 +116,12 @@ def test_the_settings_of_a_device_are_taken_when_it_is_opened_again(
     def keep(_stream, message):
         stamps.append(to_nanoseconds(message.header.stamp))
 
+    def keep_all(stream, messages):
+        for message in messages:
+            keep(stream, message)
+
     monkeypatch.setattr(Stream, "publish", keep)
+    monkeypatch.setattr(Stream, "publish_all", keep_all)
 
     def spacing():
         """Return the least time between two of what the device has just said, s."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from rclpy._endpoint import QosWatch, type_user_data
@@ -67,6 +68,23 @@ class Publisher:
             rclpy.exceptions.RCLError: The context is shut down.
             rclpy.exceptions.InvalidHandle: The publisher is destroyed.
         """
+        self._send(msg)
+
+    def publish_all(self, messages: Iterable[Any]) -> None:
+        """Publish messages in as few packets as they fit into; not in rclpy.
+
+        Each is serialized before the next one is asked for; errors are those of :meth:`publish`.
+        """
+        waiting = False
+        try:
+            for message in messages:
+                self._send(message, more=True)
+                waiting = True
+        finally:
+            if waiting and self._writer.handle:
+                self._writer.flush()
+
+    def _send(self, msg: Any, more: bool = False) -> None:
         if type(msg) is self.msg_type:
             data = self._serialize(msg)
         elif isinstance(msg, (bytes, bytearray, memoryview)):
@@ -77,7 +95,7 @@ class Publisher:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         self._check()
         try:
-            self._writer.write(data)
+            self._writer.write(data, more)
         except dds.DdsError as error:
             self._check()
             raise RCLError(f"Failed to publish on {self.topic}: {error}") from error
