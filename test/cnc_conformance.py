@@ -71,8 +71,9 @@ class Operator:
             self.rig.sleep(0.004)
 
     def watch(self, seconds):
-        end = self.rig.now() + seconds * SECOND
-        self.until(lambda: self.rig.now() >= end)
+        """Poll for some seconds, and until the device has told a position since."""
+        end, told = self.rig.now() + seconds * SECOND, len(self.samples)
+        self.until(lambda: self.rig.now() >= end and len(self.samples) > told)
 
     def until_state(self, state, limit=PATIENCE):
         self.until(lambda: self.device.state is state, limit)

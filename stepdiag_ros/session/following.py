@@ -19,6 +19,8 @@ SETTLE_LIMIT = 3.0
 """Real seconds in which a refused start, or a refused resumption, is tried again."""
 RESUME_LIMIT = 5.0
 """Real seconds in which the run must go on after it was resumed."""
+GONE_LIMIT = 10.0
+"""Real seconds of silence after which the sequencer counts as gone; a busy computer delays it."""
 STOP_LIMIT = 60.0
 """Real seconds in which a run that was stopped must be recorded and evaluated."""
 ENDED = (State.FINISHED, State.ABORTED)
@@ -149,14 +151,16 @@ class FollowedRun:
 
     def _follow(self) -> None:
         operator = self._operator
-        sequencer = operator.sequencer
+        sequencer, heard = operator.sequencer, operator.real_time()
         while not self._has_result():
             operator.spin_until(lambda: operator.result is not None, 0.2)
             self._check()
-            if operator.sequencer != sequencer:
-                raise RunFailed(
-                    "the sequencer is gone, or was started anew and knows nothing of the run"
-                )
+            if operator.sequencer == sequencer:
+                heard = operator.real_time()
+            elif operator.sequencer:
+                raise RunFailed("the sequencer was started anew and knows nothing of the run")
+            elif operator.real_time() - heard > GONE_LIMIT:
+                raise RunFailed("the sequencer is gone")
             if self._on_plan is not None and operator.plan:
                 self._on_plan(operator.plan)
                 self._on_plan = None

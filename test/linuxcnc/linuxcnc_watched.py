@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from patience import PATIENCE
 
 from stepdiag_ros.configuration import load_machine
@@ -52,6 +53,11 @@ class Watched:
         end = time.monotonic() + seconds
         return self.until(lambda: time.monotonic() > end)
 
+    def until_moved(self) -> "Watched":
+        """Wait until the axes have moved by 2 mm: a busy computer begins late."""
+        begun = np.array(self.position())
+        return self.until(lambda: np.abs(self.samples()[-1].position - begun).max() > 2e-3)
+
     def until_state(self, *states: CncState) -> StateChange:
         """Wait until it is in one of these states, from which it does not come to another."""
 
@@ -85,5 +91,5 @@ class Watched:
         self.driver.start_move(time.time_ns(), (x, y, z), feed, axes)
 
     def position(self) -> tuple[float, float, float]:
-        self.wait(0.02)
-        return self.samples()[-1].position
+        told = len(self.samples())
+        return self.until(lambda: len(self.samples()) > told).samples()[-1].position

@@ -36,7 +36,7 @@ def test_a_move_that_the_watchdog_has_held_is_a_fault_when_the_agent_goes_on(mak
     watched = Watched(instance.socket)
     watched.reset()
     watched.go(800.0, 0.0, 0.0)
-    watched.wait(0.1)
+    watched.until_moved()
     watch_closely(instance)
     instance.signal("STOP", "stepdiag_agent")
     watched.until(lambda: "TRUE" in instance.run("halcmd", "getp", "motion.feed-inhibit"))
@@ -58,7 +58,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     watched = Watched(instance.socket, silence=5.0)
     watched.reset()
     watched.go(800.0, 0.0, 0.0)
-    watched.wait(0.1)
+    watched.until_moved()
     watch_closely(instance)
     instance.signal("STOP", "stepdiag_agent")
     with refused(OSError, None, "5", errno=errno.ETIMEDOUT):
@@ -81,7 +81,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     again.until_state(CncState.READY)
     # LinuxCNC's own task dies: nobody but HAL can brake now.
     again.go(800.0, 0.0, 0.0)
-    again.wait(0.2)
+    again.until_moved()
     instance.signal("KILL", "milltask -ini")
     fault = again.until_state(CncState.FAULT)
     assert "milltask has died" in fault.reason
@@ -112,7 +112,7 @@ def test_an_agent_that_is_killed_is_an_os_error_and_nothing_is_left_of_the_insta
     assert axes[2].motors[0] == pytest.approx(0.010 + 2e-6, abs=2e-9)
     assert axes[2].position[0] == pytest.approx(0.010, abs=2e-9)
     watched.go(800.0, 0.0, 0.0)
-    watched.wait(0.1)
+    watched.until_moved()
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):
         watched.wait(PATIENCE)
@@ -148,7 +148,7 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     watched.reset()
     here = 1e3 * watched.position()[0]
     watched.go(800.0, *(1e3 * value for value in watched.position()[1:]))
-    watched.wait(0.1)
+    watched.until_moved()
     watch_closely(instance)
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):

@@ -205,7 +205,7 @@ def test_the_agent_itself_refuses_what_the_driver_would_have_let_pass(machine_to
 
 def test_a_stop_brakes_at_once_and_holds_until_a_reset(watched):
     watched.go(500.0, 0.0, 0.0)
-    watched.wait(0.3)
+    watched.until_moved()
     before = watched.samples()[-1].position[0]
     watched.driver.stop(time.time_ns(), "enough")
     with refused(MoveRefused, "busy", aspect="motion"):
@@ -230,7 +230,7 @@ def test_e_stop_and_power_off_are_faults_until_an_operator_has_seen_to_it(
     watched, machine_tool, step, words
 ):
     watched.go(500.0, 0.0, 0.0)
-    watched.wait(0.2)
+    watched.until_moved()
     machine_tool.operate(step)
     fault = watched.until_state(CncState.FAULT)
     assert fault.reason == words
@@ -249,7 +249,7 @@ def test_e_stop_and_power_off_are_faults_until_an_operator_has_seen_to_it(
 
 def test_a_frozen_encoder_is_a_following_error(watched, machine_tool):
     watched.go(200.0, 0.0, 0.0)
-    watched.wait(0.1)
+    watched.until_moved()
     machine_tool.freeze("X")
     fault = watched.until_state(CncState.FAULT)
     machine_tool.thaw("X")
@@ -274,7 +274,7 @@ def test_a_frozen_encoder_at_the_end_of_a_move_is_not_in_position(watched, machi
 @pytest.mark.parametrize("watched", [0.5], indirect=True)
 def test_silence_of_the_client_brakes_the_machine(machine_tool, watched):
     watched.go(800.0, 0.0, 0.0)
-    watched.wait(0.1)
+    watched.until_moved()
     begun = watched.samples()[-1].position[0]
     time.sleep(1.0)  # nobody polls: the bridge hangs
     watched.until(lambda: watched.driver.state is CncState.STOPPED)
@@ -287,7 +287,7 @@ def test_silence_of_the_client_brakes_the_machine(machine_tool, watched):
 
 def test_a_connection_that_ends_brakes_the_machine_and_no_move_is_repeated(machine_tool, watched):
     watched.go(800.0, 0.0, 0.0)
-    watched.wait(0.2)
+    watched.until_moved()
     watched.driver.close()
     time.sleep(0.2)
     first = float(machine_tool.run("halcmd", "getp", "joint.0.motor-pos-fb"))
