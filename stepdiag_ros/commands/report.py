@@ -108,7 +108,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.pages.lead import lead_of
     from stepdiag_ros.report.pages.pdf import get_ready
     from stepdiag_ros.report.pages.pictures import studio
+    from stepdiag_ros.report.pages.sections import sections
 
+    # Those of other packages may be broken: better refused than found out after all work is done.
+    sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
     given = _given(arguments)
