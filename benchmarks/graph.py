@@ -25,7 +25,8 @@ from shared import gaps, machine_seconds, node_processes, processor_seconds
 from stepdiag_ros import configuration, topics
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.embedded import client
-from stepdiag_ros.messages.conversion import to_nanoseconds, to_settled_stop
+from stepdiag_ros.messages.conversion import to_settled_stop
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.session.cell import simulated_cell

@@ -24,7 +24,8 @@ from shared import gaps, processor_seconds
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.embedded import client
-from stepdiag_ros.messages.conversion import from_reading, new_message, set_stamp, to_reading
+from stepdiag_ros.messages.conversion import from_reading, new_message, to_reading
+from stepdiag_ros.messages.fields import set_stamp
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.nodes.links import message_class, quality
 

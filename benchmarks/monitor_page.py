@@ -34,6 +34,7 @@ from playwright.sync_api import sync_playwright
 from stepdiag_ros import topics
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Environment, Reading, SettledStop
 from stepdiag_ros.nodes.operator import OperatorNode
@@ -186,7 +187,7 @@ def latency(browser, bag: Path, seconds: float) -> None:
 def description_of(run: RecordedRun):
     """Return the RunDescription of a recorded run."""
     message = conversion.new_message(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, run.start_time)
+    set_header(message, run.start_time)
     message.run_id, message.plan, message.machine = run.run_id, run.plan_text, run.machine_text
     return message
 

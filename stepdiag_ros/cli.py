@@ -11,46 +11,11 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import CommandParser
+from stepdiag_ros.commands.arguments import Command, CommandParser
+from stepdiag_ros.metrology.registry import of_modules
 from stepdiag_ros.text.sentence import PREFIX, sentence
-
-COMMANDS = (
-    "demo",
-    "plan",
-    "run",
-    "measure",
-    "monitor",
-    "watch",
-    "foxglove",
-    "replay",
-    "solve",
-    "compare",
-    "budget",
-    "diagnose",
-    "iso230",
-    "squareness",
-    "volumetric",
-    "compensate",
-    "report",
-    "changes",
-    "compensate_nc",
-    "tracker",
-    "import_table",
-    "direct",
-    "by_hand",
-    "export",
-    "recover",
-    "seal",
-    "info",
-    "schema",
-    "selftest",
-    "parameters",
-    "node",
-)
-"""Modules of ``stepdiag_ros.commands`` in the order in which the help lists them."""
 
 _DESCRIPTION = """\
 Laser step-diagonal measurement of three-axis machine tools: positioning, straightness and
@@ -67,6 +32,12 @@ Nearly all that a command imports, reads and computes lives until it ends. At Py
 _EXIT_REFUSED = 1
 _EXIT_INTERRUPTED = 128 + signal.SIGINT
 _EXIT_BROKEN_PIPE = 141
+
+
+def commands() -> list[Command]:
+    """Return all commands in the order in which the help lists them."""
+    found: list[Command] = of_modules("stepdiag_ros.commands", "COMMAND")
+    return sorted(found, key=lambda one: one.order)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -94,8 +65,8 @@ def make_parser() -> argparse.ArgumentParser:
         required=True,
         parser_class=CommandParser,
     )
-    for name in COMMANDS:
-        import_module(f"stepdiag_ros.commands.{name}").add_parser(subparsers)
+    for command in commands():
+        command.add_parser(subparsers)
     return parser
 
 

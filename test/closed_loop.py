@@ -18,6 +18,7 @@ from stepdiag_ros.bags.runs import messages_of
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import cell_from_text
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.forward import tool_point
 from stepdiag_ros.metrology.plan import LINEAR
 
@@ -120,7 +121,7 @@ def stood(bag: Path) -> Stood:
             # Where the controller compensates, the motors stand elsewhere than it says.
             place = conversion.motor_positions(message) or conversion.axis_positions(message)
             assert place is not None
-            times.append(conversion.to_nanoseconds(message.header.stamp))
+            times.append(to_nanoseconds(message.header.stamp))
             motors.append(place)
     times, motors = np.array(times), np.array(motors)
     last = {line.line_index: line.attempt for line in run.measurement.lines}

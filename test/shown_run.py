@@ -11,6 +11,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.conversion import new_message
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import (
@@ -145,7 +146,7 @@ def _messages(run):
                 reading = Reading(now, now // SECOND, 0.1, 0.1, 0.9, 0, AIR)
                 yield now, topics.READING, conversion.from_reading(reading, "laser")
                 joints = new_message(topics.JOINT_STATES.type_name)
-                conversion.set_header(joints, now)
+                set_header(joints, now)
                 joints.name, joints.position = ["X", "Y", "Z"], [float(one) for one in target]
                 yield now, topics.JOINT_STATES, joints
         yield now, topics.LINE, conversion.from_measured_line(line, RUN_ID)
@@ -158,7 +159,7 @@ def _messages(run):
 
 def _state(time, what, index):
     message = new_message(topics.RUN_STATE.type_name)
-    conversion.set_header(message, time)
+    set_header(message, time)
     message.run_id, message.state, message.line_index = RUN_ID, int(what), index
     return message
 

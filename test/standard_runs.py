@@ -8,6 +8,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import completed_by
@@ -64,7 +65,7 @@ def write_messages(path, messages, plan_text, machine_text="", name="run"):
     """Write the bag of a run: its description, then messages, each with its time and topic."""
     types = own_types()
     description = types.new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(description, START)
+    set_header(description, START)
     description.schema_version = types.constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
     description.run_id, description.software_version = RUN_ID, __version__
     description.plan, description.machine = plan_text, machine_text

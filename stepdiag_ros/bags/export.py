@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 from itertools import chain
 from math import isnan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_type_hints
 
 import numpy as np
 
@@ -20,7 +20,12 @@ from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_
 from stepdiag_ros.bags.tracker_table import table_text
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary
 from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
-from stepdiag_ros.metrology.measurement import latest_attempts
+from stepdiag_ros.metrology.measurement import (
+    BlockDisplacement,
+    Reading,
+    SettledStop,
+    latest_attempts,
+)
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.tracker.measured_lines import readings_of
@@ -197,52 +202,41 @@ def _lines_table(run: RecordedRun) -> ExportedTable:
     )
 
 
+def _own_columns(kind: type, told: Sequence[str]) -> dict[str, str]:
+    """Return a column for each further field of a data class: its name with the unit → the field.
+
+    Fields that are no single number or text need columns of their own, named in the table.
+
+    Args:
+        kind: the data class.
+        told: fields that have columns of their own.
+    """
+    exact, plain = get_type_hints(kind, include_extras=True), get_type_hints(kind)
+    return {
+        "_".join((name, *getattr(hint, "__metadata__", ()))): name
+        for name, hint in exact.items()
+        if name not in told and plain[name] in (bool, int, float, str)
+    }
+
+
 def _stops_table(run: RecordedRun) -> ExportedTable:
+    own = _own_columns(SettledStop, ("command", "line", "position", "time", "environment"))
     return ExportedTable(
         "stops",
         (
-            *LINE_COLUMNS,
-            "setup",
-            "stop",
-            "axis",
-            "time_ns",
+            *(*LINE_COLUMNS, "setup", "stop", "axis", "time_ns"),
             *POSITION_COLUMNS,
             *(f"actual_{name}" for name in POSITION_COLUMNS),
-            "settled",
-            "reason",
-            "displacement_m",
-            "raw_displacement_m",
-            "standard_uncertainty_m",
-            "standard_deviation_m",
-            "readings",
-            "first_sequence",
-            "last_sequence",
-            "in_position_time_ns",
-            "window_start_ns",
-            "window_end_ns",
+            *own,
             *ENVIRONMENT_COLUMNS,
         ),
         [
             (
                 *_identity(stop.line, stop.command.line_index, stop.command.attempt),
-                stop.command.setup,
-                stop.command.stop,
-                stop.command.axis,
-                stop.time,
+                *(stop.command.setup, stop.command.stop, stop.command.axis, stop.time),
                 *stop.command.target,
                 *stop.position,
-                stop.settled,
-                stop.reason,
-                stop.displacement,
-                stop.raw_displacement,
-                stop.standard_uncertainty,
-                stop.standard_deviation,
-                stop.readings,
-                stop.first_sequence,
-                stop.last_sequence,
-                stop.in_position_time,
-                stop.window_start,
-                stop.window_end,
+                *(getattr(stop, field) for field in own.values()),
                 *stop.environment,
             )
             for stop in run.stops
@@ -251,30 +245,15 @@ def _stops_table(run: RecordedRun) -> ExportedTable:
 
 
 def _blocks_table(run: RecordedRun) -> ExportedTable:
+    own = _own_columns(BlockDisplacement, ("line_index", "attempt", "line", "time"))
     return ExportedTable(
         "blocks",
-        (
-            *LINE_COLUMNS,
-            "time_ns",
-            "block",
-            "axis",
-            "from_stop",
-            "to_stop",
-            "nominal_displacement_m",
-            "displacement_m",
-            "standard_uncertainty_m",
-        ),
+        (*LINE_COLUMNS, "time_ns", *own),
         [
             (
                 *_identity(block.line, block.line_index, block.attempt),
                 block.time,
-                block.block,
-                block.axis,
-                block.from_stop,
-                block.to_stop,
-                block.nominal_displacement,
-                block.displacement,
-                block.standard_uncertainty,
+                *(getattr(block, field) for field in own.values()),
             )
             for block in run.blocks
         ],
@@ -374,18 +353,14 @@ def _findings_table(diagnosis: DiagnosisSummary) -> ExportedTable:
 
 
 def _readings_table(run: RecordedRun) -> ExportedTable:
+    own = _own_columns(Reading, ("environment",))
     return ExportedTable(
         "readings",
+        (*own, *ENVIRONMENT_COLUMNS),
         (
-            "time_ns",
-            "sequence",
-            "raw_displacement_m",
-            "compensated_displacement_m",
-            "signal_strength",
-            "status",
-            *ENVIRONMENT_COLUMNS,
+            (*(getattr(reading, field) for field in own.values()), *reading.environment)
+            for reading in run.readings()
         ),
-        ((*reading[:-1], *reading.environment) for reading in run.readings()),
     )
 
 

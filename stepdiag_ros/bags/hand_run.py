@@ -21,6 +21,7 @@ from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.recording import Recording
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.assembly import Event, assemble
 from stepdiag_ros.metrology.by_hand import (
     Found,
@@ -245,7 +246,7 @@ def _messages(run: HandRun, run_id: str) -> list[tuple[int, Topic, Any]]:
             told.append((last, topics.LINE, conversion.from_measured_line(event, run_id, new)))
     state = new(topics.RUN_STATE.type_name)
     end = run.recordings[-1].readings[-1].time
-    conversion.set_header(state, end)
+    set_header(state, end)
     state.run_id, state.state, state.text = run_id, _STATE_FINISHED, run.text
     told.append((end, topics.RUN_STATE, state))
     return sorted(told, key=lambda one: one[0])

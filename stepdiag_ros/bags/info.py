@@ -21,6 +21,7 @@ from stepdiag_ros.bags.timing import timing_of
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.time_alignment import RunTiming
 from stepdiag_ros.schemas import number
 
@@ -302,6 +303,6 @@ def _follow(message: Any, topic: str, sequences: dict[str, int], info: BagInfo) 
     sequence = int(message.sequence)
     last = sequences.get(topic)
     if last is not None and sequence != last + 1:
-        time = conversion.to_nanoseconds(message.header.stamp)
+        time = to_nanoseconds(message.header.stamp)
         info.gaps.append(SequenceGap(last, sequence, time))
     sequences[topic] = sequence

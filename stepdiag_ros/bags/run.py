@@ -20,6 +20,7 @@ from stepdiag_ros.bags.wholeness import Recorded, numbers_of_readings
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import to_positioning_test
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
@@ -204,7 +205,7 @@ class RecordedRun:
         values = []
         for record, message in messages_of(self.bag, self.found, told.keys()):
             name, field = told[record.topic]
-            time = conversion.to_nanoseconds(message.header.stamp)
+            time = to_nanoseconds(message.header.stamp)
             values.append(SensorValue(time, name, float(getattr(message, field))))
         return sorted(values, key=lambda value: value.time)
 
@@ -250,7 +251,7 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         run_id=description.run_id,
         software_version=description.software_version,
         schema_version=int(description.schema_version),
-        start_time=conversion.to_nanoseconds(description.header.stamp),
+        start_time=to_nanoseconds(description.header.stamp),
         plan_text=description.plan,
         machine_text=description.machine,
         cell_text=description.simulated_cell,
@@ -344,7 +345,7 @@ def _flaws(bag: Bag, promised: Recorded, plan: Plan) -> tuple[Flaw, ...]:
 
 def _state_change(message: Any) -> StateChange:
     return StateChange(
-        time=conversion.to_nanoseconds(message.header.stamp),
+        time=to_nanoseconds(message.header.stamp),
         state=int(message.state),
         line_index=int(message.line_index),
         line=str(message.line),
@@ -368,7 +369,7 @@ class _DiagnosticChanges:
         self._last: dict[str, tuple[int, str]] = {}
 
     def add(self, message: Any) -> None:
-        time = conversion.to_nanoseconds(message.header.stamp)
+        time = to_nanoseconds(message.header.stamp)
         for status in message.status:
             raw = status.level
             level = raw[0] if isinstance(raw, bytes) else int(raw)

@@ -12,7 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.bag import Bag, RecordedMessage
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.repetitions import without_repetitions
-from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.topics import Topic
 
 _ALWAYS = 2**63
@@ -44,7 +44,7 @@ class FoundRun:
     @property
     def start_time(self) -> int:
         """Return when it was started, ns."""
-        return conversion.to_nanoseconds(self.description.header.stamp)
+        return to_nanoseconds(self.description.header.stamp)
 
 
 def runs_in(bag: Bag) -> dict[str, FoundRun]:
@@ -56,7 +56,7 @@ def runs_in(bag: Bag) -> dict[str, FoundRun]:
     names = full_names(bag, topics.RUN_DESCRIPTION)
     told: dict[str, tuple[int, str, Any]] = {}
     for record, message in bag.messages(topics=names):
-        start = conversion.to_nanoseconds(message.header.stamp)
+        start = to_nanoseconds(message.header.stamp)
         told.setdefault(message.run_id, (start, names[record.topic], message))
     found = {}
     for run_id, (start, namespace, message) in sorted(told.items(), key=lambda run: run[1][0]):
@@ -150,5 +150,5 @@ def _belongs(message: Any, record: RecordedMessage, run: FoundRun) -> bool:
     if known is not None and known[1] != run.namespace and not known[0].name.startswith("/"):
         return False
     header = getattr(message, "header", None)
-    time = record.log_time if header is None else conversion.to_nanoseconds(header.stamp)
+    time = record.log_time if header is None else to_nanoseconds(header.stamp)
     return run.begin <= time < run.end

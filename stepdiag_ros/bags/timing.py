@@ -10,6 +10,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.runs import messages_of
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.time_alignment import (
     SEARCH_LIMIT,
@@ -75,7 +76,7 @@ def _read(run: RecordedRun) -> _Streams:
         topics.absolute(topic, run.namespace) for topic in (topics.READING, topics.JOINT_STATES)
     )
     for record, message in messages_of(run.bag, run.found, (reading, joints)):
-        time = conversion.to_nanoseconds(message.header.stamp)
+        time = to_nanoseconds(message.header.stamp)
         if record.topic == joints:
             position = conversion.axis_positions(message)
             if position is not None and time > (streams.position_times or [time - 1])[-1]:

@@ -21,6 +21,7 @@ from rosbags.typesys.store import Typestore
 from stepdiag_ros import resources
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.embedded.packages import OWN, TEXTS
+from stepdiag_ros.messages.conversion import ADDED_LATER
 from stepdiag_ros.topics import RECORDED
 
 CDR_HEADER = 4
@@ -35,8 +36,6 @@ _UNDECODABLE = (
 _LONGEST_PROBLEM = 200
 _MOST_NESTED = 10
 """Levels of messages in one another; ours have four."""
-_ADDED_LATER = frozenset({"trigger", "overrun"})
-"""Fields that older bags of this schema version lack."""
 _SEPARATOR = "=" * 80
 _DUMMY = "structure_needs_at_least_one_member"
 _WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
@@ -340,7 +339,7 @@ def _compare(store: Typestore, own: MessageTypes) -> None:
         for field, kind in own.fields(name):
             if field in fields and fields[field] != kind:
                 raise BagError(f"in the bag's definition of {name}, '{field}' is of another type")
-            if field not in fields and field not in _ADDED_LATER:
+            if field not in fields and field not in ADDED_LATER:
                 raise BagError(
                     f"the bag's definition of {name} lacks the field '{field}'", fault="mismatch"
                 )

@@ -1,6 +1,5 @@
-"""The commands of ``stepdiag``, one a module.
+"""The commands of ``stepdiag``, one a module, found by the ``COMMAND`` that it holds.
 
-Each module has ``add_parser(subparsers)``, which adds its arguments and sets ``run`` as their
-default, and ``run(arguments) -> int``, which returns the exit code. What is slow to import is
-imported in ``run``.
+``run(arguments) -> int`` returns the exit code. What is slow to import is imported there. Options
+that several commands have are declared in ``arguments.COMMON`` and taken by name.
 """

@@ -3,10 +3,23 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
 from typing import Any, NoReturn
 
 _HIGHEST_PORT = 65535
+_HIGHEST_SEED = 2**31
+
+
+class _HelpFormatter(argparse.HelpFormatter):
+    """Wraps a paragraph of one line, and leaves lines that were broken on purpose (examples)."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" not in text:
+            return super()._fill_text(text, width, indent)
+        return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -20,7 +33,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, further_help: Callable[[], str] | None = None, **more: Any):
         """Make the parser; ``further_help`` returns the end of the help once it is asked for."""
-        super().__init__(*args, **more)
+        super().__init__(*args, **{"formatter_class": _HelpFormatter, **more})
         self._further_help = further_help
 
     def format_help(self) -> str:
@@ -61,6 +74,47 @@ class CommandParser(argparse.ArgumentParser):
         self.error(f"there is no option {wrong}; {hint}")
 
 
+@dataclass(frozen=True)
+class Command:
+    """A command of ``stepdiag``: all that is declared of it.
+
+    Attributes:
+        name: that the user types.
+        order: its place in the list of commands.
+        add_options: adds its arguments; of commands below it each sets its own ``run``.
+        run: returns the exit code; None where there are commands below it.
+        help: what it does, in the list of commands.
+        description: above its options.
+        epilog: below them, such as examples.
+        further_help: returns the end of the help, where it takes long to find out.
+    """
+
+    name: str
+    order: int
+    add_options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int] | None
+    help: str
+    description: str
+    epilog: str
+    further_help: Callable[[], str] | None = None
+
+    def add_parser(
+        self, subparsers: "argparse._SubParsersAction[CommandParser]"
+    ) -> argparse.ArgumentParser:
+        """Add it to the command line; return its parser."""
+        parser = subparsers.add_parser(
+            self.name,
+            help=self.help,
+            description=self.description,
+            epilog=self.epilog,
+            further_help=self.further_help,
+        )
+        self.add_options(parser)
+        if self.run is not None:
+            parser.set_defaults(run=self.run)
+        return parser
+
+
 class Controls:
     """The names of the controls, as an option's choices; looked up once somebody asks for them."""
 
@@ -75,27 +129,23 @@ class Controls:
         return name in list(self)
 
 
-def add_namespace_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says in which namespace the nodes are.
-
-    Args:
-        parser: of the command.
-    """
-    parser.add_argument(
-        "--namespace",
-        type=_namespace,
-        default="",
-        metavar="NS",
-        help="of the nodes, such as /cell_1 (default: none)",
-    )
-
-
 def _namespace(text: str) -> str:
     if not text:
         return ""
     if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
         raise argparse.ArgumentTypeError(f"'{text}' is no namespace, such as /cell_1")
     return "/" + text.lstrip("/")
+
+
+def whole(text: str, low: int, high: int) -> int:
+    """Return the whole number that an option was given.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none, or not within [low, high].
+    """
+    if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from {low} to {high}")
+    return int(text)
 
 
 def port(text: str) -> int:
@@ -107,3 +157,49 @@ def port(text: str) -> int:
     if not text.isascii() or not text.isdigit() or int(text) > _HIGHEST_PORT:
         raise argparse.ArgumentTypeError(f"'{text}' is no port: 0 to {_HIGHEST_PORT}")
     return int(text)
+
+
+COMMON: dict[str, dict[str, Any]] = {
+    "force": {"action": "store_true", "help": "overwrite files that are there"},
+    "json": {"action": "store_true", "help": "print JSON in SI units"},
+    "method": {"default": "", "help": "of the solver (default: the one to rely on)"},
+    "namespace": {
+        "type": _namespace,
+        "default": "",
+        "metavar": "NS",
+        "help": "of the nodes, such as /cell_1 (default: none)",
+    },
+    "output": {"type": Path, "metavar": "FOLDER"},
+    "pictures": {
+        "choices": ("png", "svg", "pdf", "none"),
+        "default": "png",
+        "help": "format of the pictures, or none (default: png)",
+    },
+    "run": {
+        "dest": "run_id",
+        "metavar": "ID",
+        "help": "which run, where a recording of 'ros2 bag record' holds several",
+    },
+    "seed": {
+        "type": partial(whole, low=0, high=_HIGHEST_SEED),
+        "default": 0,
+        "help": "of the noise (default: 0)",
+    },
+}
+"""Options that several commands have: name → how argparse declares them."""
+
+
+def add_common(parser: argparse._ActionsContainer, name: str, **changes: Any) -> None:
+    """Add an option that several commands have.
+
+    Args:
+        parser: of the command, or a group of it.
+        name: of ``COMMON``.
+        changes: what this command declares otherwise, mostly ``help``.
+    """
+    parser.add_argument(f"--{name}", **{**COMMON[name], **changes})
+
+
+def picture_formats(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the formats of pictures that the user asked for; none if without pictures."""
+    return () if arguments.pictures == "none" else (arguments.pictures,)

@@ -1,61 +1,41 @@
 """``stepdiag budget``: how well the result of a bag is known, and what that is made of."""
 
-import io
-import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
-    add_run_option,
     methods_help,
     number,
     progress_bar,
-    say,
     warn,
 )
+from stepdiag_ros.commands.standard_tests import show
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
+    pass
 
 _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "budget",
-        help="uncertainty budget of a result by its sources, checked by Monte Carlo",
-        description="Show for every result of a bag (squareness, positioning, straightness, the"
-        " curves at every node) what each source adds to its uncertainty: laser, air, dead path,"
-        " material, setup, repeatability, drift. Combined by the GUM with all correlations, and on"
-        " request checked by Monte Carlo over all sources through the solver itself (JCGM 101)."
-        " What the instrument file does not tell stays unknown, and the total is then a lower"
-        " bound.",
-        epilog="examples:\n"
-        "  stepdiag budget run.mcap                        what the readings alone tell\n"
-        "  stepdiag budget run.mcap --instrument demo      with config/instruments/demo.yaml\n"
-        "  stepdiag budget run.mcap --instrument my.yaml --monte-carlo\n"
-        "  stepdiag budget run.mcap --instrument demo --expansion-per-K 11.5e-6 --json",
-        formatter_class=HelpFormatter,
-        further_help=partial(methods_help, replicable=True),
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument(
         "--instrument",
         metavar="NAME|FILE",
         help="what is known of laser, sensors, material and setup: a YAML file, or a name in"
         " config/instruments such as demo (default: nothing is known but the readings)",
     )
-    parser.add_argument(
-        "--method",
+    add_common(
+        parser,
+        "method",
         default="least_squares",
         help="of the solver, one of those below (default: least_squares)",
     )
@@ -85,9 +65,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="N",
         help="most trials of the Monte Carlo method (default: 400000)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of the random numbers of Monte Carlo (default: 0)"
-    )
+    add_common(parser, "seed", help="of the random numbers of Monte Carlo (default: 0)")
     parser.add_argument(
         "--recorded-lines",
         action="store_true",
@@ -96,20 +74,13 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     add_direct_option(parser)
     add_air_options(parser)
     add_correction_options(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON (SI units), not tables")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
+    add_common(parser, "json", help="print JSON (SI units), not tables")
+    add_common(
+        parser,
+        "output",
         help="folder for budget.json, budget.txt and pictures (default: NAME_results)",
     )
-    parser.add_argument(
-        "--pictures",
-        choices=_PICTURE_CHOICES,
-        default="png",
-        help="format of the pictures, or none (default: png)",
-    )
-    parser.set_defaults(run=run)
+    add_common(parser, "pictures")
 
 
 def run(arguments: Namespace) -> int:
@@ -125,10 +96,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.uncertainty.budget import make_budget
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
+    from stepdiag_ros.plots.files.budget import draw_budget
     from stepdiag_ros.report.documents.budget import budget_json
-    from stepdiag_ros.report.publish import results_folder, write_results
+    from stepdiag_ros.report.publish import results_folder
     from stepdiag_ros.report.tables.budget import print_budget
-    from stepdiag_ros.report.tables.run import make_console
 
     instrument = Instrument()
     if arguments.instrument is not None:
@@ -163,21 +134,32 @@ def run(arguments: Namespace) -> int:
         recorded.path,
         (remark, *corrections, *direct_origin(measurement.direct)),
     )
-    text = io.StringIO()
-    print_budget(report, make_console(text))
-    contents = {"budget.json": budget_json(report), "budget.txt": text.getvalue()}
+    return show(
+        "budget",
+        budget_json(report),
+        partial(print_budget, report),
+        partial(draw_budget, report),
+        arguments,
+        results_folder(arguments.bag),
+    )
 
-    def draw() -> "dict[str, Picture]":
-        from stepdiag_ros.plots.files.budget import draw_budget
 
-        return draw_budget(report)
-
-    folder = arguments.output or results_folder(arguments.bag)
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
-    files = write_results(folder, contents, draw, formats)
-    if arguments.json:
-        print(contents["budget.json"])
-    else:
-        print_budget(report, make_console(sys.stdout))
-    say(f"budget in {folder}: {', '.join(path.name for path in files)}")
-    return 0
+COMMAND = Command(
+    "budget",
+    110,
+    _add_options,
+    run,
+    help="uncertainty budget of a result by its sources, checked by Monte Carlo",
+    description="Show for every result of a bag (squareness, positioning, straightness, the"
+    " curves at every node) what each source adds to its uncertainty: laser, air, dead path,"
+    " material, setup, repeatability, drift. Combined by the GUM with all correlations, and on"
+    " request checked by Monte Carlo over all sources through the solver itself (JCGM 101)."
+    " What the instrument file does not tell stays unknown, and the total is then a lower"
+    " bound.",
+    epilog="examples:\n"
+    "  stepdiag budget run.mcap                        what the readings alone tell\n"
+    "  stepdiag budget run.mcap --instrument demo      with config/instruments/demo.yaml\n"
+    "  stepdiag budget run.mcap --instrument my.yaml --monte-carlo\n"
+    "  stepdiag budget run.mcap --instrument demo --expansion-per-K 11.5e-6 --json",
+    further_help=partial(methods_help, replicable=True),
+)

@@ -1,35 +1,19 @@
 """``stepdiag by-hand``: a run from readings alone, of an instrument that is not connected."""
 
 import argparse
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, say, warn_of_undetermined
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import say, warn_of_undetermined
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.hand_run import HandRun
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "by-hand",
-        help="find the stops of a plan in a recording of readings alone",
-        description="Make a run from recordings of an instrument that was not connected to the"
-        " control: the NC program of 'stepdiag plan --nc' ran on the machine, the laser was"
-        " recorded. The rests in the readings are matched to the stops of the plan; a line of which"
-        " it is not certain which rest is which stop gives no result, and it is said why. The bag"
-        " is like that of any other run: solve, diagnose, iso230, replay --check take it."
-        " docs/by_hand.md says how to measure so.",
-        epilog="examples:\n"
-        "  stepdiag by-hand laser.csv --mapping readings_in_time --plan my_plan.yaml\n"
-        "  stepdiag by-hand x.csv y.csv z.csv ppp.csv --mapping my_laser.yaml --plan my_plan.yaml\n"
-        "  stepdiag by-hand again.csv --lines 5-8 --mapping my_laser.yaml --plan my_plan.yaml\n"
-        "  stepdiag solve laser_by_hand.mcap",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "recordings",
         type=Path,
@@ -53,11 +37,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         " recording (default: all; of several recordings one setup each, or one line each)",
     )
     parser.add_argument("--machine", help="YAML file, or a name; for the order of its axes")
-    parser.add_argument(
-        "--output", type=Path, metavar="BAG", help="(default: NAME_by_hand.mcap beside the first)"
+    add_common(
+        parser, "output", metavar="BAG", help="(default: NAME_by_hand.mcap beside the first)"
     )
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print what was found as JSON")
 
 
 def _lines(text: str) -> tuple[int, int]:
@@ -147,3 +130,23 @@ def _document(found: "HandRun", target: Path, run_id: str) -> dict[str, Any]:
         ],
         "remarks": list(found.words),
     }
+
+
+COMMAND = Command(
+    "by-hand",
+    230,
+    _add_options,
+    run,
+    help="find the stops of a plan in a recording of readings alone",
+    description="Make a run from recordings of an instrument that was not connected to the"
+    " control: the NC program of 'stepdiag plan --nc' ran on the machine, the laser was"
+    " recorded. The rests in the readings are matched to the stops of the plan; a line of which"
+    " it is not certain which rest is which stop gives no result, and it is said why. The bag"
+    " is like that of any other run: solve, diagnose, iso230, replay --check take it."
+    " docs/by_hand.md says how to measure so.",
+    epilog="examples:\n"
+    "  stepdiag by-hand laser.csv --mapping readings_in_time --plan my_plan.yaml\n"
+    "  stepdiag by-hand x.csv y.csv z.csv ppp.csv --mapping my_laser.yaml --plan my_plan.yaml\n"
+    "  stepdiag by-hand again.csv --lines 5-8 --mapping my_laser.yaml --plan my_plan.yaml\n"
+    "  stepdiag solve laser_by_hand.mcap",
+)

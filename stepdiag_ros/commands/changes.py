@@ -2,15 +2,16 @@
 
 import io
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say, warn
+from stepdiag_ros.commands.output import progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 
 if TYPE_CHECKING:
@@ -21,22 +22,7 @@ _NAME = "changes"
 _WHEN = ("before", "after")
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        _NAME,
-        help="what changed between two measurements of a machine, with E_n values",
-        description="Compare two measurements of the same box, before and after compensation, or"
-        " last year and now: positioning, straightness, squareness, the error vectors in the volume"
-        " and every curve node by node, each with the uncertainty of its change and E_n; and say"
-        " whether the change is more than the measurements can tell.",
-        epilog="examples:\n"
-        "  stepdiag changes before.mcap after.mcap               tables here\n"
-        "  stepdiag changes before.mcap after.mcap --html --pdf  a page, in after_changes/\n"
-        "  stepdiag changes 2025.mcap 2026.mcap --instrument demo --same-instrument\n"
-        "                            --expansion-per-K 11.5e-6   with all sources of uncertainty",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     for name in _WHEN:
         parser.add_argument(name, type=Path, help="the measurement (.mcap), or its results.json")
     for name in _WHEN:
@@ -45,9 +31,9 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
             metavar="ID",
             help=f"which run of {name.upper()}, where it holds several",
         )
-    parser.add_argument(
-        "--method",
-        default="",
+    add_common(
+        parser,
+        "method",
         help="of the solver (default: the one to rely on of those that both are enough for)",
     )
     parser.add_argument(
@@ -64,17 +50,17 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="one laser with its sensors measured both: their calibration cancels in the change",
     )
     add_correction_options(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON in SI units")
+    add_common(parser, "json")
     parser.add_argument("--html", action="store_true", help="write the page changes.html")
     parser.add_argument("--pdf", action="store_true", help="write the page as changes.pdf")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="folder for the page, changes.json and changes.txt (default, with --html or --pdf:"
-        " NAME_changes beside AFTER)",
+    add_common(
+        parser,
+        "output",
+        help=(
+            "folder for the page, changes.json and changes.txt (default, with --html or --pdf:"
+            " NAME_changes beside AFTER)"
+        ),
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -228,3 +214,21 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
             with whole_file(folder / name) as partial:
                 partial.write_bytes(content)
     say(f"results in {folder}: {', '.join(contents)}")
+
+
+COMMAND = Command(
+    _NAME,
+    180,
+    _add_options,
+    run,
+    help="what changed between two measurements of a machine, with E_n values",
+    description="Compare two measurements of the same box, before and after compensation, or"
+    " last year and now: positioning, straightness, squareness, the error vectors in the volume"
+    " and every curve node by node, each with the uncertainty of its change and E_n; and say"
+    " whether the change is more than the measurements can tell.",
+    epilog="examples:\n"
+    "  stepdiag changes before.mcap after.mcap               tables here\n"
+    "  stepdiag changes before.mcap after.mcap --html --pdf  a page, in after_changes/\n"
+    "  stepdiag changes 2025.mcap 2026.mcap --instrument demo --same-instrument\n"
+    "                            --expansion-per-K 11.5e-6   with all sources of uncertainty",
+)

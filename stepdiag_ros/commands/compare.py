@@ -1,14 +1,13 @@
 """``stepdiag compare``: a result beside errors that were measured directly."""
 
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     add_result_options,
-    add_run_option,
     progress_bar,
     say,
 )
@@ -37,19 +36,9 @@ examples:
                                                             makes a bag to try it on"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "compare",
-        help="compare a result with directly measured straightness, squareness, ...",
-        description="Compare the errors identified from a bag with errors measured directly with"
-        " an artefact or another instrument: Table 1 and Figures 7 to 10 of Ibaraki and Hata"
-        " (2010), differences and normalised errors E_n, with pictures.",
-        epilog=_FORM,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument(
         "--measured",
         type=Path,
@@ -58,7 +47,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="table of what was measured directly (.csv), see below",
     )
     add_result_options(parser, "NAME_comparison beside the bag")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -88,7 +76,7 @@ def run(arguments: Namespace) -> int:
         return draw_experiment(experiment)
 
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_comparison"
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    formats = picture_formats(arguments)
     with progress_bar("writing results") as progress:
         files = write_results(folder, experiment_texts(experiment), draw, formats, progress)
     if arguments.json:
@@ -97,3 +85,16 @@ def run(arguments: Namespace) -> int:
         print_experiment(experiment, make_console(sys.stdout), arguments.squareness_sign)
     say(f"results in {folder}: {', '.join(path.name for path in files)}")
     return 0
+
+
+COMMAND = Command(
+    "compare",
+    100,
+    _add_options,
+    run,
+    help="compare a result with directly measured straightness, squareness, ...",
+    description="Compare the errors identified from a bag with errors measured directly with"
+    " an artefact or another instrument: Table 1 and Figures 7 to 10 of Ibaraki and Hata"
+    " (2010), differences and normalised errors E_n, with pictures.",
+    epilog=_FORM,
+)

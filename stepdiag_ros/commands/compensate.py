@@ -2,12 +2,12 @@
 
 import io
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.arguments import Controls
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say, warn
+from stepdiag_ros.commands.arguments import Command, Controls, add_common
+from stepdiag_ros.commands.output import progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 from stepdiag_ros.metrology.units import MILLI
 
@@ -34,17 +34,7 @@ examples:
   stepdiag compensate second.mcap --for linuxcnc --on-top-of first_for_linuxcnc"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "compensate",
-        help="write compensation tables for a control, and say what they leave uncorrected",
-        description="Write the compensation tables of a control from a measurement: positioning,"
-        " and where the control can, straightness and squareness. What remains of the errors is"
-        " computed from the written files and shown, before and after.",
-        epilog=_EPILOG,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "result",
         type=Path,
@@ -59,14 +49,13 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         required=True,
         help="the control: %(choices)s",
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
+    add_common(
+        parser,
+        "output",
         help="a new folder for the tables (default: NAME_for_CONTROL beside the result)",
     )
-    parser.add_argument("--method", default="", help="of the solver (default: the one to rely on)")
-    add_run_option(parser)
+    add_common(parser, "method")
+    add_common(parser, "run")
     parser.add_argument(
         "--spacing",
         type=float,
@@ -101,14 +90,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     )
     add_seal_option(parser)
     add_despite_option(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON in SI units")
-    parser.add_argument(
-        "--pictures",
-        choices=("png", "svg", "pdf", "none"),
-        default="png",
-        help="format of the picture of what remains, or none (default: png)",
+    add_common(parser, "json")
+    add_common(
+        parser, "pictures", help="format of the picture of what remains, or none (default: png)"
     )
-    parser.set_defaults(run=run)
 
 
 def add_seal_option(parser: ArgumentParser) -> None:
@@ -365,3 +350,16 @@ def _write(
         _refuse_existing(folder)
         made.replace(folder)
     return [path.name for path in files]
+
+
+COMMAND = Command(
+    "compensate",
+    160,
+    _add_options,
+    run,
+    help="write compensation tables for a control, and say what they leave uncorrected",
+    description="Write the compensation tables of a control from a measurement: positioning,"
+    " and where the control can, straightness and squareness. What remains of the errors is"
+    " computed from the written files and shown, before and after.",
+    epilog=_EPILOG,
+)

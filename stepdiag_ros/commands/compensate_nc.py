@@ -2,17 +2,18 @@
 
 import argparse
 import hashlib
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.compensate import (
     add_despite_option,
     add_seal_option,
     permitted,
     refuse_unsealed,
 )
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, progress_bar
+from stepdiag_ros.commands.output import number, progress_bar
 
 if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
@@ -60,18 +61,7 @@ def _tool(text: str) -> tuple[int, float]:
     return int(digits), _MILLI * number(length, -1e4, 1e4)
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "compensate-nc",
-        help="rewrite an NC program for a machine with known errors, and prove what remains",
-        description="Replace every target of an NC program by the one at which the tool of this"
-        " machine comes to where the program wants it, divide feed moves so that the tool stays"
-        " within a tolerance of its way, and run both programs through the model of the machine to"
-        " say what remains.",
-        epilog=_EPILOG,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("program", type=Path, help="the NC program")
     parser.add_argument(
         "result",
@@ -79,8 +69,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="the measurement (.mcap), results.json of 'stepdiag solve', or the map of 'stepdiag"
         " compensate --for generic'",
     )
-    add_run_option(parser)
-    parser.add_argument("--method", default="", help="of the solver (default: the one to rely on)")
+    add_common(parser, "run")
+    add_common(parser, "method")
     parser.add_argument(
         "--offset",
         type=_offset,
@@ -130,13 +120,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         default="refuse",
         help="canned cycles: refuse them, or pass them uncorrected (default: refuse)",
     )
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="default: NAME_corrected beside the program"
-    )
+    add_common(parser, "output", metavar="FILE", help="default: NAME_corrected beside the program")
     add_seal_option(parser)
     add_despite_option(parser)
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print the report as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -241,3 +228,17 @@ def _write(target: Path, data: bytes) -> None:
         partial.rename(target)
     finally:
         partial.unlink(missing_ok=True)
+
+
+COMMAND = Command(
+    "compensate-nc",
+    190,
+    _add_options,
+    run,
+    help="rewrite an NC program for a machine with known errors, and prove what remains",
+    description="Replace every target of an NC program by the one at which the tool of this"
+    " machine comes to where the program wants it, divide feed moves so that the tool stays"
+    " within a tolerance of its way, and run both programs through the model of the machine to"
+    " say what remains.",
+    epilog=_EPILOG,
+)

@@ -2,18 +2,16 @@
 
 import io
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     Progress,
-    add_run_option,
-    number,
     progress_bar,
     say,
     warn,
@@ -47,20 +45,9 @@ examples:
   stepdiag diagnose run.mcap more.mcap           both runs together: which effect it is"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "diagnose",
-        help="compare a run with a model and name the effect that is missing",
-        description="Compare a recorded run with a model of the machine: say whether they agree,"
-        " and if not, where the gap is and which effect of the catalogue closes it, with size,"
-        " uncertainty and proof on data that took no part in the fit. The noise is taken from the"
-        " repeats. Any verdict is a result: the exit code is 0.",
-        epilog=_EXAMPLES,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag (.mcap) or run table (.csv)")
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument(
         "further",
         type=Path,
@@ -96,14 +83,10 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         help="where several effects may be the cause: write the shortest extra plan (YAML) that"
         " tells them apart, with the run's own box, feed and dwell",
     )
-    parser.add_argument(
-        "--seed",
-        type=lambda text: int(number(text, 0, 2**31 - 1)),
-        default=0,
-        help="of the random draws that guard against false names (default: 0)",
+    add_common(
+        parser, "seed", help="of the random draws that guard against false names (default: 0)"
     )
     add_output_options(parser, "NAME_diagnosis beside the bag")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -127,7 +110,7 @@ def run(arguments: Namespace) -> int:
         report = _written(report, arguments.extend)
     if arguments.propose is not None:
         report = _plan_written(report, arguments)
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    formats = picture_formats(arguments)
     document = diagnosis_json(report)
     text = io.StringIO()
     print_diagnosis(report, make_console(text))
@@ -302,3 +285,17 @@ def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":
     with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
     return replace(report, extended_path=path)
+
+
+COMMAND = Command(
+    "diagnose",
+    120,
+    _add_options,
+    run,
+    help="compare a run with a model and name the effect that is missing",
+    description="Compare a recorded run with a model of the machine: say whether they agree,"
+    " and if not, where the gap is and which effect of the catalogue closes it, with size,"
+    " uncertainty and proof on data that took no part in the fit. The noise is taken from the"
+    " repeats. Any verdict is a result: the exit code is 0.",
+    epilog=_EXAMPLES,
+)

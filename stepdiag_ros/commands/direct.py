@@ -1,11 +1,12 @@
 """``stepdiag direct``: a table of directly measured errors from a file of another program."""
 
 import math
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
 
-from stepdiag_ros.commands.output import HelpFormatter, number, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import number, say
 from stepdiag_ros.metrology.units import MILLI
 
 _CURVES = tuple(f"E_{error}{axis}" for axis in "XYZ" for error in "XYZABC")
@@ -24,17 +25,7 @@ examples:
   stepdiag solve run.mcap --direct pitch_E_BX.csv uses it"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "direct",
-        help="make a table of directly measured angles or straightness from .rta or .rts",
-        description="Make the table of direct measurements that 'stepdiag solve --direct' weighs in"
-        " and 'stepdiag compare --measured' compares with, from a file of Renishaw's laser"
-        " software: angles (.rta), straightness (.rts) or positioning (.rtl).",
-        epilog=_EXAMPLES,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the file")
     parser.add_argument(
         "--curve", required=True, choices=_CURVES, metavar="NAME", help="the error, such as E_BX"
@@ -72,10 +63,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--decimal", choices=(".", ","), default=".", help="sign in numbers (default: .)"
     )
     parser.add_argument("--encoding", default="", help="of the text (default: found out)")
-    parser.add_argument(
-        "--output", type=Path, metavar="TABLE", help="default: NAME_CURVE.csv beside the file"
-    )
-    parser.set_defaults(run=run)
+    add_common(parser, "output", metavar="TABLE", help="default: NAME_CURVE.csv beside the file")
 
 
 def run(arguments: Namespace) -> int:
@@ -109,3 +97,16 @@ def run(arguments: Namespace) -> int:
     repeats, positions = curve.values.shape
     say(f"{arguments.curve} at {positions} positions, {repeats} runs: {target}")
     return 0
+
+
+COMMAND = Command(
+    "direct",
+    220,
+    _add_options,
+    run,
+    help="make a table of directly measured angles or straightness from .rta or .rts",
+    description="Make the table of direct measurements that 'stepdiag solve --direct' weighs in"
+    " and 'stepdiag compare --measured' compares with, from a file of Renishaw's laser"
+    " software: angles (.rta), straightness (.rts) or positioning (.rtl).",
+    epilog=_EXAMPLES,
+)

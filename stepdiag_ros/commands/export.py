@@ -1,33 +1,18 @@
 """``stepdiag export``: tables from a bag."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import progress_bar, say
 from stepdiag_ros.text.intake import refusals_of
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "export",
-        help="write the tables of a bag (CSV or Parquet)",
-        description="Write what a bag holds as tables for other programs, in SI units with all"
-        " digits: the run table, which 'stepdiag import' reads again, the stops, blocks and lines"
-        " with their uncertainties, the recorded results, and the diagnoses beside the run. Unknown"
-        " numbers are empty cells.",
-        epilog="examples:\n"
-        "  stepdiag export run.mcap             writes into run_tables/\n"
-        "  stepdiag export run.mcap --readings  every reading of the interferometer, too\n"
-        "  stepdiag export run.mcap --attachments  and the files that it was made from",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
-    add_run_option(parser)
-    parser.add_argument(
-        "--output", type=Path, metavar="FOLDER", help="default: NAME_tables beside the bag"
-    )
+    add_common(parser, "run")
+    add_common(parser, "output", help="default: NAME_tables beside the bag")
     parser.add_argument(
         "--format", choices=("csv", "parquet"), default="csv", help="of the tables (default: csv)"
     )
@@ -42,8 +27,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--overwrite", action="store_true", help="replace files that are there already"
     )
-    parser.add_argument("--json", action="store_true", help="print the names of the files as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print the names of the files as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -79,3 +63,20 @@ def run(arguments: Namespace) -> int:
     for remark in report.remarks:
         say(remark)
     return 0
+
+
+COMMAND = Command(
+    "export",
+    240,
+    _add_options,
+    run,
+    help="write the tables of a bag (CSV or Parquet)",
+    description="Write what a bag holds as tables for other programs, in SI units with all"
+    " digits: the run table, which 'stepdiag import' reads again, the stops, blocks and lines"
+    " with their uncertainties, the recorded results, and the diagnoses beside the run. Unknown"
+    " numbers are empty cells.",
+    epilog="examples:\n"
+    "  stepdiag export run.mcap             writes into run_tables/\n"
+    "  stepdiag export run.mcap --readings  every reading of the interferometer, too\n"
+    "  stepdiag export run.mcap --attachments  and the files that it was made from",
+)

@@ -3,35 +3,20 @@
 import signal
 import sys
 import threading
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import add_namespace_option, port
+from stepdiag_ros.commands.arguments import Command, add_common, port
 from stepdiag_ros.commands.onlooking import (
     refuse_what_does_not_fit,
     ros_arguments,
 )
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, number, say
+from stepdiag_ros.commands.output import number, say
 
 _DEFAULT_PORT = 8765
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "foxglove",
-        help="show a run, or a bag as if it were one, in Foxglove",
-        description="Serve what the nodes on this ROS domain publish, or a bag, to Foxglove and "
-        "other viewers that speak its WebSocket protocol. Viewers look on; they control nothing "
-        "but the playing of a bag. Load the layout config/foxglove/stepdiag.json there. It is "
-        "served to this computer alone unless --address and --open-to-network say otherwise "
-        "(docs/foxglove.md). Ctrl-C ends it.",
-        epilog="examples:\n"
-        "  stepdiag foxglove                       the run that goes on\n"
-        "  stepdiag foxglove RUN.mcap --rate 10    a recorded run, 10 times as fast\n"
-        "  ssh -L 8765:127.0.0.1:8765 CELL         a run on another computer",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
     parser.add_argument(
         "--rate",
@@ -39,8 +24,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         default=None,
         help="of a bag: recorded seconds in a real second, until a viewer changes it (default: 1)",
     )
-    add_run_option(parser)
-    add_namespace_option(parser)
+    add_common(parser, "run")
+    add_common(parser, "namespace")
     parser.add_argument(
         "--use-sim-time",
         action="store_true",
@@ -55,7 +40,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         action="store_true",
         help="an address that other computers can reach is wanted; everybody there may look on",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -100,3 +84,21 @@ def _replay(arguments: Namespace) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
     return 0
+
+
+COMMAND = Command(
+    "foxglove",
+    70,
+    _add_options,
+    run,
+    help="show a run, or a bag as if it were one, in Foxglove",
+    description="Serve what the nodes on this ROS domain publish, or a bag, to Foxglove and "
+    "other viewers that speak its WebSocket protocol. Viewers look on; they control nothing "
+    "but the playing of a bag. Load the layout config/foxglove/stepdiag.json there. It is "
+    "served to this computer alone unless --address and --open-to-network say otherwise "
+    "(docs/foxglove.md). Ctrl-C ends it.",
+    epilog="examples:\n"
+    "  stepdiag foxglove                       the run that goes on\n"
+    "  stepdiag foxglove RUN.mcap --rate 10    a recorded run, 10 times as fast\n"
+    "  ssh -L 8765:127.0.0.1:8765 CELL         a run on another computer",
+)

@@ -2,13 +2,14 @@
 
 import argparse
 import math
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, number, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import number, say
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.imports.imported import ImportOptions
@@ -49,18 +50,7 @@ def _position(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "import",
-        help="make a bag from a measurement that another program wrote",
-        description="Make a bag from a run table, a file of another laser system or any table of"
-        " text. The file goes into the bag byte for byte. What cannot be read, is incomplete or"
-        " contradicts itself is refused with the row and the reason; what the file does not tell"
-        " is unknown.",
-        epilog=_FORMATS,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "paths",
         type=Path,
@@ -132,8 +122,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--plan", default="", metavar="PLAN", help="that a stream of readings was measured by"
     )
-    parser.add_argument("--json", action="store_true", help="print what was imported as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print what was imported as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -289,3 +278,17 @@ def _options(arguments: Namespace) -> "ImportOptions":
         mapping=arguments.mapping,
         plan=read_text(find(arguments.plan, "plans")) if arguments.plan else "",
     )
+
+
+COMMAND = Command(
+    "import",
+    210,
+    _add_options,
+    run,
+    help="make a bag from a measurement that another program wrote",
+    description="Make a bag from a run table, a file of another laser system or any table of"
+    " text. The file goes into the bag byte for byte. What cannot be read, is incomplete or"
+    " contradicts itself is refused with the row and the reason; what the file does not tell"
+    " is unknown.",
+    epilog=_FORMATS,
+)

@@ -1,12 +1,13 @@
 """``stepdiag info``: what is in a bag, and whether it is whole."""
 
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, progress_bar
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,21 +21,10 @@ if TYPE_CHECKING:
 _MOST_GAPS = 10
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "info",
-        help="show what is in a bag, and whether it is whole",
-        description="Show whose measurement a bag is, what was recorded, whether every checksum is"
-        " right and whether readings of the interferometer are missing. A damaged or cut bag is"
-        " reported with exit code 1.",
-        epilog="example:\n  stepdiag info run.mcap",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the bag (.mcap), or a folder of 'ros2 bag record'")
-    add_run_option(parser)
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "run")
+    add_common(parser, "json", help="print the summary as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -175,3 +165,16 @@ def _topics(info: "BagInfo") -> "Table":
     for name, (type_name, count) in info.topics.items():
         table.add_row(name, type_name, str(count))
     return table
+
+
+COMMAND = Command(
+    "info",
+    270,
+    _add_options,
+    run,
+    help="show what is in a bag, and whether it is whole",
+    description="Show whose measurement a bag is, what was recorded, whether every checksum is"
+    " right and whether readings of the interferometer are missing. A damaged or cut bag is"
+    " reported with exit code 1.",
+    epilog="example:\n  stepdiag info run.mcap",
+)

@@ -1,12 +1,11 @@
 """``stepdiag iso230``: positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
-    add_run_option,
     progress_bar,
     warn_of_flaws,
 )
@@ -42,20 +41,9 @@ examples:
 _UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "iso230",
-        help="positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)",
-        description="Evaluate bidirectional tests: accuracy A, repeatability R, systematic error"
-        " E, mean error M and reversal error B of every axis by ISO 230-2 with their measurement"
-        " uncertainty, and E and B of every diagonal with E_d and B_d of the machine and of each"
-        " face by ISO 230-6.",
-        epilog=_FORM,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument("--axis", default="", help="name of the axis in a table")
     parser.add_argument(
         "--uncertainty",
@@ -67,7 +55,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--published", type=Path, metavar="FILE", help="figures to compare with, see below"
     )
     add_output_options(parser, "NAME_iso230 beside the source")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -156,3 +143,17 @@ def _published(path: Path) -> "Published":
     numbers = {name: parameters.number(name) for name in parameters.keys()}  # noqa: SIM118
     section.finish()
     return Published.from_numbers(str(path), numbers, unit)
+
+
+COMMAND = Command(
+    "iso230",
+    130,
+    _add_options,
+    run,
+    help="positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)",
+    description="Evaluate bidirectional tests: accuracy A, repeatability R, systematic error"
+    " E, mean error M and reversal error B of every axis by ISO 230-2 with their measurement"
+    " uncertainty, and E and B of every diagonal with E_d and B_d of the machine and of each"
+    " face by ISO 230-6.",
+    epilog=_FORM,
+)

@@ -1,13 +1,12 @@
 """``stepdiag measure``: a run on nodes that are there already, started by others."""
 
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import add_namespace_option
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     progress_bar,
     say,
     warn_of_undetermined,
@@ -19,28 +18,12 @@ if TYPE_CHECKING:
     from stepdiag_ros.session.following import RunNews, RunOutcome
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "measure",
-        help="measure on nodes that are there already, started by ros2 launch or one by one",
-        description="Start a run on the nodes that are in the ROS graph, by the sequencer's action,"
-        " and follow it until it is recorded and evaluated. Where the run waits for a setup, or was"
-        " stopped by a fault, it says so: Enter goes on once all is in order. Without a terminal a"
-        " fault ends the run, and a setup is confirmed by the service sequencer/resume. Ctrl-C"
-        " stops the machine and ends the run. The exit code is 0 if all lines were measured and the"
-        " bag is whole, 1 if not, 130 after Ctrl-C.",
-        epilog="examples:\n"
-        "  stepdiag measure                        the plan that the sequencer was started with\n"
-        "  stepdiag measure --plan my_plan.yaml    another one; the file need be here only",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--plan", default="", help="YAML file, or a name (default: the plan of the sequencer)"
     )
-    add_namespace_option(parser)
-    parser.add_argument("--json", action="store_true", help="print what the run came to as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "namespace")
+    add_common(parser, "json", help="print what the run came to as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -177,3 +160,21 @@ def _show(measured: "RunOutcome", as_json: bool) -> None:
     print(f"bag:     {bag or 'unknown'} ({measured.bag_text})")
     for line in ("", "In short:", *sentences_of(lead), *next_lines(lead)):
         print(line)
+
+
+COMMAND = Command(
+    "measure",
+    40,
+    _add_options,
+    run,
+    help="measure on nodes that are there already, started by ros2 launch or one by one",
+    description="Start a run on the nodes that are in the ROS graph, by the sequencer's action,"
+    " and follow it until it is recorded and evaluated. Where the run waits for a setup, or was"
+    " stopped by a fault, it says so: Enter goes on once all is in order. Without a terminal a"
+    " fault ends the run, and a setup is confirmed by the service sequencer/resume. Ctrl-C"
+    " stops the machine and ends the run. The exit code is 0 if all lines were measured and the"
+    " bag is whole, 1 if not, 130 after Ctrl-C.",
+    epilog="examples:\n"
+    "  stepdiag measure                        the plan that the sequencer was started with\n"
+    "  stepdiag measure --plan my_plan.yaml    another one; the file need be here only",
+)

@@ -3,46 +3,29 @@
 import signal
 import sys
 import threading
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import add_namespace_option, port
+from stepdiag_ros.commands.arguments import Command, add_common, port
 from stepdiag_ros.commands.onlooking import (
     add_rate_option,
     rate_of,
     refuse_what_does_not_fit,
     ros_arguments,
 )
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option, say
+from stepdiag_ros.commands.output import say
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "monitor",
-        help="show a run, or a bag as if it were one, as a live page in the browser",
-        description="Serve one page that shows where the run is, the beam, stops and blocks as they"
-        " come, the error curves with their uncertainty, squareness, the gap to the model, the air"
-        " and what is wrong. Without a bag it shows what runs on this ROS domain, and whoever has"
-        " the token may start, pause, resume and abort from the page. With a bag it plays that, and"
-        " controls nothing. It is served to this computer alone unless --address and --token-file"
-        " say otherwise (docs/monitor.md). Ctrl-C ends it.",
-        epilog="examples:\n"
-        "  stepdiag monitor                        the run that goes on\n"
-        "  stepdiag monitor RUN.mcap --rate 50     a recorded run, 50 times as fast\n"
-        "  stepdiag monitor --address 0.0.0.0 --token-file ~/.stepdiag_token",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
     add_rate_option(parser)
-    add_run_option(parser)
-    add_namespace_option(parser)
+    add_common(parser, "run")
+    add_common(parser, "namespace")
     parser.add_argument("--address", default="127.0.0.1", help="to serve on (default: %(default)s)")
     parser.add_argument("--port", type=port, default=8470, help="(default: %(default)s; 0: any)")
     parser.add_argument(
         "--token-file", default="", metavar="FILE", help="whose first line is the token"
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -93,3 +76,22 @@ def _replay(arguments: Namespace) -> int:
         replay.close()
         signal.signal(signal.SIGTERM, before)
     return 0
+
+
+COMMAND = Command(
+    "monitor",
+    50,
+    _add_options,
+    run,
+    help="show a run, or a bag as if it were one, as a live page in the browser",
+    description="Serve one page that shows where the run is, the beam, stops and blocks as they"
+    " come, the error curves with their uncertainty, squareness, the gap to the model, the air"
+    " and what is wrong. Without a bag it shows what runs on this ROS domain, and whoever has"
+    " the token may start, pause, resume and abort from the page. With a bag it plays that, and"
+    " controls nothing. It is served to this computer alone unless --address and --token-file"
+    " say otherwise (docs/monitor.md). Ctrl-C ends it.",
+    epilog="examples:\n"
+    "  stepdiag monitor                        the run that goes on\n"
+    "  stepdiag monitor RUN.mcap --rate 50     a recorded run, 50 times as fast\n"
+    "  stepdiag monitor --address 0.0.0.0 --token-file ~/.stepdiag_token",
+)

@@ -4,6 +4,8 @@ import argparse
 import sys
 from importlib import import_module
 
+from stepdiag_ros.commands.arguments import Command
+
 NODES = (
     "assembler",
     "bridge",
@@ -22,20 +24,11 @@ NODES = (
 )
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "node",
-        help="start one node of a measurement",
-        description="Start one node and run it until Ctrl-C. Parameters and names are given the "
-        "ROS 2 way, behind --ros-args; 'stepdiag parameters NAME' shows what there is.",
-        epilog="example: stepdiag node solver --ros-args -p use_sim_time:=true",
-    )
+def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=NODES, help="which node")
     parser.add_argument(
         "ros_arguments", nargs=argparse.REMAINDER, help="--ros-args and what follows"
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,3 +37,15 @@ def run(arguments: argparse.Namespace) -> int:
     module = import_module(f"stepdiag_ros.nodes.{arguments.name}")
     code: int = module.main()
     return code
+
+
+COMMAND = Command(
+    "node",
+    310,
+    _add_options,
+    run,
+    help="start one node of a measurement",
+    description="Start one node and run it until Ctrl-C. Parameters and names are given the "
+    "ROS 2 way, behind --ros-args; 'stepdiag parameters NAME' shows what there is.",
+    epilog="example: stepdiag node solver --ros-args -p use_sim_time:=true",
+)

@@ -8,23 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from stepdiag_ros.commands.arguments import add_common, picture_formats
 from stepdiag_ros.text.controls import printable
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.evaluation.report import Report
     from stepdiag_ros.metrology.plan import Plan
-
-_PICTURE_CHOICES = ("png", "svg", "pdf", "none")
-
-
-class HelpFormatter(argparse.HelpFormatter):
-    """Wraps a paragraph of one line, and leaves lines that were broken on purpose (examples)."""
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        if "\n" not in text:
-            return super()._fill_text(text, width, indent)
-        return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
 
 
 def methods_help(replicable: bool = False) -> str:
@@ -134,20 +124,6 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield show
 
 
-def add_run_option(parser: ArgumentParser) -> None:
-    """Add the option that says which run of a bag is meant.
-
-    Args:
-        parser: of the command.
-    """
-    parser.add_argument(
-        "--run",
-        dest="run_id",
-        metavar="ID",
-        help="which run, where a recording of 'ros2 bag record' holds several",
-    )
-
-
 def add_result_options(
     parser: ArgumentParser,
     default_folder: str,
@@ -160,23 +136,13 @@ def add_result_options(
         default_folder: where results go if ``--output`` is not given, in words.
         holds: what goes into the folder, in words.
     """
-    parser.add_argument(
-        "--json",
-        action="store_true",
+    add_common(
+        parser,
+        "json",
         help="print JSON (SI units, curves under their ISO 230-1 names) instead of tables",
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help=f"folder for {holds} (default: {default_folder})",
-    )
-    parser.add_argument(
-        "--pictures",
-        choices=_PICTURE_CHOICES,
-        default="png",
-        help="format of the pictures, or none (default: png)",
-    )
+    add_common(parser, "output", help=f"folder for {holds} (default: {default_folder})")
+    add_common(parser, "pictures")
     parser.add_argument(
         "--squareness-sign",
         choices=("rotation", "angle"),
@@ -203,7 +169,7 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
     from stepdiag_ros.report.tables.run import make_console, print_report
 
     folder = arguments.output or default_folder
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    formats = picture_formats(arguments)
     with progress_bar("writing results") as progress:
         files = publish(
             report,

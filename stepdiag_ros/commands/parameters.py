@@ -1,9 +1,9 @@
 """``stepdiag parameters``: what can be set on the nodes, as a table, a page or a parameter file."""
 
 import sys
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 
-from stepdiag_ros.commands.output import HelpFormatter
+from stepdiag_ros.commands.arguments import Command
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 
@@ -14,16 +14,7 @@ examples:
   stepdiag node interferometer --ros-args --params-file cell.yaml"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "parameters",
-        help="show what can be set on the nodes: unit, range, default, meaning",
-        description="Show the parameters of the nodes with unit, range, default and meaning, or"
-        " print a ROS 2 parameter file in which they are explained.",
-        epilog=_EXAMPLES,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     names = [node.module for node in NODES]
     parser.add_argument(
         "nodes",
@@ -34,7 +25,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--yaml", action="store_true", help="print a ROS 2 parameter file")
     form.add_argument("--markdown", action="store_true", help="print the page docs/parameters.md")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -82,3 +72,15 @@ def _print(nodes: list[DeclaredNode]) -> None:
         for declaration in node.parameters:
             table.add_row(*row(declaration))
         console.print(table)
+
+
+COMMAND = Command(
+    "parameters",
+    300,
+    _add_options,
+    run,
+    help="show what can be set on the nodes: unit, range, default, meaning",
+    description="Show the parameters of the nodes with unit, range, default and meaning, or"
+    " print a ROS 2 parameter file in which they are explained.",
+    epilog=_EXAMPLES,
+)

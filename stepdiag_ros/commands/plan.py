@@ -1,10 +1,11 @@
 """``stepdiag plan``: proposes a test plan, or says what an existing one will tell."""
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, _SubParsersAction
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.output import HelpFormatter, number, say, warn
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import number, say, warn
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
@@ -18,24 +19,7 @@ DWELL_FORMS = ("P_ms", "P_s", "X_s", "F_s")
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "plan",
-        help="propose a test plan for a machine, or check one, before anything moves",
-        description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
-        " move orders, repeats. Shows duration, alignments, what every error's visibility and"
-        " uncertainty will be, and what the plan will not tell; writes the plan (YAML, as"
-        " 'stepdiag run --plan' takes it), a picture, and with --nc the program for a machine that"
-        " is not connected (ISO 6983 G-code). With --check it shows the same for a plan that is"
-        " there. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
-        epilog="examples:\n"
-        "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
-        "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --hours 2\n"
-        "  stepdiag plan --for straightness --machine demo --uncertainty 0.1 --nc\n"
-        "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--for", dest="purpose", choices=PURPOSES, help="what the plan is for")
     what.add_argument("--check", metavar="PLAN", help="look at this plan: YAML file, or a name")
@@ -70,7 +54,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     _add_wishes(parser)
     _add_assumptions(parser)
     _add_files(parser)
-    parser.set_defaults(run=run)
 
 
 def _add_wishes(parser: ArgumentParser) -> None:
@@ -141,9 +124,9 @@ def _add_assumptions(parser: ArgumentParser) -> None:
 
 def _add_files(parser: ArgumentParser) -> None:
     group = parser.add_argument_group("files; none is overwritten without --force")
-    group.add_argument(
-        "--output",
-        type=Path,
+    add_common(
+        group,
+        "output",
         metavar="FILE",
         help="the plan (default with --for: PURPOSE_plan.yaml; none with --check)",
     )
@@ -162,7 +145,7 @@ def _add_files(parser: ArgumentParser) -> None:
         help="png, svg or pdf (default with --for: beside the plan, .png; none with --check)",
     )
     group.add_argument("--no-picture", action="store_true", help="write no picture")
-    group.add_argument("--force", action="store_true", help="overwrite files that are there")
+    add_common(group, "force")
     group.add_argument(
         "--nc-dwell",
         choices=DWELL_FORMS,
@@ -176,9 +159,7 @@ def _add_files(parser: ArgumentParser) -> None:
     group.add_argument(
         "--nc-decimals", type=_count, default=4, metavar="N", help="of mm, 3 to 6 (default: 4)"
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON (SI units) instead of tables"
-    )
+    add_common(parser, "json", help="print JSON (SI units) instead of tables")
 
 
 def _positive(text: str) -> float:
@@ -358,3 +339,23 @@ def _files(
     if picture is not None:
         files[picture] = picture_bytes(assessment.plan, assessment.machine, picture)
     return files
+
+
+COMMAND = Command(
+    "plan",
+    20,
+    _add_options,
+    run,
+    help="propose a test plan for a machine, or check one, before anything moves",
+    description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
+    " move orders, repeats. Shows duration, alignments, what every error's visibility and"
+    " uncertainty will be, and what the plan will not tell; writes the plan (YAML, as"
+    " 'stepdiag run --plan' takes it), a picture, and with --nc the program for a machine that"
+    " is not connected (ISO 6983 G-code). With --check it shows the same for a plan that is"
+    " there. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
+    epilog="examples:\n"
+    "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
+    "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --hours 2\n"
+    "  stepdiag plan --for straightness --machine demo --uncertainty 0.1 --nc\n"
+    "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",
+)

@@ -1,24 +1,15 @@
 """``stepdiag recover``: make a clean bag from one that was cut off or damaged."""
 
 import math
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import progress_bar, say
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "recover",
-        help="make a clean bag from one that was cut off or damaged",
-        description="Copy everything that is whole out of a bag whose recording was cut off (power,"
-        " full disk, a killed program) or whose bytes were damaged, and say what was lost. The"
-        " damaged bag is not touched.",
-        epilog="example:\n  stepdiag recover run.mcap      writes run_recovered.mcap beside it",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the damaged bag (.mcap)")
     parser.add_argument(
         "target",
@@ -26,8 +17,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         nargs="?",
         help="the clean bag (default: NAME_recovered.mcap beside it)",
     )
-    parser.add_argument("--json", action="store_true", help="print what was saved and lost as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print what was saved and lost as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -61,3 +51,16 @@ def run(arguments: Namespace) -> int:
     for loss in report.losses:
         say(loss)
     return 0
+
+
+COMMAND = Command(
+    "recover",
+    250,
+    _add_options,
+    run,
+    help="make a clean bag from one that was cut off or damaged",
+    description="Copy everything that is whole out of a bag whose recording was cut off (power,"
+    " full disk, a killed program) or whose bytes were damaged, and say what was lost. The"
+    " damaged bag is not touched.",
+    epilog="example:\n  stepdiag recover run.mcap      writes run_recovered.mcap beside it",
+)

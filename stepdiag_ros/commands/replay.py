@@ -6,29 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import add_run_option, number, progress_bar, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import number, progress_bar, say
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="publish a recorded run to live nodes, with its clock",
-        description="Publish what the devices and the sequencer said in a recorded run, with "
-        "/clock, so that assembler, solver and diagnosis that run now see it as if it "
-        "happened again; to look at a run alone: stepdiag monitor RUN. With --check the "
-        "nodes that evaluate are started for it, and their words are compared with the "
-        "recorded ones to the last bit; of the diagnoses, the one that was made when the run "
-        "was over.",
-        epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
-    )
+def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "bag", type=Path, help="the recorded run (.mcap), or a folder of 'ros2 bag record'"
     )
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument(
         "--rate",
         type=_rate,
@@ -45,8 +34,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="NODE",
         help="begin when these nodes listen, for example assembler solver",
     )
-    parser.add_argument("--json", action="store_true", help="print what was done as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print what was done as JSON")
 
 
 def _rate(text: str) -> float:
@@ -92,3 +80,19 @@ def _document(bag: Path, played: "Played") -> dict[str, object]:
         "same": played.same,
         "differences": played.differences,
     }
+
+
+COMMAND = Command(
+    "replay",
+    80,
+    _add_options,
+    run,
+    help="publish a recorded run to live nodes, with its clock",
+    description="Publish what the devices and the sequencer said in a recorded run, with "
+    "/clock, so that assembler, solver and diagnosis that run now see it as if it "
+    "happened again; to look at a run alone: stepdiag monitor RUN. With --check the "
+    "nodes that evaluate are started for it, and their words are compared with the "
+    "recorded ones to the last bit; of the diagnoses, the one that was made when the run "
+    "was over.",
+    epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
+)

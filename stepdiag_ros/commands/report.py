@@ -1,18 +1,16 @@
 """``stepdiag report``: a measurement as one page for a customer: HTML, PDF and JSON."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
 from functools import partial
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Controls
+from stepdiag_ros.commands.arguments import Command, Controls, add_common
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     Progress,
-    add_run_option,
     number,
     progress_bar,
     say,
@@ -34,37 +32,16 @@ _PIECES = 20
 """So many pieces of work, or a few more, are told to a progress bar."""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "report",
-        help="the whole measurement as one page to hand over: HTML, PDF and JSON",
-        description="Write the report of a measurement: in plain words whether the machine is good,"
-        " its worst error and where, how sure that is and what to do; then machine, instrument,"
-        " plan and weather, readings, error curves by all methods, Table 1, squareness, ISO 230-2"
-        " and ISO 230-6, the volume, uncertainty, what the lines can tell, whether the model"
-        " explains the run, what compensation would leave, and what is not known. Without --html,"
-        " --pdf or --json all three are written. Parts that the bag has no data for say so.",
-        epilog="examples:\n"
-        "  stepdiag report run.mcap\n"
-        '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
-        "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
-    add_run_option(parser)
+    add_common(parser, "run")
     for name, what in (
         ("html", "write report.html, one file with everything in it"),
         ("pdf", "write report.pdf"),
         ("json", "write report.json, every number of the report in SI units"),
     ):
         parser.add_argument(f"--{name}", action="store_true", help=what)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="folder for the files (default: NAME_report beside the bag)",
-    )
+    add_common(parser, "output", help="folder for the files (default: NAME_report beside the bag)")
     for name, what in (
         ("customer", "for whom it was measured"),
         ("operator", "who measured"),
@@ -99,7 +76,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         default="generic",
         help="that compensation is shown for: %(choices)s (default: generic, the whole error map)",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -108,7 +84,10 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.pages.lead import lead_of
     from stepdiag_ros.report.pages.pdf import get_ready
     from stepdiag_ros.report.pages.pictures import studio
+    from stepdiag_ros.report.pages.sections import sections
 
+    # Those of other packages may be broken: better refused than found out after all work is done.
+    sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
     given = _given(arguments)
@@ -220,3 +199,22 @@ def _given(arguments: Namespace) -> "Given":
         conditions=conditions,
         control=arguments.control,
     )
+
+
+COMMAND = Command(
+    "report",
+    170,
+    _add_options,
+    run,
+    help="the whole measurement as one page to hand over: HTML, PDF and JSON",
+    description="Write the report of a measurement: in plain words whether the machine is good,"
+    " its worst error and where, how sure that is and what to do; then machine, instrument,"
+    " plan and weather, readings, error curves by all methods, Table 1, squareness, ISO 230-2"
+    " and ISO 230-6, the volume, uncertainty, what the lines can tell, whether the model"
+    " explains the run, what compensation would leave, and what is not known. Without --html,"
+    " --pdf or --json all three are written. Parts that the bag has no data for say so.",
+    epilog="examples:\n"
+    "  stepdiag report run.mcap\n"
+    '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
+    "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf",
+)

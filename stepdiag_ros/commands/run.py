@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import AS_MEASURED
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     add_result_options,
     number,
     progress_bar,
@@ -20,26 +20,10 @@ if TYPE_CHECKING:
     from stepdiag_ros.session.following import RunNews
 
 DEFAULT_FOLDER = Path("stepdiag_results")
-LARGEST_SEED = 2**31
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "run",
-        help="measure: start all nodes, execute a test plan, solve and show the result",
-        description="Execute a test plan in the simulated cell: starts every node as a process of "
-        "its own, runs the plan, records it into a bag, solves the bag and shows the "
-        "result, with what the diagnosis beside the run has found. A pause for a setup is "
-        "passed at once, because the simulated cell is aligned already. Ctrl-C stops the "
-        "machine and ends the run; what was measured stays in the bag.",
-        epilog="examples:\n"
-        "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
-        "  stepdiag run --cell hidden_backlash --factor 20   an effect is hidden: see it named",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser, plan="demo", factor=1.0)
-    parser.set_defaults(run=run)
 
 
 def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -> None:
@@ -74,7 +58,7 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
         help="correct every target by this error map, volumetric_map.json of 'stepdiag compensate"
         " --for generic' (default: targets are sent as they are)",
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="of the noise of the readings")
+    add_common(parser, "seed", help="of the noise of the readings")
     add_result_options(
         parser,
         str(DEFAULT_FOLDER),
@@ -88,12 +72,6 @@ def _factor(text: str) -> float:
 
 def _reading_rate(text: str) -> float:
     return number(text, 0.1, HIGHEST_SAMPLE_RATE)
-
-
-def _seed(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) > LARGEST_SEED:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 0 to {LARGEST_SEED}")
-    return int(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -164,3 +142,20 @@ def run(arguments: argparse.Namespace) -> int:
         "run_id": None,
     }
     return solve.run(argparse.Namespace(**shown))
+
+
+COMMAND = Command(
+    "run",
+    30,
+    _add_options,
+    run,
+    help="measure: start all nodes, execute a test plan, solve and show the result",
+    description="Execute a test plan in the simulated cell: starts every node as a process of "
+    "its own, runs the plan, records it into a bag, solves the bag and shows the "
+    "result, with what the diagnosis beside the run has found. A pause for a setup is "
+    "passed at once, because the simulated cell is aligned already. Ctrl-C stops the "
+    "machine and ends the run; what was measured stays in the bag.",
+    epilog="examples:\n"
+    "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
+    "  stepdiag run --cell hidden_backlash --factor 20   an effect is hidden: see it named",
+)

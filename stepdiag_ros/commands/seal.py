@@ -1,27 +1,14 @@
 """``stepdiag seal``: a detached signature of a recording."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.output import HelpFormatter, progress_bar, say
+from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.output import progress_bar, say
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "seal",
-        help="sign a recording, or check its signature",
-        description="Sign a recording (Ed25519), so that everybody who has the public key can tell"
-        " that it is the same since: writes RUN.mcap.sig beside it. 'stepdiag info' and 'stepdiag"
-        " report' say whether a seal is there and right, and 'stepdiag compensate --require-seal'"
-        " refuses without. Without --key the seal that is there is checked.",
-        epilog="examples:\n"
-        "  stepdiag seal --new-key cell.key            makes cell.key (keep it) and cell.key.pub\n"
-        '  stepdiag seal run.mcap --key cell.key --words "A. Dent, acceptance"\n'
-        "  stepdiag seal run.mcap                      is the seal right, and by which key?",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, nargs="?", help="the recording (.mcap)")
     parser.add_argument("--key", type=Path, metavar="FILE", help="private key to sign with")
     parser.add_argument(
@@ -30,8 +17,7 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--new-key", type=Path, metavar="FILE", help="make a private key, and FILE.pub beside it"
     )
-    parser.add_argument("--json", action="store_true", help="print the seal as JSON")
-    parser.set_defaults(run=run)
+    add_common(parser, "json", help="print the seal as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -60,3 +46,20 @@ def run(arguments: Namespace) -> int:
     if not found.right:
         raise ValueError(f"the seal of {arguments.bag} is wrong: {found.problem}")
     return 0
+
+
+COMMAND = Command(
+    "seal",
+    260,
+    _add_options,
+    run,
+    help="sign a recording, or check its signature",
+    description="Sign a recording (Ed25519), so that everybody who has the public key can tell"
+    " that it is the same since: writes RUN.mcap.sig beside it. 'stepdiag info' and 'stepdiag"
+    " report' say whether a seal is there and right, and 'stepdiag compensate --require-seal'"
+    " refuses without. Without --key the seal that is there is checked.",
+    epilog="examples:\n"
+    "  stepdiag seal --new-key cell.key            makes cell.key (keep it) and cell.key.pub\n"
+    '  stepdiag seal run.mcap --key cell.key --words "A. Dent, acceptance"\n'
+    "  stepdiag seal run.mcap                      is the seal right, and by which key?",
+)

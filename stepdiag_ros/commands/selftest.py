@@ -1,44 +1,30 @@
 """``stepdiag selftest``: solve reference problems with known answers, and print a record of it."""
 
-import argparse
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from stepdiag_ros.commands.output import HelpFormatter, number, progress_bar, say
+from stepdiag_ros.commands.arguments import Command, add_common, whole
+from stepdiag_ros.commands.output import progress_bar, say
 
 _DEFAULT_PROBLEMS = 14
 _MOST_PROBLEMS = 10_000
 _LARGEST_SEED = 2**63 - 1
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "selftest",
-        help="solve random reference problems with known answers, and record how well",
-        description="Draw random machines, setups and noise, simulate their readings by rigid"
-        " bodies, and solve them the way a user does: a run table on the disk, imported, solved."
-        " Every result is compared with the known answer; the limit and the reason for it stand"
-        " beside each deviation. The record names version and platform; the same seed draws the"
-        " same problems. The exit code is 1 if any comparison fails.",
-        epilog="examples:\n"
-        "  stepdiag selftest                          a new seed each time\n"
-        "  stepdiag selftest --seed 7 --problems 70   more problems, the same each time\n"
-        "  stepdiag selftest --output record.txt      keep the record\n"
-        "  stepdiag selftest --json --output record.json",
-        formatter_class=HelpFormatter,
-    )
-    parser.add_argument(
-        "--seed",
-        type=_whole(0, _LARGEST_SEED),
+def _add_options(parser: ArgumentParser) -> None:
+    add_common(
+        parser,
+        "seed",
+        type=partial(whole, low=0, high=_LARGEST_SEED),
+        default=None,
         help="whole number that the problems are drawn from (default: a new one each time)",
     )
     parser.add_argument(
         "--problems",
-        type=_whole(1, _MOST_PROBLEMS),
+        type=partial(whole, low=1, high=_MOST_PROBLEMS),
         default=_DEFAULT_PROBLEMS,
         metavar="N",
         help="number of step-diagonal problems; their kinds take turns"
@@ -49,22 +35,8 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         action="store_true",
         help="print every comparison, not only the one nearest to its limit (JSON has all)",
     )
-    parser.add_argument("--json", action="store_true", help="print the record as JSON")
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="write the record into this file as well"
-    )
-    parser.set_defaults(run=run)
-
-
-def _whole(low: int, high: int) -> Any:
-    def read(text: str) -> int:
-        value = number(text, low, high)
-        if not text.strip().isdigit():
-            raise argparse.ArgumentTypeError(f"{text} is no whole number")
-        del value
-        return int(text)
-
-    return read
+    add_common(parser, "json", help="print the record as JSON")
+    add_common(parser, "output", metavar="FILE", help="write the record into this file as well")
 
 
 def run(arguments: Namespace) -> int:
@@ -129,3 +101,22 @@ def _command(main: Callable[[Sequence[str]], int], *words: str) -> str:
     if code != 0:
         raise ValueError(f"stepdiag {words[0]} ended with {code}: {errors.getvalue().strip()}")
     return output.getvalue()
+
+
+COMMAND = Command(
+    "selftest",
+    290,
+    _add_options,
+    run,
+    help="solve random reference problems with known answers, and record how well",
+    description="Draw random machines, setups and noise, simulate their readings by rigid"
+    " bodies, and solve them the way a user does: a run table on the disk, imported, solved."
+    " Every result is compared with the known answer; the limit and the reason for it stand"
+    " beside each deviation. The record names version and platform; the same seed draws the"
+    " same problems. The exit code is 1 if any comparison fails.",
+    epilog="examples:\n"
+    "  stepdiag selftest                          a new seed each time\n"
+    "  stepdiag selftest --seed 7 --problems 70   more problems, the same each time\n"
+    "  stepdiag selftest --output record.txt      keep the record\n"
+    "  stepdiag selftest --json --output record.json",
+)

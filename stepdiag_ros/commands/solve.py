@@ -1,16 +1,15 @@
 """``stepdiag solve``: from a bag to volumetric errors, without any node."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     add_result_options,
-    add_run_option,
     methods_help,
     progress_bar,
     show_report,
@@ -21,32 +20,11 @@ if TYPE_CHECKING:
     from stepdiag_ros.evaluation.report import Report
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "solve",
-        help="compute the volumetric errors of a recorded measurement",
-        description="Compute positioning, straightness and squareness errors of all axes from a"
-        " bag, by every method that the measured lines are enough for. Where the bag has the"
-        " interferometer's readings, the lines are assembled again from them, as in the live run;"
-        " the result is then compared with the recorded one to the last bit. The lines are"
-        " diagnosed too: what is said in short begins with whether the run is complete, with the"
-        " verdict and with what stays unknown.",
-        epilog="examples:\n"
-        "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
-        "  stepdiag solve run.mcap --json          the same as JSON\n"
-        "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
-        "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
-        "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C\n"
-        "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew\n"
-        "  stepdiag solve run.mcap --direct angles.csv             with angles measured directly",
-        formatter_class=HelpFormatter,
-        further_help=methods_help,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "bag", type=Path, help="the measurement: a bag (.mcap), or a folder of 'ros2 bag record'"
     )
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument(
         "--recorded-lines",
         action="store_true",
@@ -77,7 +55,6 @@ def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     add_air_options(parser)
     add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
-    parser.set_defaults(run=run)
 
 
 def rotation_size(text: str) -> float:
@@ -144,3 +121,27 @@ def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = Non
             warn=warn,
             with_verdict=True,
         )
+
+
+COMMAND = Command(
+    "solve",
+    90,
+    _add_options,
+    run,
+    help="compute the volumetric errors of a recorded measurement",
+    description="Compute positioning, straightness and squareness errors of all axes from a"
+    " bag, by every method that the measured lines are enough for. Where the bag has the"
+    " interferometer's readings, the lines are assembled again from them, as in the live run;"
+    " the result is then compared with the recorded one to the last bit. The lines are"
+    " diagnosed too: what is said in short begins with whether the run is complete, with the"
+    " verdict and with what stays unknown.",
+    epilog="examples:\n"
+    "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
+    "  stepdiag solve run.mcap --json          the same as JSON\n"
+    "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
+    "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
+    "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C\n"
+    "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew\n"
+    "  stepdiag solve run.mcap --direct angles.csv             with angles measured directly",
+    further_help=methods_help,
+)

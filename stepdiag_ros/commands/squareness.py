@@ -1,12 +1,11 @@
 """``stepdiag squareness``: squareness of the axes from face and body diagonals."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
-    add_run_option,
     progress_bar,
     warn_of_flaws,
 )
@@ -32,22 +31,10 @@ examples:
   stepdiag squareness diagonals.csv    lengths measured by hand"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "squareness",
-        help="squareness of the axes from face and body diagonals",
-        description="Compute the squareness of the axes from the lengths of diagonals (ISO"
-        " 230-1:2012, 10.3.2.6), in both sign definitions and with its uncertainty: two diagonals"
-        " of a face tell one angle, four body diagonals all three, and with linear tests there is"
-        " one check. Shows how far a shift of the laser's reading would falsify the result.",
-        epilog=_FORM,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
-    add_run_option(parser)
+    add_common(parser, "run")
     add_output_options(parser, "NAME_squareness beside the source")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -102,3 +89,17 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
     tests = [evaluate(runs) for runs in all_runs(measurement)]
     result = squareness_of(measurement)
     return SquarenessReport(result, str(source), volumetric_warning(tests))
+
+
+COMMAND = Command(
+    "squareness",
+    140,
+    _add_options,
+    run,
+    help="squareness of the axes from face and body diagonals",
+    description="Compute the squareness of the axes from the lengths of diagonals (ISO"
+    " 230-1:2012, 10.3.2.6), in both sign definitions and with its uncertainty: two diagonals"
+    " of a face tell one angle, four body diagonals all three, and with linear tests there is"
+    " one check. Shows how far a shift of the laser's reading would falsify the result.",
+    epilog=_FORM,
+)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.commands.arguments import add_common, picture_formats
 from stepdiag_ros.commands.output import progress_bar, say
 
 if TYPE_CHECKING:
@@ -29,19 +30,13 @@ def add_output_options(parser: ArgumentParser, default_folder: str) -> None:
         parser: of the command.
         default_folder: where results go if ``--output`` is not given, in words.
     """
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON in SI units instead of tables"
+    add_common(parser, "json", help="print JSON in SI units instead of tables")
+    add_common(
+        parser, "output", help=f"folder for pictures, JSON and text (default: {default_folder})"
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help=f"folder for pictures, JSON and text (default: {default_folder})",
-    )
-    parser.add_argument(
-        "--pictures",
-        choices=_PICTURE_CHOICES,
-        default="png",
+    add_common(
+        parser,
+        "pictures",
         help="format of the pictures, or none (default: png); pdf gives pages for print",
     )
 
@@ -68,7 +63,7 @@ def show(
     from stepdiag_ros.report.tables.run import make_console
 
     folder = arguments.output or default_folder
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    formats = picture_formats(arguments)
     text = io.StringIO()
     show_text(make_console(text))
     contents = {f"{name}.json": document + "\n", f"{name}.txt": text.getvalue()}

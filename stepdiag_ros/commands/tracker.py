@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
+from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
 from stepdiag_ros.commands.output import (
-    HelpFormatter,
     add_result_options,
     number,
     progress_bar,
@@ -49,18 +49,7 @@ examples:
   stepdiag tracker figures                      Figs. 4 and 5 of Chen et al. 2018, computed"""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "tracker",
-        help="measure with an autotracking laser interferometer (seven lines, multilateration)",
-        description="Seven-line test and multilateration with a tracking interferometer: plan the"
-        " places and the NC program, find where the tracker stands, tell positioning from"
-        " squareness, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and error"
-        " curves from four or more stations.",
-        epilog=_TABLE + "\n" + _EXAMPLES,
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     what = parser.add_subparsers(title="what to do", metavar="WHAT", dest="what", required=True)
     _add_plan(what)
     _add_simulate(what)
@@ -104,7 +93,6 @@ def _command(
         help=text,
         description=text[0].upper() + text[1:] + ".",
         epilog=_TABLE + "\n" + _EXAMPLES,
-        formatter_class=HelpFormatter,
     )
     parser.set_defaults(run=run)
     return parser
@@ -183,10 +171,10 @@ def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="S",
         help="at each place, s (default: 3)",
     )
-    parser.add_argument("--output", type=Path, default=Path("tracker_plan"), metavar="FOLDER")
-    parser.add_argument("--pictures", choices=("png", "svg", "pdf", "none"), default="png")
-    parser.add_argument("--force", action="store_true", help="replace files that are there")
-    parser.add_argument("--json", action="store_true", help="print the names of the files as JSON")
+    add_common(parser, "output", default=Path("tracker_plan"))
+    add_common(parser, "pictures")
+    add_common(parser, "force", help="replace files that are there")
+    add_common(parser, "json", help="print the names of the files as JSON")
 
 
 def _add_simulate(what: "_SubParsersAction[ArgumentParser]") -> None:
@@ -197,12 +185,10 @@ def _add_simulate(what: "_SubParsersAction[ArgumentParser]") -> None:
     _add_station(parser)
     _add_tracker(parser)
     parser.add_argument("--cell", required=True, help="YAML file, or a name: the machine's errors")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="default: readings.csv beside the table"
-    )
-    parser.add_argument("--force", action="store_true", help="replace a file that is there")
-    parser.add_argument("--json", action="store_true", help="print what was written as JSON")
+    add_common(parser, "seed")
+    add_common(parser, "output", metavar="FILE", help="default: readings.csv beside the table")
+    add_common(parser, "force", help="replace a file that is there")
+    add_common(parser, "json", help="print what was written as JSON")
 
 
 def run_plan(arguments: Namespace) -> int:
@@ -278,7 +264,7 @@ def run_plan(arguments: Namespace) -> int:
                 dwell_s=arguments.dwell,
                 overrun=0.0 if arguments.grid is not None else arguments.overrun,
             )
-    formats = () if arguments.pictures == "none" else (arguments.pictures,)
+    formats = picture_formats(arguments)
     _refuse_overwriting((arguments.output / name for name in contents), arguments.force)
     with progress_bar("writing"):
         files = write_results(
@@ -405,3 +391,17 @@ def _box(arguments: Namespace) -> "Box":
         return Box(np.array(arguments.box[:3]), np.array(arguments.box[3:]))
     machine, _ = load_machine(arguments.machine)
     return Box(np.array(machine.travel_low_m), np.array(machine.travel_high_m))
+
+
+COMMAND = Command(
+    "tracker",
+    200,
+    _add_options,
+    None,
+    help="measure with an autotracking laser interferometer (seven lines, multilateration)",
+    description="Seven-line test and multilateration with a tracking interferometer: plan the"
+    " places and the NC program, find where the tracker stands, tell positioning from"
+    " squareness, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and error"
+    " curves from four or more stations.",
+    epilog=_TABLE + "\n" + _EXAMPLES,
+)

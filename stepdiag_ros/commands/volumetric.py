@@ -1,33 +1,20 @@
 """``stepdiag volumetric``: the longest error vector in the machine's volume."""
 
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.volumetric import VolumetricReport
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "volumetric",
-        help="volumetric accuracy: the longest error vector in the volume",
-        description="Solve a bag and find the longest error vector between target and actual"
-        " position anywhere in the measured volume, by every method that its lines are enough for."
-        " Without a bag: the examples that show why diagonal tests alone do not tell it.",
-        epilog="examples:\n"
-        "  stepdiag volumetric run.mcap   of the machine in the bag\n"
-        "  stepdiag volumetric            three machines: E_d 0, 29, 14 µm; 122, 50, 115 µm",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, nargs="?", help="the measurement (.mcap)")
-    add_run_option(parser)
+    add_common(parser, "run")
     add_output_options(parser, "NAME_volumetric beside the bag; without one: ./volumetric_examples")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
@@ -75,3 +62,18 @@ def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport"
         str(bag),
         report.run_id,
     )
+
+
+COMMAND = Command(
+    "volumetric",
+    150,
+    _add_options,
+    run,
+    help="volumetric accuracy: the longest error vector in the volume",
+    description="Solve a bag and find the longest error vector between target and actual"
+    " position anywhere in the measured volume, by every method that its lines are enough for."
+    " Without a bag: the examples that show why diagonal tests alone do not tell it.",
+    epilog="examples:\n"
+    "  stepdiag volumetric run.mcap   of the machine in the bag\n"
+    "  stepdiag volumetric            three machines: E_d 0, 29, 14 µm; 122, 50, 115 µm",
+)

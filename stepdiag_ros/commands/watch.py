@@ -5,20 +5,19 @@ import signal
 import sys
 import threading
 import time
-from argparse import ArgumentParser, Namespace, _SubParsersAction
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import add_namespace_option
+from stepdiag_ros.commands.arguments import Command, add_common
 from stepdiag_ros.commands.onlooking import (
     add_rate_option,
     rate_of,
     refuse_what_does_not_fit,
     ros_arguments,
 )
-from stepdiag_ros.commands.output import HelpFormatter, add_run_option
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.onlooker import ViewerNode
@@ -32,30 +31,12 @@ _ONCE_MORE = 1.5
 """Real seconds in which all that holds comes to whoever joins late, once the state is known."""
 
 
-def add_parser(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
-    """Add the command to the command line."""
-    parser = subparsers.add_parser(
-        "watch",
-        help="show a run, or a bag as if it were one, in the terminal (over ssh)",
-        description="Show where the run is, what is wrong, the beam, the last stop and blocks, the"
-        " largest errors with their uncertainty, squareness, the gap to the model and the air, in a"
-        " terminal of 80 x 24 or more. It looks on and controls nothing. Where the output is no"
-        " terminal, it is a log: a line, with the time (UTC), for each change of what matters."
-        " Without a bag it shows what runs on this ROS domain; with a bag it plays that. Ctrl-C"
-        " ends it (docs/watch.md).",
-        epilog="examples:\n"
-        "  stepdiag watch                       the run that goes on\n"
-        "  stepdiag watch | tee watch.log       the same as a log\n"
-        "  stepdiag watch --once                where it stands now; 1 if no run is known\n"
-        "  stepdiag watch RUN.mcap --rate 50    a recorded run, 50 times as fast",
-        formatter_class=HelpFormatter,
-    )
+def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, nargs="?", help="bag to play (default: the live run)")
     add_rate_option(parser)
-    add_run_option(parser)
+    add_common(parser, "run")
     parser.add_argument("--once", action="store_true", help="print the whole view once and end")
-    add_namespace_option(parser)
-    parser.set_defaults(run=run)
+    add_common(parser, "namespace")
 
 
 def run(arguments: Namespace) -> int:
@@ -240,3 +221,23 @@ class _Once:
             f"no run was heard of within {_ONCE_LIMIT:g} s ({self._contact}): check ROS_DOMAIN_ID"
             " and --namespace"
         )
+
+
+COMMAND = Command(
+    "watch",
+    60,
+    _add_options,
+    run,
+    help="show a run, or a bag as if it were one, in the terminal (over ssh)",
+    description="Show where the run is, what is wrong, the beam, the last stop and blocks, the"
+    " largest errors with their uncertainty, squareness, the gap to the model and the air, in a"
+    " terminal of 80 x 24 or more. It looks on and controls nothing. Where the output is no"
+    " terminal, it is a log: a line, with the time (UTC), for each change of what matters."
+    " Without a bag it shows what runs on this ROS domain; with a bag it plays that. Ctrl-C"
+    " ends it (docs/watch.md).",
+    epilog="examples:\n"
+    "  stepdiag watch                       the run that goes on\n"
+    "  stepdiag watch | tee watch.log       the same as a log\n"
+    "  stepdiag watch --once                where it stands now; 1 if no run is known\n"
+    "  stepdiag watch RUN.mcap --rate 50    a recorded run, 50 times as fast",
+)

@@ -11,8 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.messages.fields import (
+    Carried,
+    Header,
+    Stamp,
+    defaults_of,
+    set_header,
+    to_nanoseconds,
+    triple,
+)
 from stepdiag_ros.messages.types import NewMessage, new_message
-from stepdiag_ros.metrology.frames import MACHINE
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import (
     Arrival,
@@ -25,9 +33,6 @@ from stepdiag_ros.metrology.measurement import (
 )
 from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.units import NANOSECONDS
-
-_STAMPED = 2**31 * NANOSECONDS
 
 PURPOSE_STOP = 0
 PURPOSE_POSITION = 1
@@ -35,33 +40,6 @@ STATUS_IN_POSITION = 2
 
 MOTORS = tuple(f"{axis}_motor" for axis in AXES)
 """Joints of JointState that say where the motors are; a controller's compensation lies between."""
-
-
-def to_nanoseconds(stamp: Any) -> int:
-    """Return a ``builtin_interfaces/Time`` as whole nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
-def set_stamp(stamp: Any, nanoseconds: int) -> None:
-    """Write whole nanoseconds into a ``builtin_interfaces/Time``.
-
-    Raises:
-        ValueError: it is beyond the times that a stamp can hold (1901 to 2038).
-    """
-    if not abs(nanoseconds) < _STAMPED:
-        raise ValueError(f"a time of {nanoseconds * 1e-9:g} s does not fit into a stamp")
-    stamp.sec, stamp.nanosec = divmod(int(nanoseconds), NANOSECONDS)
-
-
-def set_header(message: Any, time: int, frame: str = MACHINE) -> None:
-    """Write time (ns) and frame into a message's header."""
-    set_stamp(message.header.stamp, time)
-    message.header.frame_id = frame
-
-
-def _triple(values: Iterable[Any]) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
 
 
 def axis_positions(message: Any) -> tuple[float, float, float] | None:
@@ -84,7 +62,7 @@ def _joints(message: Any, names: Sequence[str]) -> tuple[float, float, float] | 
     positions = dict(zip(message.name, message.position, strict=False))
     if not all(name in positions for name in names):
         return None
-    return _triple(positions[name] for name in names)
+    return triple(positions[name] for name in names)
 
 
 def doubles(values: Any) -> "array[float]":
@@ -100,6 +78,64 @@ def vector(values: Any) -> Vector:
     return np.array(values, dtype=np.float64)
 
 
+class _LineFields:
+    """Which pass a message is about; its kind follows from its name and order."""
+
+    def read(self, message: Any) -> Line:
+        name, order = str(message.line), str(message.order)
+        return Line(
+            kind=kind_of(name, order),
+            name=name,
+            order=order,
+            repeat=int(message.repeat),
+            direction=str(message.direction),
+            offset=triple(message.offset),
+        )
+
+    def write(self, message: Any, value: Line) -> None:
+        message.line = value.name
+        message.order = value.order
+        message.repeat = int(value.repeat)
+        message.direction = value.direction
+        message.offset = list(triple(value.offset))
+
+
+class _EnvironmentFields:
+    """Air and material, spelled out: thousands of readings a second go through here."""
+
+    def read(self, message: Any) -> Environment:
+        return Environment(
+            float(message.air_temperature),
+            float(message.air_pressure),
+            float(message.relative_humidity),
+            float(message.material_temperature),
+        )
+
+    def write(self, message: Any, value: Environment) -> None:
+        message.air_temperature = float(value.air_temperature)
+        message.air_pressure = float(value.air_pressure)
+        message.relative_humidity = float(value.relative_humidity)
+        message.material_temperature = float(value.material_temperature)
+
+
+_LINE, _ENVIRONMENT = _LineFields(), _EnvironmentFields()
+_COMMAND = Carried(StopCommand, time=Header())
+_STOP = Carried(
+    SettledStop,
+    time=Header(),
+    command=Carried(StopCommand, time=Stamp("command_time")),
+    line=_LINE,
+    environment=_ENVIRONMENT,
+)
+_BLOCK = Carried(BlockDisplacement, time=Header(), line=_LINE)
+
+ADDED_LATER = frozenset(
+    name
+    for kind in (Reading, StopCommand, SettledStop, BlockDisplacement, MeasuredLine)
+    for name in defaults_of(kind)
+)
+"""Fields that older bags of this schema version lack: those with a default in their data class."""
+
 # -- readings, commands, arrivals ---------------------------------------------
 
 
@@ -112,7 +148,7 @@ def to_reading(message: Any) -> Reading:
         compensated_displacement=float(message.compensated_displacement),
         signal_strength=float(message.signal_strength),
         status=int(message.status),
-        environment=_environment_of(message),
+        environment=_ENVIRONMENT.read(message),
         # Bags from before this was recorded do not tell it.
         trigger=int(getattr(message, "trigger", 0)),
     )
@@ -137,7 +173,7 @@ def from_reading(
     message.compensated_displacement = float(reading.compensated_displacement)
     message.signal_strength = float(reading.signal_strength)
     message.status = int(reading.status)
-    _set_environment(message, reading.environment)
+    _ENVIRONMENT.write(message, reading.environment)
     message.trigger = int(reading.trigger)
     return message
 
@@ -149,16 +185,8 @@ def to_stop_command(message: Any) -> StopCommand | None:
 
 def to_command(message: Any) -> StopCommand:
     """Convert any ``StepCommand``; the stop of one that only travels is 0."""
-    return StopCommand(
-        command_id=int(message.command_id),
-        line_index=int(message.line_index),
-        attempt=int(message.attempt),
-        setup=str(message.setup),
-        stop=int(message.stop),
-        axis=str(message.axis),
-        target=_triple(message.target),
-        time=to_nanoseconds(message.header.stamp),
-    )
+    made: StopCommand = _COMMAND.read(message)
+    return made
 
 
 def from_stop_command(
@@ -171,16 +199,10 @@ def from_stop_command(
 ) -> Any:
     """Make a ``StepCommand``; time in ns, feed in m/s, purpose one of its PURPOSE_*."""
     message = new("stepdiag_ros/msg/StepCommand")
+    _COMMAND.write(message, command)
     set_header(message, time)
     message.run_id = run_id
-    message.command_id = int(command.command_id)
     message.purpose = int(purpose)
-    message.line_index = int(command.line_index)
-    message.attempt = int(command.attempt)
-    message.setup = command.setup
-    message.stop = int(command.stop)
-    message.axis = command.axis
-    message.target = list(_triple(command.target))
     message.feed = float(feed)
     return message
 
@@ -189,7 +211,7 @@ def to_arrival(message: Any) -> Arrival | None:
     """Convert a ``CommandStatus`` that says in position; None for every other status."""
     if int(message.status) != STATUS_IN_POSITION:
         return None
-    time, position = to_nanoseconds(message.header.stamp), _triple(message.position)
+    time, position = to_nanoseconds(message.header.stamp), triple(message.position)
     return Arrival(int(message.command_id), time, position)
 
 
@@ -209,8 +231,8 @@ def from_command_status(
     message.run_id = run_id
     message.command_id = int(command_id)
     message.status = int(status)
-    message.target = list(_triple(target))
-    message.position = list(_triple(position))
+    message.target = list(triple(target))
+    message.position = list(triple(position))
     message.reason = reason
     return message
 
@@ -218,135 +240,31 @@ def from_command_status(
 # -- settled stops, blocks, lines ---------------------------------------------
 
 
-def _environment_of(message: Any) -> Environment:
-    return Environment(
-        float(message.air_temperature),
-        float(message.air_pressure),
-        float(message.relative_humidity),
-        float(message.material_temperature),
-    )
-
-
-def _set_environment(message: Any, environment: Environment) -> None:
-    message.air_temperature = float(environment.air_temperature)
-    message.air_pressure = float(environment.air_pressure)
-    message.relative_humidity = float(environment.relative_humidity)
-    message.material_temperature = float(environment.material_temperature)
-
-
-def _line_of(message: Any) -> Line:
-    name, order = str(message.line), str(message.order)
-    return Line(
-        kind=kind_of(name, order),
-        name=name,
-        order=order,
-        repeat=int(message.repeat),
-        direction=str(message.direction),
-        offset=_triple(message.offset),
-    )
-
-
-def _set_line(message: Any, line: Line, line_index: int, attempt: int) -> None:
-    message.line_index = int(line_index)
-    message.attempt = int(attempt)
-    message.line = line.name
-    message.order = line.order
-    message.repeat = int(line.repeat)
-    message.direction = line.direction
-    message.offset = list(_triple(line.offset))
-
-
 def to_settled_stop(message: Any) -> SettledStop:
     """Convert a ``SettledStop`` message."""
-    return SettledStop(
-        command=StopCommand(
-            command_id=int(message.command_id),
-            line_index=int(message.line_index),
-            attempt=int(message.attempt),
-            setup=str(message.setup),
-            stop=int(message.stop),
-            axis=str(message.axis),
-            target=_triple(message.target),
-            time=to_nanoseconds(message.command_time),
-        ),
-        line=_line_of(message),
-        position=_triple(message.position),
-        settled=bool(message.settled),
-        reason=str(message.reason),
-        time=to_nanoseconds(message.header.stamp),
-        displacement=float(message.displacement),
-        raw_displacement=float(message.raw_displacement),
-        standard_uncertainty=float(message.standard_uncertainty),
-        standard_deviation=float(message.standard_deviation),
-        readings=int(message.readings),
-        first_sequence=int(message.first_sequence),
-        last_sequence=int(message.last_sequence),
-        in_position_time=to_nanoseconds(message.in_position_time),
-        window_start=to_nanoseconds(message.window_start),
-        window_end=to_nanoseconds(message.window_end),
-        environment=_environment_of(message),
-    )
+    made: SettledStop = _STOP.read(message)
+    return made
 
 
 def from_settled_stop(stop: SettledStop, run_id: str, new: NewMessage = new_message) -> Any:
     """Make a ``SettledStop`` message."""
     message = new("stepdiag_ros/msg/SettledStop")
-    set_header(message, stop.time)
+    _STOP.write(message, stop)
     message.run_id = run_id
-    _set_line(message, stop.line, stop.command.line_index, stop.command.attempt)
-    message.command_id = int(stop.command.command_id)
-    message.setup = stop.command.setup
-    message.stop = int(stop.command.stop)
-    message.axis = stop.command.axis
-    message.target = list(_triple(stop.command.target))
-    message.position = list(_triple(stop.position))
-    message.settled = bool(stop.settled)
-    message.reason = stop.reason
-    message.displacement = float(stop.displacement)
-    message.raw_displacement = float(stop.raw_displacement)
-    message.standard_uncertainty = float(stop.standard_uncertainty)
-    message.standard_deviation = float(stop.standard_deviation)
-    message.readings = int(stop.readings)
-    message.first_sequence = int(stop.first_sequence)
-    message.last_sequence = int(stop.last_sequence)
-    set_stamp(message.command_time, stop.command.time)
-    set_stamp(message.in_position_time, stop.in_position_time)
-    set_stamp(message.window_start, stop.window_start)
-    set_stamp(message.window_end, stop.window_end)
-    _set_environment(message, stop.environment)
     return message
 
 
 def to_block(message: Any) -> BlockDisplacement:
     """Convert a ``BlockDisplacement`` message."""
-    return BlockDisplacement(
-        line_index=int(message.line_index),
-        attempt=int(message.attempt),
-        line=_line_of(message),
-        time=to_nanoseconds(message.header.stamp),
-        block=int(message.block),
-        axis=str(message.axis),
-        from_stop=int(message.from_stop),
-        to_stop=int(message.to_stop),
-        nominal_displacement=float(message.nominal_displacement),
-        displacement=float(message.displacement),
-        standard_uncertainty=float(message.standard_uncertainty),
-    )
+    made: BlockDisplacement = _BLOCK.read(message)
+    return made
 
 
 def from_block(block: BlockDisplacement, run_id: str, new: NewMessage = new_message) -> Any:
     """Make a ``BlockDisplacement`` message."""
     message = new("stepdiag_ros/msg/BlockDisplacement")
-    set_header(message, block.time)
+    _BLOCK.write(message, block)
     message.run_id = run_id
-    _set_line(message, block.line, block.line_index, block.attempt)
-    message.block = int(block.block)
-    message.axis = block.axis
-    message.from_stop = int(block.from_stop)
-    message.to_stop = int(block.to_stop)
-    message.nominal_displacement = float(block.nominal_displacement)
-    message.displacement = float(block.displacement)
-    message.standard_uncertainty = float(block.standard_uncertainty)
     return message
 
 
@@ -372,7 +290,7 @@ def to_measured_line(message: Any) -> MeasuredLine:
             fault="mismatch",
         )
     return MeasuredLine(
-        line=_line_of(message),
+        line=_LINE.read(message),
         line_index=int(message.line_index),
         attempt=int(message.attempt),
         setup=str(message.setup),
@@ -392,7 +310,8 @@ def from_measured_line(line: MeasuredLine, run_id: str, new: NewMessage = new_me
     message = new("stepdiag_ros/msg/MeasuredLine")
     set_header(message, line.end_time)
     message.run_id = run_id
-    _set_line(message, line.line, line.line_index, line.attempt)
+    _LINE.write(message, line.line)
+    message.line_index, message.attempt = int(line.line_index), int(line.attempt)
     message.kind = line.line.kind
     message.setup = line.setup
     message.overrun = line.overrun

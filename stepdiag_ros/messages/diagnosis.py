@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from stepdiag_ros.messages.conversion import doubles, set_header, to_nanoseconds
+from stepdiag_ros.messages.conversion import doubles
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.discrepancy.findings import RunnerUp, Share
 from stepdiag_ros.metrology.discrepancy.summary import (

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag_ros.messages.conversion import set_header, to_nanoseconds
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.samples import SampleBlock

@@ -6,7 +6,7 @@ gives the same numbers to the last bit.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
+
+Metres = Annotated[float, "m"]
+"""A length; tables name its unit."""
+Nanoseconds = Annotated[int, "ns"]
+"""A time; messages have it as a stamp."""
 
 
 class Environment(NamedTuple):
@@ -47,10 +52,10 @@ class Reading(NamedTuple):
         trigger: number of the hardware trigger that it was taken at, from 1; 0: not triggered.
     """
 
-    time: int
+    time: Nanoseconds
     sequence: int
-    raw_displacement: float
-    compensated_displacement: float
+    raw_displacement: Metres
+    compensated_displacement: Metres
     signal_strength: float
     status: int
     environment: Environment
@@ -78,7 +83,7 @@ class StopCommand(NamedTuple):
     stop: int
     axis: str
     target: tuple[float, float, float]
-    time: int
+    time: Nanoseconds
 
 
 class Arrival(NamedTuple):
@@ -98,17 +103,17 @@ class SettledStop:
     position: tuple[float, float, float]
     settled: bool
     reason: str
-    time: int
-    displacement: float
-    raw_displacement: float
-    standard_uncertainty: float
-    standard_deviation: float
+    time: Nanoseconds
+    displacement: Metres
+    raw_displacement: Metres
+    standard_uncertainty: Metres
+    standard_deviation: Metres
     readings: int
     first_sequence: int
     last_sequence: int
-    in_position_time: int
-    window_start: int
-    window_end: int
+    in_position_time: Nanoseconds
+    window_start: Nanoseconds
+    window_end: Nanoseconds
     environment: Environment
 
 
@@ -119,14 +124,14 @@ class BlockDisplacement:
     line_index: int
     attempt: int
     line: Line
-    time: int
+    time: Nanoseconds
     block: int
     axis: str
     from_stop: int
     to_stop: int
-    nominal_displacement: float
-    displacement: float
-    standard_uncertainty: float
+    nominal_displacement: Metres
+    displacement: Metres
+    standard_uncertainty: Metres
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from stepdiag_ros.messages.conversion import (
     from_measured_line,
     from_settled_stop,
     to_arrival,
-    to_nanoseconds,
     to_reading,
     to_stop_command,
 )
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.assembly import Assembler, Event
 from stepdiag_ros.metrology.measurement import BlockDisplacement, SettledStop
 from stepdiag_ros.nodes.base import StepdiagNode, spin

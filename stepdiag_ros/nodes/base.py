@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
-from stepdiag_ros.messages.conversion import to_nanoseconds
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode

@@ -22,12 +22,8 @@ from stepdiag_ros.devices.cnc import (
     Traits,
     traits_of,
 )
-from stepdiag_ros.messages.conversion import (
-    MOTORS,
-    from_command_status,
-    set_header,
-    to_nanoseconds,
-)
+from stepdiag_ros.messages.conversion import MOTORS, from_command_status
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import Plan

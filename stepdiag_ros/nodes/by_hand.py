@@ -12,9 +12,9 @@ from stepdiag_ros.messages.conversion import (
     STATUS_IN_POSITION,
     from_command_status,
     from_stop_command,
-    set_header,
     to_reading,
 )
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
 from stepdiag_ros.metrology.measurement import Arrival, StopCommand

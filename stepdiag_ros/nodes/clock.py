@@ -9,7 +9,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
-from stepdiag_ros.messages.conversion import to_nanoseconds
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.run.health import HealthFinding

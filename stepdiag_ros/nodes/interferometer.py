@@ -20,8 +20,8 @@ from stepdiag_ros.messages.conversion import (
     from_reading,
     motor_positions,
     to_command,
-    to_nanoseconds,
 )
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.samples import from_sample_block
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.air.compensator import Compensator

@@ -20,7 +20,7 @@ from stepdiag_ros.bags.peek import block_head_of, head_of, stamp_of
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.embedded import client
-from stepdiag_ros.messages.conversion import to_nanoseconds
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import decoded, message_class
 from stepdiag_ros.nodes.parameters import ParameterCollector

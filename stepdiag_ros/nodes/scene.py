@@ -9,7 +9,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
-from stepdiag_ros.messages.conversion import axis_positions, to_nanoseconds
+from stepdiag_ros.messages.conversion import axis_positions
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.nodes.base import spin

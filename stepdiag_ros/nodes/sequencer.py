@@ -11,11 +11,8 @@ from std_srvs.srv import Trigger
 import stepdiag_ros
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_given, without_effects
-from stepdiag_ros.messages.conversion import (
-    from_stop_command,
-    set_header,
-    to_nanoseconds,
-)
+from stepdiag_ros.messages.conversion import from_stop_command
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal

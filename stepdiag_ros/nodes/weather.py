@@ -11,7 +11,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.weather import WeatherDevice
-from stepdiag_ros.messages.conversion import set_header
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.nodes.base import spin

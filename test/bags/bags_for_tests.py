@@ -7,6 +7,7 @@ from stepdiag_ros.bags.header import Attachment, RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.measurement import Environment, Reading
 
 START = 1_700_000_000_000_000_000
@@ -54,7 +55,7 @@ def reading_cdr(number):
 
 def description(run_id=RUN_ID, plan=PLAN):
     message = own_types().new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, START)
+    set_header(message, START)
     message.schema_version = 1
     message.run_id, message.software_version = run_id, "0.1.0"
     message.plan, message.machine = plan, MACHINE

@@ -6,6 +6,7 @@ import io
 import re
 import unicodedata
 from dataclasses import replace
+from math import isnan
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from make_schema_bag import diagnosis
 from refused import refused
 from test_run import description, header, line, write_run
 
-from stepdiag_ros import topics
+from stepdiag_ros import open_run, topics
 from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.export import export_bag
@@ -164,6 +165,11 @@ def test_results_are_the_last_of_each_solver_with_all_digits(bag, tmp_path):
     ]
 
 
+def same_cells(cells, values):
+    for cell, value in zip(cells, values, strict=True):
+        assert (cell == "") if isnan(value) else (float(cell) == value)
+
+
 def test_stops_blocks_and_readings(tmp_path):
     report = export_bag(write_run(tmp_path / "a.mcap"), tmp_path / "out", readings=True)
     names = ["run.csv", "lines.csv", "stops.csv", "blocks.csv", "readings.csv", "case.yaml"]
@@ -179,6 +185,14 @@ def test_stops_blocks_and_readings(tmp_path):
     assert float(readings[1]["compensated_displacement_m"]) == 2 * float(
         readings[1]["raw_displacement_m"]
     )
+    recorded = list(open_run(tmp_path / "a.mcap").readings())
+    assert len(recorded) == len(readings)
+    for row, reading in zip(readings, recorded, strict=True):
+        assert None not in row, "a row has more cells than the table has columns"
+        weather = (row["air_temperature_degC"], row["air_pressure_Pa"], row["relative_humidity"])
+        same_cells(weather, reading.environment[:3])
+        same_cells([row["material_temperature_degC"]], reading.environment[3:])
+        assert int(row["trigger"]) == reading.trigger
 
 
 def test_existing_files_are_kept_unless_allowed(bag, tmp_path):

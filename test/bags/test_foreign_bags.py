@@ -23,6 +23,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.cli import main
 from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Line
 
@@ -37,7 +38,7 @@ def encoded(topic, message):
 
 def description(run_id=RUN_ID, start=START):
     message = NEW(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, start)
+    set_header(message, start)
     message.schema_version, message.software_version = 1, "0.1.0"
     message.run_id, message.plan, message.machine = run_id, PLAN, MACHINE
     return encoded(topics.RUN_DESCRIPTION, message)
@@ -62,7 +63,7 @@ def line(index, run_id=RUN_ID, time=START):
 
 def command(number, run_id=RUN_ID):
     message = NEW(topics.MACHINE_COMMAND.type_name)
-    conversion.set_header(message, START + number)
+    set_header(message, START + number)
     message.run_id, message.command_id = run_id, number
     return encoded(topics.MACHINE_COMMAND, message)
 
@@ -73,7 +74,7 @@ def reading(number):
 
 def idle(time):
     message = NEW(topics.RUN_STATE.type_name)
-    conversion.set_header(message, time)
+    set_header(message, time)
     return encoded(topics.RUN_STATE, message)
 
 

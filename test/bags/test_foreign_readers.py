@@ -10,7 +10,7 @@ from bags_for_tests import description, header, put, reading_cdr
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
-from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.measurement import Environment
 
 COUNT = 250
@@ -93,7 +93,7 @@ def _line(message):
     message.standard_uncertainty = [1e-7] * 3
     for name in Environment._fields:
         setattr(message, name, [20.0] * 3)
-    conversion.set_header(message, 1000)
+    set_header(message, 1000)
     return message
 
 

@@ -13,7 +13,8 @@ from stepdiag_ros.bags.peek import block_head_of, head_of, stamp_of
 def serialized(type_name, frame, **fields):
     from rclpy.serialization import serialize_message
 
-    from stepdiag_ros.messages.conversion import new_message, set_header
+    from stepdiag_ros.messages.conversion import new_message
+    from stepdiag_ros.messages.fields import set_header
 
     message = new_message(type_name)
     set_header(message, 1_700_000_000_123_456_789, frame)

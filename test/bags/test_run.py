@@ -20,6 +20,7 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header, set_stamp
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Environment,
@@ -77,14 +78,14 @@ def line(index, attempt, start=0.0):
 
 def state(value, text, time, run_id=RUN_ID):
     message = NEW(topics.RUN_STATE.type_name)
-    conversion.set_header(message, time)
+    set_header(message, time)
     message.run_id, message.state, message.text = run_id, value, text
     return message
 
 
 def diagnostics(level, text, time):
     message = NEW(topics.DIAGNOSTICS.type_name)
-    conversion.set_stamp(message.header.stamp, time)
+    set_stamp(message.header.stamp, time)
     status = NEW("diagnostic_msgs/msg/DiagnosticStatus")
     status.level, status.name, status.message = level, "assembler", text
     message.status = [status]

@@ -14,6 +14,7 @@ from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.commands.info import _timing
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.geometry import beam_direction
 from stepdiag_ros.metrology.measurement import Environment, Reading, SettledStop, StopCommand
 from stepdiag_ros.metrology.plan import Line
@@ -72,7 +73,7 @@ def write(path, blocks=5, status_at=lambda time: 0):  # noqa: ARG005
                 sequence += 1
                 if sequence % 5 == 0:
                     joints = NEW(topics.JOINT_STATES.type_name)
-                    conversion.set_header(joints, stamp)
+                    set_header(joints, stamp)
                     joints.name, joints.position = list("XYZ"), conversion.doubles(at(time))
                     put(bag, topics.JOINT_STATES, joints, stamp)
             for stop in range(stops):

@@ -13,6 +13,7 @@ import standard_runs
 
 from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import changes as command
+from stepdiag_ros.commands.arguments import CommandParser
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import compare
@@ -72,7 +73,7 @@ def stepdiag(capsys, *arguments):
 
 def compared(*arguments) -> ChangesReport:
     parser = ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.COMMAND.add_parser(parser.add_subparsers(parser_class=CommandParser))
     given = ["changes", *(str(argument) for argument in arguments)]
     return command.report_of(parser.parse_args(given))
 

@@ -21,6 +21,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
@@ -77,7 +78,7 @@ def write_bag(path, damage=None):
     types = own_types()
     new = types.new
     description = new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(description, START)
+    set_header(description, START)
     description.schema_version = 1
     description.run_id, description.software_version = RUN_ID, __version__
     description.plan, description.machine = plan_text, machine_text

@@ -16,6 +16,7 @@ from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.configuration import load_machine, plan_from_text
 from stepdiag_ros.evaluation.build import build_report
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header, set_stamp
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import (
@@ -142,7 +143,7 @@ def _derived(event):
 
 def _description(machine):
     message = _NEW(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, START)
+    set_header(message, START)
     message.schema_version, message.run_id = 1, RUN_ID
     message.software_version, message.plan, message.machine = __version__, PLAN, machine
     return message
@@ -150,7 +151,7 @@ def _description(machine):
 
 def _state(time, state, line):
     message = _NEW(topics.RUN_STATE.type_name)
-    conversion.set_header(message, time)
+    set_header(message, time)
     message.run_id, message.state, message.line_index = RUN_ID, state, line.line_index
     message.text = "all lines are measured" if state == _FINISHED else "measuring"
     return message
@@ -158,7 +159,7 @@ def _state(time, state, line):
 
 def _diagnostics(time):
     message = _NEW(topics.DIAGNOSTICS.type_name)
-    conversion.set_stamp(message.header.stamp, time)
+    set_stamp(message.header.stamp, time)
     status = _NEW("diagnostic_msgs/msg/DiagnosticStatus")
     status.name, status.message = "assembler", "ok"
     message.status = [status]

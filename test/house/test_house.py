@@ -13,12 +13,8 @@ import stepdiag_ros
 ROOT = Path(__file__).parents[2]
 LONGEST_FUNCTION = 60
 LOOKED_AT = {
-    "commands.budget.add_parser",
-    "commands.budget.run",
-    "commands.compensate.add_parser",
-    "commands.compensate_nc.add_parser",
-    "commands.import_table.add_parser",
-    "commands.report.add_parser",
+    "commands.compensate_nc._add_options",
+    "commands.import_table._add_options",
     "commands.run.run",
     "commands.tracker.run_plan",
     "compensation.nc_program._step",

@@ -10,6 +10,7 @@ from refused import refused
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.messages.volumetric import from_volumetric_errors, to_volumetric_errors
 from stepdiag_ros.metrology.geometry import CURVES
@@ -209,8 +210,8 @@ def test_constants_are_those_of_the_definitions():
 def test_times_before_1970_and_large_ones_survive():
     message = embedded("stepdiag_ros/msg/RunState")
     for time in (0, 1, -1, -1_500_000_000, (2**31 - 1) * 10**9 + 999_999_999):
-        conversion.set_header(message, time)
-        assert conversion.to_nanoseconds(message.header.stamp) == time
+        set_header(message, time)
+        assert to_nanoseconds(message.header.stamp) == time
         assert 0 <= message.header.stamp.nanosec < 10**9
 
 

@@ -8,7 +8,7 @@ from refused import refused
 
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.embedded import registry
-from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import from_positioning_test, to_positioning_test
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.refusal import Refusal
@@ -41,7 +41,7 @@ def test_a_test_survives_the_way_through_a_message(new):
     message = from_positioning_test(TEST, "run", TIME, new=new)
     received = own_types().decode(TYPE, own_types().encode(TYPE, message))
     assert (received.run_id, received.standard) == ("run", "ISO 230-6")
-    assert conversion.to_nanoseconds(received.header.stamp) == TIME
+    assert to_nanoseconds(received.header.stamp) == TIME
     again = to_positioning_test(received)
     for field in fields(PositioningTest):
         first, second = getattr(TEST, field.name), getattr(again, field.name)

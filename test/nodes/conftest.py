@@ -12,7 +12,7 @@ from patience import PATIENCE
 from running_cell import RunningCell
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
-from stepdiag_ros.messages.conversion import to_nanoseconds
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.run.sequence import State
 
 

@@ -19,6 +19,7 @@ from stepdiag_ros.configuration import load_cell, load_machine, load_model, load
 from stepdiag_ros.evaluation.diagnosing import Reference, summary_of, when_over
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import from_diagnosis, to_diagnosis
+from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.simulation import simulate
@@ -42,7 +43,7 @@ effects:
 
 def described(plan_text, machine_text):
     description = conversion.new_message(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(description, 1)
+    set_header(description, 1)
     description.run_id, description.plan, description.machine = RUN_ID, plan_text, machine_text
     description.schema_version = description.SCHEMA_VERSION
     return description
@@ -141,7 +142,7 @@ def test_the_node_names_what_is_hidden_as_the_command_does(tmp_path):
     assert diagnosis.verdict == "NAMED"
     (found,) = diagnosis.findings
     assert (found.label, found.setting) == ("backlash of X", {"axis": "X"})
-    assert conversion.to_nanoseconds(last.header.stamp) == max(line.end_time for line in lines)
+    assert to_nanoseconds(last.header.stamp) == max(line.end_time for line in lines)
 
     report = command_says(recorded(tmp_path / "run.mcap", description, lines))
     reference = Reference.from_text(load_model("free")[1], "free", 3)

@@ -10,6 +10,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.evaluation.positioning import same_test
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import to_positioning_test
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import all_runs
@@ -70,4 +71,4 @@ def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
         assert message.run_id == RUN_ID
         assert message.standard == test.standard
         end_time = measurement.lines[last].end_time
-        assert conversion.to_nanoseconds(message.header.stamp) == end_time
+        assert to_nanoseconds(message.header.stamp) == end_time

@@ -16,7 +16,8 @@ from std_msgs.msg import String
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
-from stepdiag_ros.messages.conversion import new_message, set_header
+from stepdiag_ros.messages.conversion import new_message
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes import links
 from stepdiag_ros.nodes.links import LOOKS_ALONE, LinkedNode, Outlet, message_class, quality

@@ -10,7 +10,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from stepdiag_ros.messages.conversion import to_nanoseconds
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes.managed import Stream
 from stepdiag_ros.nodes.parameters import CONFIRMED, GHOST, ParameterCollector
 from stepdiag_ros.parameters.declaration import Changeable

@@ -11,7 +11,7 @@ from test_managed_nodes import RUN, Bench
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_plan
-from stepdiag_ros.messages.conversion import set_header
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.air import index_of
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.refusal import Refusal

@@ -14,6 +14,7 @@ import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.simulation import simulate
@@ -36,7 +37,7 @@ lines:
 
 def filled(topic, **fields):
     message = conversion.new_message(topic.type_name)
-    conversion.set_header(message, 1_000_000_000)
+    set_header(message, 1_000_000_000)
     for name, value in fields.items():
         setattr(message, name, value)
     return message

@@ -13,6 +13,7 @@ from stepdiag_ros.bags.header import Attachment, RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.measurement import MeasuredLine, Reading
 from stepdiag_ros.topics import Topic
 
@@ -103,7 +104,7 @@ def write_bag(target: Path, content: ToWrite) -> None:
 def _description(content: ToWrite) -> Any:
     types = own_types()
     message = types.new(topics.RUN_DESCRIPTION.type_name)
-    conversion.set_header(message, content.start_time)
+    set_header(message, content.start_time)
     message.schema_version = types.constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
     message.run_id = content.run_id
     message.software_version = stepdiag_ros.__version__

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 from stepdiag_ros import schemas
 from stepdiag_ros.report.pages.lead import judge, lead_of, what_to_do
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import Chapter, Lead, chapter, page
+from stepdiag_ros.report.pages.page import Lead, page
 from stepdiag_ros.report.pages.pictures import Drawn, Studio
-from stepdiag_ros.report.pages.section import SectionContent
+from stepdiag_ros.report.pages.section import ToldSection
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.publish import make_folder, whole_file
 
@@ -26,35 +26,22 @@ class Handover:
 
     Attributes:
         lead: of its first page.
-        contents: section's key → what it tells, or why nothing.
-        pictures: section's key → name → picture.
+        told: sections in their order.
+        pictures: section's name → picture's name → picture.
         footer: identity of the run.
         subtitle: what was measured.
     """
 
     lead: Lead
-    contents: Mapping[str, SectionContent | str]
+    told: Sequence[ToldSection]
     pictures: Mapping[str, Mapping[str, Drawn]]
     footer: str
     subtitle: str
 
     def html(self, for_print: bool = False) -> str:
         """Return the page."""
-        return page(
-            TITLE, self.subtitle, self.lead, self._chapters(for_print), self.footer, for_print
-        )
-
-    def _chapters(self, for_print: bool) -> list[Chapter]:
-        made = []
-        for section in sections():
-            told = self.contents[section.key]
-            if isinstance(told, str):
-                template, values = "sections/nothing.html", {"sentence": told}
-            else:
-                template, values = f"sections/{section.key}.html", dict(told.values)
-            drawn = self.pictures.get(section.key, {})
-            made.append(chapter(section.key, section.title, template, values, drawn, for_print))
-        return made
+        chapters = [one.chapter(self.pictures.get(one.name, {}), for_print) for one in self.told]
+        return page(TITLE, self.subtitle, self.lead, chapters, self.footer, for_print)
 
 
 def prepare(
@@ -74,28 +61,21 @@ def prepare(
     Raises:
         OSError: the process that draws has ended.
     """
-    contents: dict[str, SectionContent | str] = {}
+    told = []
     for section in sections():
         tell(section.title)
-        told = section.tell(material)
-        contents[section.key] = told
-        for name, drawing in () if isinstance(told, str) else told.drawings.items():
-            atelier.ask(f"{section.key}/{name}", drawing)
+        told.append(section.told(material))
+        atelier.ask(section.name, told[-1].drawings)
     lead = lead_of(material)
     tell("pictures")
     if meanwhile is not None:
         meanwhile()
-    pictures: dict[str, dict[str, Drawn]] = {section.key: {} for section in sections()}
-    for place, drawn in atelier.fetch_all().items():
-        key, _, name = place.partition("/")
-        if drawn is not None:
-            pictures[key][name] = drawn
     run = material.recorded.run_id or material.recorded.path.name
     plan = material.recorded.plan.name
     return Handover(
         lead=lead,
-        contents=contents,
-        pictures=pictures,
+        told=told,
+        pictures=atelier.fetch_all(),
         footer=f"run {run}, bag SHA-256 {material.sha256[:16] or 'unknown'}…",
         subtitle=", ".join(one for one in (material.report.machine, plan, run) if one),
     )
@@ -124,7 +104,7 @@ def report_document_of(material: Material) -> dict[str, Any]:
             "what_to_do": what_to_do(material, judged),
         },
         "sections": {
-            section.key: section.document(material)
+            section.name: section.document(material)
             for section in sections()
             if section.document is not None
         },

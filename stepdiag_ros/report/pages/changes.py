@@ -94,7 +94,7 @@ class ChangesPage:
             after.machine or before.machine or "machine without a name",
             _lead(report),
             [
-                chapter(key, title, f"changes/{name}.html", values, self._pictures, for_print)
+                chapter(key, title, (f"changes/{name}.html",), values, self._pictures, for_print)
                 for key, title, name, values in contents
             ],
             f"runs {before.run_id or UNKNOWN} and {after.run_id or UNKNOWN}",

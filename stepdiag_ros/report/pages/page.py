@@ -148,7 +148,7 @@ def environment() -> Environment:
 def chapter(
     key: str,
     title: str,
-    template: str,
+    templates: Sequence[str],
     values: Mapping[str, Any],
     pictures: Mapping[str, Drawn],
     for_print: bool = False,
@@ -158,16 +158,16 @@ def chapter(
     Args:
         key: identifier in the page.
         title: its heading.
-        template: name of the file, such as ``sections/curves.html``; begins with
-            ``{% import "parts.html" as parts with context %}``, whose macros lay out tables,
-            pictures, facts and sentences.
+        templates: names of files, such as ``sections/curves.html``; the first that is there is
+            taken. It begins with ``{% import "parts.html" as parts with context %}``, whose macros
+            lay out tables, pictures, facts and sentences.
         values: what the template needs.
         pictures: name → picture; the template's ``pictures``.
         for_print: the template's ``for_print``.
     """
     html = (
         environment()
-        .get_template(template)
+        .select_template(templates)
         .render(**values, pictures=pictures, for_print=for_print, key=key)
     )
     return Chapter(key, title, Markup(html))

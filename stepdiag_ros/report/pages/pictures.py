@@ -92,36 +92,43 @@ class Studio:
 
     def __init__(self, pool: ProcessPoolExecutor | None = None) -> None:
         self._pool = pool
-        self._asked: dict[str, Drawing] = {}
-        self._begun: dict[str, Future[Drawn | None]] = {}
+        self._asked: dict[tuple[str, str], Drawing] = {}
+        self._begun: dict[tuple[str, str], Future[Drawn | None]] = {}
 
-    def ask(self, name: str, drawing: Drawing) -> None:
-        """Ask for a picture.
+    def ask(self, chapter: str, drawings: Mapping[str, Drawing]) -> None:
+        """Ask for the pictures of a chapter.
 
         Args:
-            name: to fetch it by.
-            drawing: what is to be drawn.
+            chapter: its key.
+            drawings: name → what is to be drawn.
         """
-        self._asked[name] = drawing
-        if self._pool is not None:
-            self._begun[name] = self._pool.submit(draw, drawing)
+        for name, drawing in drawings.items():
+            self._asked[chapter, name] = drawing
+            if self._pool is not None:
+                self._begun[chapter, name] = self._pool.submit(draw, drawing)
 
-    def fetch_all(self) -> dict[str, Drawn | None]:
-        """Return all pictures that were asked for, by name; None where there is nothing to show.
+    def fetch_all(self) -> dict[str, dict[str, Drawn]]:
+        """Return the pictures that were asked for, by chapter and name.
+
+        Those that have nothing to show are not among them.
 
         Raises:
             OSError: the process that draws has ended.
         """
-        if self._pool is None:
-            return {name: draw(drawing) for name, drawing in self._asked.items()}
+        drawn: dict[str, dict[str, Drawn]] = {}
         try:
-            return {name: begun.result() for name, begun in self._begun.items()}
+            for (chapter, name), drawing in self._asked.items():
+                begun = self._begun.get((chapter, name))
+                one = draw(drawing) if begun is None else begun.result()
+                if one is not None:
+                    drawn.setdefault(chapter, {})[name] = one
         except BrokenProcessPool:
             raise Unusable(
                 "the process that draws the pictures has ended before it was done: is there enough"
                 " memory?",
                 fault="stopped",
             ) from None
+        return drawn
 
 
 @contextmanager

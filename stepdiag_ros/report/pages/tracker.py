@@ -1,7 +1,7 @@
 """A run with a tracker as a page and as a JSON document."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,14 +24,13 @@ from stepdiag_ros.report.pages.page import (
     Fact,
     Lead,
     TableView,
-    chapter,
     page,
     table_view,
     table_views,
 )
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio
-from stepdiag_ros.report.pages.section import SectionContent
-from stepdiag_ros.report.pages.sections import curves, measurement
+from stepdiag_ros.report.pages.section import SectionContent, ToldSection
+from stepdiag_ros.report.pages.sections import measurement, sections
 from stepdiag_ros.report.pages.tracker_facts import stations_in
 from stepdiag_ros.report.tables.positioning import target_table
 from stepdiag_ros.report.tables.tracker import (
@@ -56,19 +55,6 @@ _TOGETHER = "From all readings together"
 _TONES = {UNEXPLAINED: "bad", NOT_TESTABLE: "neutral", CONSISTENT: "good"}
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A chapter of one station: its sentences and tables, then its pictures and folded tables."""
-
-    key: str
-    title: str
-    sentences: tuple[str, ...] = ()
-    tables: tuple[TableView, ...] = ()
-    drawings: Mapping[str, Drawing] = field(default_factory=dict)
-    folded_title: str = ""
-    folded: tuple[TableView, ...] = ()
-
-
 class TrackerHandover:
     """What is handed over of a run with a tracker.
 
@@ -80,13 +66,10 @@ class TrackerHandover:
     def __init__(self, material: Material, stations: tuple[TrackerReport, ...]) -> None:
         self._material, self._stations = material, stations
         self._pictures: Mapping[str, Mapping[str, Drawn]] = {}
-        self._measured = measurement.SECTION.tell(material)
-        self._curves = None if stations else curves.SECTION.tell(material)
-        self._parts = [
-            part
-            for number, report in enumerate(stations, start=1)
-            for part in _parts_of(report, number if len(stations) > 1 else 0)
-        ]
+        shown = (one.told(material) for one in sections() if one.by_tracker)
+        self._told = [one for one in shown if isinstance(one.content, SectionContent)]
+        for number, report in enumerate(stations, start=1):
+            self._told += _parts_of(report, number if len(stations) > 1 else 0)
 
     @classmethod
     def of_run(
@@ -150,19 +133,9 @@ class TrackerHandover:
         Raises:
             OSError: the process that draws has ended.
         """
-        asked = {part.key: part.drawings for part in self._parts}
-        for key, told in (("measurement", self._measured), ("curves", self._curves)):
-            if isinstance(told, SectionContent):
-                asked[key] = told.drawings
-        for key, drawings in asked.items():
-            for name, drawing in drawings.items():
-                atelier.ask(f"{key}/{name}", drawing)
-        drawn: dict[str, dict[str, Drawn]] = {key: {} for key in asked}
-        for place, one in atelier.fetch_all().items():
-            key, _, name = place.partition("/")
-            if one is not None:
-                drawn[key][name] = one
-        self._pictures = drawn
+        for one in self._told:
+            atelier.ask(one.name, one.drawings)
+        self._pictures = atelier.fetch_all()
 
     def html(self, for_print: bool = False) -> str:
         """Return the page as HTML text with everything in it.
@@ -171,29 +144,7 @@ class TrackerHandover:
             for_print: lay it out on pages of paper alone.
         """
         recorded, report = self._material.recorded, self._material.report
-        chapters = []
-        for section, told in (
-            (measurement.SECTION, self._measured),
-            (curves.SECTION, self._curves),
-        ):
-            if isinstance(told, SectionContent):
-                drawn = self._pictures.get(section.key, {})
-                template = f"sections/{section.key}.html"
-                chapters.append(
-                    chapter(section.key, section.title, template, told.values, drawn, for_print)
-                )
-        for part in self._parts:
-            values = {
-                "sentences": part.sentences,
-                "tables": part.tables,
-                "shown": list(part.drawings),
-                "folded_title": part.folded_title,
-                "folded": part.folded,
-            }
-            drawn = self._pictures.get(part.key, {})
-            chapters.append(
-                chapter(part.key, part.title, "tracker/part.html", values, drawn, for_print)
-            )
+        chapters = [one.chapter(self._pictures.get(one.name, {}), for_print) for one in self._told]
         run = recorded.run_id or recorded.path.name
         return page(
             _TITLE,
@@ -253,7 +204,7 @@ def _size_sentences(joint: JointEstimate) -> list[str]:
     return [f"Larger than their U: {', '.join(told)}. {meaning}"]
 
 
-def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
+def _parts_of(report: TrackerReport, number: int) -> list[ToldSection]:
     result = report.result
     assert result is not None
     where = f", station {report.station}" if number else ""
@@ -271,23 +222,20 @@ def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
     )
     best = result.corrected or result.located
     return [
-        _Part(
+        _part(
             f"errors{key}",
             f"Positioning and squareness{where}",
-            (),
-            (*together, *_views(where, *errors)),
+            tables=(*together, *_views(where, *errors)),
         ),
-        _Part(
+        _part(
             f"passes{key}",
             f"Does every pass agree with all others?{where}",
-            (f"{report.verdict.name}: {report.verdict.sentence}",),
-            _views(where, None if joint is None else departures_table(joint)),
+            sentences=(f"{report.verdict.name}: {report.verdict.sentence}",),
+            tables=_views(where, None if joint is None else departures_table(joint)),
         ),
-        _Part(
+        _part(
             f"lines{key}",
             f"The lines by ISO 230-2 and ISO 230-6{where}",
-            (),
-            _views(where, lines_table(result)),
             {
                 "lines": Drawing(
                     "tracker_deviations",
@@ -297,14 +245,13 @@ def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
                     {"title": ""},
                 )
             },
-            "Every line at its targets",
-            _views(where, *(target_table(test, decimals_of([test])) for test in best.tests)),
+            tables=_views(where, lines_table(result)),
+            folded_title="Every line at its targets",
+            folded=_views(where, *(target_table(test, decimals_of([test])) for test in best.tests)),
         ),
-        _Part(
+        _part(
             f"location{key}",
             f"Where the tracker stood{where}",
-            (),
-            _views(where, location_table(report.location)),
             {
                 "location": Drawing(
                     "tracker_residuals",
@@ -313,13 +260,20 @@ def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
                     {"title": ""},
                 )
             },
+            tables=_views(where, location_table(report.location)),
         ),
-        _Part(
+        _part(
             f"trust{key}",
             f"What the figures mean, and how sure they are{where}",
-            tuple(sentences_of(report)),
+            sentences=sentences_of(report),
         ),
     ]
+
+
+def _part(
+    key: str, title: str, drawings: Mapping[str, Drawing] | None = None, **values: Any
+) -> ToldSection:
+    return ToldSection(key, title, SectionContent(values, drawings or {}))
 
 
 def _views(where: str, *tables: Table | None) -> tuple[TableView, ...]:

@@ -5,11 +5,8 @@ from typing import Any
 from stepdiag_ros import topics
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
-from stepdiag_ros.messages.conversion import (
-    axis_positions,
-    to_measured_line,
-    to_nanoseconds,
-)
+from stepdiag_ros.messages.conversion import axis_positions, to_measured_line
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.topics import Topic

@@ -12,6 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
@@ -110,7 +111,7 @@ def to_run_begin(message: Any) -> RunBegin:
     """
     return RunBegin(
         run_id=str(message.run_id),
-        time=conversion.to_nanoseconds(message.header.stamp),
+        time=to_nanoseconds(message.header.stamp),
         plan=plan_from_text(message.plan, "plan of the run"),
         chain=chain_from_text(message.machine, "machine of the run"),
         simulated=bool(message.simulated_cell),
@@ -120,7 +121,7 @@ def to_run_begin(message: Any) -> RunBegin:
 def to_run_status(message: Any) -> RunStatus:
     """Convert a ``RunState``."""
     return RunStatus(
-        time=conversion.to_nanoseconds(message.header.stamp),
+        time=to_nanoseconds(message.header.stamp),
         run_id=str(message.run_id),
         state=State(int(message.state)),
         line_index=int(message.line_index),
@@ -138,7 +139,7 @@ def to_run_status(message: Any) -> RunStatus:
 
 def _machine(message: Any) -> Iterable[MachineStatus]:
     yield MachineStatus(
-        conversion.to_nanoseconds(message.header.stamp),
+        to_nanoseconds(message.header.stamp),
         int(message.state) in (message.STATE_STOPPED, message.STATE_FAULT),
         str(message.reason),
         int(message.state) == message.STATE_FAULT,
@@ -148,7 +149,7 @@ def _machine(message: Any) -> Iterable[MachineStatus]:
 def _place(message: Any) -> Iterable[AxisPlace]:
     position = conversion.axis_positions(message)
     if position is not None and all(math.isfinite(value) for value in position):
-        yield AxisPlace(conversion.to_nanoseconds(message.header.stamp), position)
+        yield AxisPlace(to_nanoseconds(message.header.stamp), position)
 
 
 def _said(message: Any) -> Iterable[Said]:
@@ -160,7 +161,7 @@ def _said(message: Any) -> Iterable[Said]:
 
 def _sensor(name: str, field: str) -> Callable[[Any], Iterable[SensorValue]]:
     def convert(message: Any) -> Iterable[SensorValue]:
-        time = conversion.to_nanoseconds(message.header.stamp)
+        time = to_nanoseconds(message.header.stamp)
         yield SensorValue(time, name, float(getattr(message, field)))
 
     return convert

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from stepdiag_ros.messages.conversion import set_header
+from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.frames import MACHINE, Placement
 from stepdiag_ros.viewers.scene.shapes import Kind, Shape

@@ -57,8 +57,8 @@ PARTS = {
 class _Here(Studio):
     """Draws in this process what has gone the way to another one."""
 
-    def ask(self, name, drawing):
-        super().ask(name, pickle.loads(pickle.dumps(drawing)))
+    def ask(self, chapter, drawings):
+        super().ask(chapter, pickle.loads(pickle.dumps(dict(drawings))))
 
 
 @contextmanager
@@ -290,7 +290,7 @@ def test_a_table_that_is_long_is_left_out_of_print_and_says_so():
         rows = tuple((str(number),) for number in range(count))
         view = TableView("Numbers", (Column("n", True),), rows)
         told = {"taken": view, "repeats": [], "no_repeats": []}
-        return str(chapter("k", "K", "sections/readings.html", told, {}, for_print).html)
+        return str(chapter("k", "K", ["sections/readings.html"], told, {}, for_print).html)
 
     assert made(31, for_print=False).count("<td") == 31
     assert made(30, for_print=True).count("<td") == 30
@@ -309,19 +309,19 @@ def test_a_plot_with_nothing_to_show_says_so_in_its_place():
     assert drawn is None or (drawn.source == "" and drawn.caption)
     values = {"taken": TableView("", (), ()), "repeats": [], "no_repeats": []}
     pictures_of = {"lines": Drawn("", "there is no line", 0.0)}
-    html = str(chapter("k", "K", "sections/readings.html", values, pictures_of).html)
+    html = str(chapter("k", "K", ["sections/readings.html"], values, pictures_of).html)
     assert "No picture: there is no line" in html
     assert "<img" not in html
 
 
 def test_pictures_are_drawn_in_a_process_of_their_own():
     with studio() as atelier:
-        atelier.ask("machines", Drawing("diagonals_alone", (), "Three machines."))
-        atelier.ask("nothing", Drawing("weather", ([],), "Weather."))
-        drawn = atelier.fetch_all()
+        machines = Drawing("diagonals_alone", (), "Three machines.")
+        atelier.ask("any", {"machines": machines, "nothing": Drawing("weather", ([],), "Weather.")})
+        drawn = atelier.fetch_all()["any"]
     assert drawn["machines"].source.startswith("data:image/png;base64,")
     assert drawn["machines"].caption == "Three machines."
-    assert not (drawn["nothing"] and drawn["nothing"].source)
+    assert "nothing" not in drawn or not drawn["nothing"].source
 
 
 def test_the_end_of_the_process_that_draws_is_told():
@@ -334,7 +334,7 @@ def test_the_end_of_the_process_that_draws_is_told():
             raise BrokenProcessPool
 
     atelier = Studio(Pool())
-    atelier.ask("any", Drawing("weather", ([],), ""))
+    atelier.ask("any", {"weather": Drawing("weather", ([],), "")})
     with refused(Unusable, "stopped"):
         atelier.fetch_all()
 

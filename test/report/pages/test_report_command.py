@@ -130,7 +130,7 @@ def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
     assert numbered == [f"{number} {title}" for number, title in enumerate(titles, 1)]
     assert len(page.sources) >= 15
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
-    assert page.links == [f"#{section.key}" for section in sections()]
+    assert page.links == [f"#{section.name}" for section in sections()]
 
 
 def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):

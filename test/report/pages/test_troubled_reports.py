@@ -36,7 +36,10 @@ class _Undrawn(Studio):
     """Stands in for a studio where only the words of a report are asked for."""
 
     def fetch_all(self):
-        return {name: Drawn("data:,", one.caption, 1.0) for name, one in self._asked.items()}
+        drawn = {}
+        for (chapter, name), one in self._asked.items():
+            drawn.setdefault(chapter, {})[name] = Drawn("data:,", one.caption, 1.0)
+        return drawn
 
 
 @contextmanager

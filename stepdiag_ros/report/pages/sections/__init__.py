@@ -1,31 +1,34 @@
-"""The sections of the report in their order: one module each, which holds it as ``SECTION``.
+"""The sections of the report: one module each, which holds it as ``SECTION``.
 
-A new section is a module here, a template of the same name and a line in ``_MODULES``.
+Another package adds one by an entry point; ``docs/report.md`` has an example.
 """
 
+import re
 from functools import cache
-from importlib import import_module
 
+from stepdiag_ros.metrology.registry import of_modules, with_added
 from stepdiag_ros.report.pages.section import ReportSection
 
-_MODULES = (
-    "measurement",
-    "readings",
-    "curves",
-    "table_one",
-    "squareness",
-    "axes",
-    "diagonals",
-    "volume",
-    "uncertainty",
-    "visibility",
-    "discrepancy",
-    "compensation",
-    "unknown",
-)
+ENTRY_POINTS = "stepdiag_ros.sections"
+"""Group of entry points by which another package adds sections; each names a ``ReportSection``."""
 
 
 @cache
 def sections() -> tuple[ReportSection, ...]:
-    """Return all sections in the order of the page."""
-    return tuple(import_module(f"{__name__}.{name}").SECTION for name in _MODULES)
+    """Return all sections, of this package and of others, in the order of the page.
+
+    Raises:
+        ValueError: an entry point cannot be loaded, is no section, or takes a name that is there;
+            says which and of which package.
+    """
+    found = with_added(of_modules(__name__, "SECTION"), ENTRY_POINTS, "section", _fault)
+    return tuple(sorted(found.values(), key=lambda one: one.order))
+
+
+def _fault(section: object) -> str:
+    """Return what keeps an object from being a section; empty if nothing does."""
+    if not isinstance(section, ReportSection):
+        return "is no ReportSection"
+    if not re.fullmatch("[a-z][a-z0-9_]*", section.name):
+        return "has a name that is not of small letters, digits and underscores"
+    return "" if section.title else "does not tell its 'title'"

@@ -68,4 +68,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return made
 
 
-SECTION = ReportSection("axes", "Positioning of the axes (ISO 230-2)", _tell, _document)
+SECTION = ReportSection("axes", "Positioning of the axes (ISO 230-2)", 60, _tell, _document)

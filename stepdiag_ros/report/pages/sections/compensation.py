@@ -69,4 +69,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return made
 
 
-SECTION = ReportSection("compensation", "What compensation would leave", _tell, _document)
+SECTION = ReportSection("compensation", "What compensation would leave", 120, _tell, _document)

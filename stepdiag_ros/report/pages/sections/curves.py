@@ -100,4 +100,4 @@ def _document(material: Material) -> dict[str, Any]:
     return report_document(material.report, material.lead)
 
 
-SECTION = ReportSection("curves", "Error curves", _tell, _document)
+SECTION = ReportSection("curves", "Error curves", 30, _tell, _document, by_tracker=True)

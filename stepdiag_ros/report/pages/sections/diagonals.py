@@ -37,4 +37,4 @@ def _tell(material: Material) -> SectionContent | str:
     return SectionContent({"groups": groups, "sentences": said}, drawings)
 
 
-SECTION = ReportSection("diagonals", "Displacement along diagonals (ISO 230-6)", _tell)
+SECTION = ReportSection("diagonals", "Displacement along diagonals (ISO 230-6)", 70, _tell)

@@ -96,4 +96,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return None if material.diagnosis is None else diagnosis_document(material.diagnosis)
 
 
-SECTION = ReportSection("discrepancy", "Does the model explain the run?", _tell, _document)
+SECTION = ReportSection("discrepancy", "Does the model explain the run?", 110, _tell, _document)

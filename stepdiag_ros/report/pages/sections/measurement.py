@@ -264,4 +264,6 @@ def _document(material: Material) -> dict[str, Any]:
     }
 
 
-SECTION = ReportSection("measurement", "What was measured, and how", _tell, _document)
+SECTION = ReportSection(
+    "measurement", "What was measured, and how", 10, _tell, _document, by_tracker=True
+)

@@ -150,4 +150,4 @@ def _document(material: Material) -> dict[str, Any]:
     }
 
 
-SECTION = ReportSection("readings", "Readings and repeatability", _tell, _document)
+SECTION = ReportSection("readings", "Readings and repeatability", 20, _tell, _document)

@@ -51,4 +51,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return {"method": preferred.method, "sign": SIGN_DEFINITIONS["rotation"]}
 
 
-SECTION = ReportSection("squareness", "Squareness", _tell, _document)
+SECTION = ReportSection("squareness", "Squareness", 50, _tell, _document)

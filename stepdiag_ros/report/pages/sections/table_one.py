@@ -27,4 +27,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return None if material.experiment is None else experiment_document(material.experiment)
 
 
-SECTION = ReportSection("table_one", "Table 1 of Ibaraki & Hata", _tell, _document)
+SECTION = ReportSection("table_one", "Table 1 of Ibaraki & Hata", 40, _tell, _document)

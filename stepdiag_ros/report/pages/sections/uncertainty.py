@@ -66,4 +66,4 @@ def _document(material: Material) -> dict[str, Any] | None:
     return None if material.budget is None else budget_document(material.budget)
 
 
-SECTION = ReportSection("uncertainty", "Uncertainty budget", _tell, _document)
+SECTION = ReportSection("uncertainty", "Uncertainty budget", 90, _tell, _document)

@@ -61,4 +61,4 @@ def _document(material: Material) -> dict[str, Any]:
     return unknowns(material)
 
 
-SECTION = ReportSection("unknown", "What is not known", _tell, _document)
+SECTION = ReportSection("unknown", "What is not known", 130, _tell, _document)

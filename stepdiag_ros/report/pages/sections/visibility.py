@@ -21,4 +21,4 @@ def _tell(material: Material) -> SectionContent | str:
     )
 
 
-SECTION = ReportSection("visibility", "What these lines can tell", _tell)
+SECTION = ReportSection("visibility", "What these lines can tell", 100, _tell)

@@ -91,4 +91,4 @@ def _method(material: Material) -> str | None:
     return None if preferred is None else preferred.method
 
 
-SECTION = ReportSection("volume", "Errors in the volume", _tell, _document)
+SECTION = ReportSection("volume", "Errors in the volume", 80, _tell, _document)
