@@ -44,7 +44,7 @@ def run(arguments: Namespace) -> int:
     with progress_bar(f"checking {arguments.bag.name}"):
         info = bag_info(arguments.bag, arguments.run_id)
     if arguments.json:
-        print(schemas.json_text(schemas.document("info", info.as_dict())))
+        print(schemas.json_text(schemas.document("info", info.document())))
     else:
         _print(info)
     if info.problem:

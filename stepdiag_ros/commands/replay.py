@@ -10,6 +10,7 @@ from stepdiag_ros.commands.output import add_run_option, number, progress_bar, s
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
+    from stepdiag_ros.schemas.replay import Document
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -83,12 +84,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 1
 
 
-def _document(bag: Path, played: "Played") -> dict[str, object]:
-    return {
-        "bag": str(bag),
-        "messages": played.messages,
-        "recorded_seconds": played.recorded_seconds,
-        "real_seconds": played.real_seconds,
-        "same": played.same,
-        "differences": played.differences,
-    }
+def _document(bag: Path, played: "Played") -> "Document":
+    from stepdiag_ros.schemas.replay import Document
+
+    return Document(
+        bag=str(bag),
+        messages=played.messages,
+        recorded_seconds=played.recorded_seconds,
+        real_seconds=played.real_seconds,
+        same=played.same,
+        differences=played.differences,
+    )

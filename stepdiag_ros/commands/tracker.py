@@ -288,14 +288,16 @@ def run_plan(arguments: Namespace) -> int:
             formats,
         )
     if arguments.json:
-        content = {
-            "files": [str(path) for path in files],
-            "places": len(readings),
-            "durations": [
-                None if isinstance(one, str) else {"tracker": one.tracker, "laser": one.laser}
+        from stepdiag_ros.schemas.tracker_plan import Document, Duration
+
+        content = Document(
+            files=[str(path) for path in files],
+            places=len(readings),
+            durations=[
+                None if isinstance(one, str) else Duration(tracker=one.tracker, laser=one.laser)
                 for one in durations
             ],
-        }
+        )
         print(schemas.json_text(schemas.document("tracker_plan", content)))
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
@@ -357,7 +359,9 @@ def run_simulate(arguments: Namespace) -> int:
     _refuse_overwriting([target], arguments.force)
     write_results(target.parent, {target.name: table_text(readings)}, dict, ())
     if arguments.json:
-        content = {"table": str(target), "readings": len(readings)}
+        from stepdiag_ros.schemas.tracker_readings import Document
+
+        content = Document(table=str(target), readings=len(readings))
         print(schemas.json_text(schemas.document("tracker_readings", content)))
     else:
         print(f"{target}: {len(readings)} readings")

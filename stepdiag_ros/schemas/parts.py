@@ -10,6 +10,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from stepdiag_ros.schemas import identifier
+
 Number = float | None
 """Unknown is NaN in Python, ``null`` in the document."""
 Uncertainty = Annotated[float, Meta(ge=0)] | None
@@ -24,6 +26,16 @@ Text = Annotated[str, Meta(min_length=1)] | None
 def means(text: str) -> Meta:
     """Return the meaning of a field, with its unit."""
     return Meta(description=text)
+
+
+def document_of(name: str, part: str = "") -> Meta:
+    """Return the rule that a field is a document of its own.
+
+    Args:
+        name: of its schema.
+        part: of that document alone, as a JSON pointer into its schema.
+    """
+    return Meta(extra_json_schema={"$ref": identifier(name) + part})
 
 
 def one_of(*values: str | float) -> Meta:

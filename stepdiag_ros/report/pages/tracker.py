@@ -42,6 +42,7 @@ from stepdiag_ros.report.tables.tracker import (
     separation_table,
     squareness_rows,
 )
+from stepdiag_ros.schemas.tracker_report import Document, Summary, Tracker
 from stepdiag_ros.words.positioning import decimals_of
 from stepdiag_ros.words.tracker import joint_values, sentences_of
 
@@ -209,24 +210,24 @@ class TrackerHandover:
         recorded, report, lead = self._material.recorded, self._material.report, self.lead
         tracker = recorded.plan.tracker
         assert tracker is not None and measurement.SECTION.document is not None
-        content = {
-            "run_id": recorded.run_id or None,
-            "machine": report.machine or None,
-            "chain": report.chain or None,
-            "plan": recorded.plan.name or None,
-            "simulated": report.simulated,
-            "summary": {"headline": lead.headline, "sentences": list(lead.sentences)},
-            "measurement": measurement.SECTION.document(self._material),
-            "tracker": {
-                "name": tracker.name,
-                "held_by": tracker.held_by,
-                "length_noise": tracker.length_noise,
-                "length_proportional": tracker.length_proportional,
-                "places": {name: list(at) for name, at in stations_in(recorded.plan).items()},
-            },
-            "stations": [tracker_document(one) for one in self._stations],
-            "grid": None if self._stations else report_document(report),
-        }
+        content = Document(
+            run_id=recorded.run_id or None,
+            machine=report.machine or None,
+            chain=report.chain or None,
+            plan=recorded.plan.name or None,
+            simulated=report.simulated,
+            summary=Summary(headline=lead.headline, sentences=lead.sentences),
+            measurement=measurement.SECTION.document(self._material),
+            tracker=Tracker(
+                name=tracker.name,
+                held_by=tracker.held_by,
+                length_noise=tracker.length_noise,
+                length_proportional=tracker.length_proportional,
+                places={name: list(at) for name, at in stations_in(recorded.plan).items()},
+            ),
+            stations=[tracker_document(one) for one in self._stations],
+            grid=None if self._stations else report_document(report),
+        )
         return schemas.document("tracker_report", content)
 
 
