@@ -128,7 +128,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.budget import budget_json
     from stepdiag_ros.report.publish import results_folder, write_results
     from stepdiag_ros.report.tables.budget import print_budget
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     instrument = Instrument()
     if arguments.instrument is not None:

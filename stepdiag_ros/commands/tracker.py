@@ -223,8 +223,8 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.planning.tracker_program import tracker_program
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables.run import make_console
     from stepdiag_ros.report.tables.tracker_plan import duration_sentences, print_test
+    from stepdiag_ros.text.console import make_console
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
@@ -381,7 +381,7 @@ def run_figures(arguments: Namespace) -> int:
     def tell(console: Any) -> None:
         console.print(location_table(five.location))
         for text in figure_sentences(four, five):
-            console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+            console.sentence(text)
 
     return show(
         "tracker_figures",

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import completeness_of, incomplete_sentences
@@ -23,11 +22,8 @@ from stepdiag_ros.report.pages.material import Material, unsolved
 from stepdiag_ros.report.pages.page import (
     Fact,
     Lead,
-    TableView,
     chapter,
     page,
-    table_view,
-    table_views,
 )
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio
 from stepdiag_ros.report.pages.section import SectionContent
@@ -43,6 +39,7 @@ from stepdiag_ros.report.tables.tracker import (
     squareness_rows,
 )
 from stepdiag_ros.schemas.tracker_report import Document, Summary, Tracker
+from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.positioning import decimals_of
 from stepdiag_ros.words.tracker import joint_values, sentences_of
 
@@ -64,10 +61,10 @@ class _Part:
     key: str
     title: str
     sentences: tuple[str, ...] = ()
-    tables: tuple[TableView, ...] = ()
+    tables: tuple[Table, ...] = ()
     drawings: Mapping[str, Drawing] = field(default_factory=dict)
     folded_title: str = ""
-    folded: tuple[TableView, ...] = ()
+    folded: tuple[Table, ...] = ()
 
 
 class TrackerHandover:
@@ -268,7 +265,7 @@ def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
     together = (
         []
         if joint is None
-        else [table_view(joint_table(joint, report.truth), f"{_TOGETHER}{where}")]
+        else [replace(joint_table(joint, report.truth), title=f"{_TOGETHER}{where}")]
     )
     best = result.corrected or result.located
     return [
@@ -323,6 +320,6 @@ def _parts_of(report: TrackerReport, number: int) -> list[_Part]:
     ]
 
 
-def _views(where: str, *tables: Table | None) -> tuple[TableView, ...]:
+def _views(where: str, *tables: Table | None) -> tuple[Table, ...]:
     """Return those tables that are there; of several stations each title says of which it is."""
-    return tuple(replace(view, title=f"{view.title}{where}") for view in table_views(tables))
+    return tuple(replace(view, title=f"{view.title}{where}") for view in with_rows(tables))
