@@ -24,6 +24,7 @@ from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.metrology.time_alignment import RunTiming
 from stepdiag_ros.schemas import info as parts
 from stepdiag_ros.schemas import lead, seal_check
+from stepdiag_ros.schemas.parts import part_of
 
 
 @dataclass(frozen=True)
@@ -126,27 +127,19 @@ class BagInfo:
     def document(self) -> parts.Document:
         """Return the summary as a document; times in ns, duration in s, size in bytes."""
         header = self.header
-        return parts.Document(
+        return part_of(
+            parts.Document,
+            self,
             path=str(self.path),
-            size=self.size,
-            complete=self.complete,
-            intact=self.intact,
-            problem=self.problem,
             run=None if header is None else header.metadata(),
             runs=[parts.RunInBag(**run._asdict()) for run in self.runs],
             attachments=[]
             if header is None
             else [attachment.name for attachment in header.attachments()],
-            start_time=self.start_time,
-            end_time=self.end_time,
-            duration=self.duration,
-            messages=self.messages,
             topics=[
                 parts.Topic(name=name, type=type_name, messages=count)
                 for name, (type_name, count) in self.topics.items()
             ],
-            repetitions=self.repetitions,
-            lines=self.lines,
             diagnosis=self.diagnosis or None,
             recording=[lead.Flaw(**flaw.as_dict()) for flaw in self.flaws],
             seal=None if self.seal is None else seal_check.Seal(**self.seal.as_dict()),
@@ -155,20 +148,16 @@ class BagInfo:
             ],
             missing_readings=sum(gap.missing for gap in self.gaps),
             samples=[
-                parts.Samples(
+                part_of(
+                    parts.Samples,
+                    check,
                     namespace=namespace,
-                    blocks=check.blocks,
-                    samples=check.samples,
-                    rate=check.rate,
-                    missing=check.missing,
                     readings_made_again=check.made,
                     readings_different=check.different,
                 )
                 for namespace, check in self.samples.items()
             ],
             timing=_timing(self.timing),
-            chunks=self.chunks,
-            data_checksum=self.data_checksum,
         )
 
 
@@ -266,17 +255,12 @@ def _timing(timing: RunTiming | None) -> parts.Timing | None:
     if timing is None:
         return None
     offset = timing.offset
-    return parts.Timing(
-        offset=offset.offset,
-        standard_uncertainty=offset.standard_uncertainty,
-        expanded_uncertainty=offset.expanded_uncertainty,
-        degrees_of_freedom=offset.degrees_of_freedom,
-        moves=offset.moves,
+    return part_of(
+        parts.Timing,
+        offset,
         lines=len(timing.lines),
         drift=timing.drift,
         drift_uncertainty=timing.drift_uncertainty,
-        others=offset.others,
-        reason=offset.reason,
     )
 
 

@@ -85,13 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _document(bag: Path, played: "Played") -> "Document":
+    from stepdiag_ros.schemas.parts import part_of
     from stepdiag_ros.schemas.replay import Document
 
-    return Document(
+    return part_of(
+        Document,
+        played,
         bag=str(bag),
-        messages=played.messages,
-        recorded_seconds=played.recorded_seconds,
-        real_seconds=played.real_seconds,
-        same=played.same,
-        differences=played.differences,
     )

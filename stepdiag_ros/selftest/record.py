@@ -10,6 +10,7 @@ from typing import Any
 
 from stepdiag_ros import __version__, schemas
 from stepdiag_ros.schemas import selftest
+from stepdiag_ros.schemas.parts import part_of
 
 PASSED, FAILED = "pass", "FAIL"
 
@@ -90,31 +91,17 @@ class SelftestRecord:
 
     def document(self) -> dict[str, Any]:
         """Return the record as a mapping for JSON; what is no number is ``null``."""
-        content = selftest.Document(
-            passed=self.passed,
-            date=self.date,
-            seed=self.seed,
+        content = part_of(
+            selftest.Document,
+            self,
             seconds=round(self.seconds, 3),
             false_alarm_probability=self.false_alarm,
-            platform=self.platform,
             problems=[
-                selftest.Problem(
-                    number=problem.number,
-                    kind=problem.kind,
-                    description=problem.description,
-                    passed=problem.passed,
+                part_of(
+                    selftest.Problem,
+                    problem,
                     failure=problem.failure or None,
-                    checks=[
-                        selftest.Check(
-                            what=check.what,
-                            deviation=check.deviation,
-                            limit=check.limit,
-                            unit=check.unit,
-                            why=check.why,
-                            passed=check.passed,
-                        )
-                        for check in problem.checks
-                    ],
+                    checks=[part_of(selftest.Check, check) for check in problem.checks],
                 )
                 for problem in self.problems
             ],

@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import AxisSeparation
 from stepdiag_ros.schemas import tracker_figures
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.tracker import sentences_of
 
 
@@ -66,17 +67,15 @@ def _curve(one: FigureCurve) -> tracker_figures.Curve:
 
 def _location(location: Location) -> tracker_figures.Location:
     fit = location.adjustment
-    return tracker_figures.Location(
+    return part_of(
+        tracker_figures.Location,
+        fit,
         position=location.position.tolist(),
         start_length=location.start_length,
         covariance=location.covariance.tolist(),
         linear=location.linear.tolist(),
         residuals=fit.residuals.tolist(),
         standardised_residuals=fit.standardised.tolist(),
-        degrees_of_freedom=fit.degrees_of_freedom,
-        chi_squared=fit.chi_squared,
-        coverage_factor=fit.coverage_factor,
-        condition=fit.condition,
         dilution=location.dilution,
         warnings=location.warnings,
     )

@@ -38,6 +38,7 @@ from stepdiag_ros.report.tables.tracker import (
     separation_table,
     squareness_rows,
 )
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.tracker_report import Document, Summary, Tracker
 from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.positioning import decimals_of
@@ -215,11 +216,9 @@ class TrackerHandover:
             simulated=report.simulated,
             summary=Summary(headline=lead.headline, sentences=lead.sentences),
             measurement=measurement.SECTION.document(self._material),
-            tracker=Tracker(
-                name=tracker.name,
-                held_by=tracker.held_by,
-                length_noise=tracker.length_noise,
-                length_proportional=tracker.length_proportional,
+            tracker=part_of(
+                Tracker,
+                tracker,
                 places={name: list(at) for name, at in stations_in(recorded.plan).items()},
             ),
             stations=[tracker_document(one) for one in self._stations],
