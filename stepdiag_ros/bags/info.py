@@ -23,7 +23,9 @@ from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.time_alignment import RunTiming
-from stepdiag_ros.schemas import number
+from stepdiag_ros.schemas import info as parts
+from stepdiag_ros.schemas import lead, seal_check
+from stepdiag_ros.schemas.parts import part_of
 
 
 @dataclass(frozen=True)
@@ -123,53 +125,41 @@ class BagInfo:
         """Return the number of messages."""
         return sum(count for _, count in self.topics.values())
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the summary as plain data for JSON; times in ns, duration in s, size in bytes."""
+    def document(self) -> parts.Document:
+        """Return the summary as a document; times in ns, duration in s, size in bytes."""
         header = self.header
-        return {
-            "path": str(self.path),
-            "size": self.size,
-            "complete": self.complete,
-            "intact": self.intact,
-            "problem": self.problem,
-            "run": None if header is None else header.metadata(),
-            "runs": [run._asdict() for run in self.runs],
-            "attachments": []
+        return part_of(
+            parts.Document,
+            self,
+            path=str(self.path),
+            run=None if header is None else header.metadata(),
+            runs=[parts.RunInBag(**run._asdict()) for run in self.runs],
+            attachments=[]
             if header is None
             else [attachment.name for attachment in header.attachments()],
-            "start_time": self.start_time,
-            "end_time": self.end_time,
-            "duration": self.duration,
-            "messages": self.messages,
-            "topics": [
-                {"name": name, "type": type_name, "messages": count}
+            topics=[
+                parts.Topic(name=name, type=type_name, messages=count)
                 for name, (type_name, count) in self.topics.items()
             ],
-            "repetitions": self.repetitions,
-            "lines": list(self.lines),
-            "diagnosis": self.diagnosis or None,
-            "recording": [flaw.as_dict() for flaw in self.flaws],
-            "seal": None if self.seal is None else self.seal.as_dict(),
-            "gaps": [
-                {"after": gap.after, "before": gap.before, "time": gap.time} for gap in self.gaps
+            diagnosis=self.diagnosis or None,
+            recording=[lead.Flaw(**flaw.as_dict()) for flaw in self.flaws],
+            seal=None if self.seal is None else seal_check.Seal(**self.seal.as_dict()),
+            gaps=[
+                parts.Gap(after=gap.after, before=gap.before, time=gap.time) for gap in self.gaps
             ],
-            "missing_readings": sum(gap.missing for gap in self.gaps),
-            "samples": [
-                {
-                    "namespace": namespace,
-                    "blocks": check.blocks,
-                    "samples": check.samples,
-                    "rate": check.rate,
-                    "missing": check.missing,
-                    "readings_made_again": check.made,
-                    "readings_different": check.different,
-                }
+            missing_readings=sum(gap.missing for gap in self.gaps),
+            samples=[
+                part_of(
+                    parts.Samples,
+                    check,
+                    namespace=namespace,
+                    readings_made_again=check.made,
+                    readings_different=check.different,
+                )
                 for namespace, check in self.samples.items()
             ],
-            "timing": _timing_as_dict(self.timing),
-            "chunks": self.chunks,
-            "data_checksum": self.data_checksum,
-        }
+            timing=_timing(self.timing),
+        )
 
 
 def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
@@ -262,22 +252,17 @@ def _add_timing(info: BagInfo, run_id: str | None) -> None:
     info.timing, info.settle = timing_of(run), run.plan.sampling.settle
 
 
-def _timing_as_dict(timing: RunTiming | None) -> dict[str, Any] | None:
+def _timing(timing: RunTiming | None) -> parts.Timing | None:
     if timing is None:
         return None
     offset = timing.offset
-    return {
-        "offset": number(offset.offset),
-        "standard_uncertainty": number(offset.standard_uncertainty),
-        "expanded_uncertainty": number(offset.expanded_uncertainty),
-        "degrees_of_freedom": offset.degrees_of_freedom,
-        "moves": offset.moves,
-        "lines": len(timing.lines),
-        "drift": number(timing.drift),
-        "drift_uncertainty": number(timing.drift_uncertainty),
-        "others": list(offset.others),
-        "reason": offset.reason,
-    }
+    return part_of(
+        parts.Timing,
+        offset,
+        lines=len(timing.lines),
+        drift=timing.drift,
+        drift_uncertainty=timing.drift_uncertainty,
+    )
 
 
 def _runs_of(bag: Bag) -> list[RunInBag]:

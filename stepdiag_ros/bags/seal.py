@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.schemas.seal import Document
 from stepdiag_ros.text.intake import parse_json
 
 SUFFIX = ".sig"
@@ -139,7 +140,7 @@ def seal(path: Path, key_path: Path, words: str = "") -> Path:
     }
     content["signature"] = base64.b64encode(key.sign(_signed(content))).decode()
     with target.open("x", encoding="utf-8") as file:
-        file.write(schemas.json_text(schemas.document("seal", content)) + "\n")
+        file.write(schemas.json_text(schemas.document("seal", Document(**content))) + "\n")
     return target
 
 

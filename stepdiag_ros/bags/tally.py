@@ -11,7 +11,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
@@ -62,7 +62,7 @@ class Flaw(NamedTuple):
     sentence: str
     messages: Mapping[str, int] = {}
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the flaw as plain data for JSON."""
         return {"kind": self.kind, "sentence": self.sentence, "messages": dict(self.messages)}
 

@@ -3,7 +3,7 @@
 import argparse
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, add_common
@@ -11,6 +11,7 @@ from stepdiag_ros.commands.output import say, warn_of_undetermined
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.hand_run import HandRun
+    from stepdiag_ros.schemas.by_hand import Document
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -103,33 +104,35 @@ def _given_lines(arguments: Namespace, count: int) -> list[list[int]]:
     return [list(range(first - 1, last)) for first, last in arguments.lines]
 
 
-def _document(found: "HandRun", target: Path, run_id: str) -> dict[str, Any]:
+def _document(found: "HandRun", target: Path, run_id: str) -> "Document":
+    from stepdiag_ros.schemas.by_hand import Document, Line, Recording
+
     measured = {line.line_index: line for line in found.lines}
-    return {
-        "bag": str(target),
-        "run_id": run_id,
-        "recordings": [
-            {
-                "file": str(recording.path),
-                "readings": len(recording.readings),
-                "rests": len(one.rests),
-                "hint": one.hint,
-            }
+    return Document(
+        bag=str(target),
+        run_id=run_id,
+        recordings=[
+            Recording(
+                file=str(recording.path),
+                readings=len(recording.readings),
+                rests=len(one.rests),
+                hint=one.hint,
+            )
             for recording, one in zip(found.recordings, found.found, strict=True)
         ],
-        "lines": [
-            {
-                "line": str(found.plan.lines[line.line_index]),
-                "line_index": line.line_index,
-                "found": line.line_index in measured,
-                "complete": line.line_index in measured and measured[line.line_index].complete,
-                "refusal": line.refusal,
-                "remarks": list(line.remarks),
-            }
+        lines=[
+            Line(
+                line=str(found.plan.lines[line.line_index]),
+                line_index=line.line_index,
+                found=line.line_index in measured,
+                complete=line.line_index in measured and measured[line.line_index].complete,
+                refusal=line.refusal,
+                remarks=line.remarks,
+            )
             for line in found.looked_for
         ],
-        "remarks": list(found.words),
-    }
+        remarks=found.words,
+    )
 
 
 COMMAND = Command(

@@ -67,7 +67,7 @@ def run(arguments: Namespace) -> int:
     """Compare; see the module."""
     from stepdiag_ros.report.documents.changes import changes_json
     from stepdiag_ros.report.tables.changes import print_changes
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     report = report_of(arguments)
     if arguments.html or arguments.pdf or arguments.output is not None:
@@ -189,7 +189,7 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
     from stepdiag_ros.report.documents.changes import changes_json
     from stepdiag_ros.report.publish import make_folder, whole_file, without_trailing_blanks
     from stepdiag_ros.report.tables.changes import print_changes
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     text = io.StringIO()
     print_changes(report, make_console(text))

@@ -58,7 +58,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.experiment import experiment_json
     from stepdiag_ros.report.publish import experiment_texts, write_results
     from stepdiag_ros.report.tables.experiment import print_experiment
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     direct = read_direct(read_text(arguments.measured), str(arguments.measured))
     report = report_of(arguments.bag, run_id=arguments.run_id)

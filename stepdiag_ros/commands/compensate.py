@@ -179,7 +179,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.compensation import control
     from stepdiag_ros.report.documents.compensation import compensation_json
     from stepdiag_ros.report.tables.compensation import print_compensation
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     chosen = control(arguments.control)
     if arguments.list_settings:

@@ -94,7 +94,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.diagnosis import diagnosis_json
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.report.tables.diagnosis import print_diagnosis
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     for path, what in ((arguments.extend, "model"), (arguments.propose, "plan")):
         if path is not None and path.exists():

@@ -51,11 +51,13 @@ def run(arguments: Namespace) -> int:
                 arguments.bag, folder / "attachments", overwrite=arguments.overwrite
             )
     if arguments.json:
-        document = {
-            "bag": str(arguments.bag),
-            "files": [str(path) for path in files],
-            "remarks": list(report.remarks),
-        }
+        from stepdiag_ros.schemas.export import Document
+
+        document = Document(
+            bag=str(arguments.bag),
+            files=[str(path) for path in files],
+            remarks=report.remarks,
+        )
         print(schemas.json_text(schemas.document("export", document)))
     else:
         for path in files:

@@ -12,11 +12,10 @@ from stepdiag_ros.commands.output import progress_bar
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rich.table import Table
-
     from stepdiag_ros.bags.info import BagInfo, RunInBag, SequenceGap
     from stepdiag_ros.bags.sample_check import SampleCheck
     from stepdiag_ros.metrology.time_alignment import RunTiming
+    from stepdiag_ros.text.table import Table
 
 _MOST_GAPS = 10
 
@@ -34,7 +33,7 @@ def run(arguments: Namespace) -> int:
     with progress_bar(f"checking {arguments.bag.name}"):
         info = bag_info(arguments.bag, arguments.run_id)
     if arguments.json:
-        print(schemas.json_text(schemas.document("info", info.as_dict())))
+        print(schemas.json_text(schemas.document("info", info.document())))
     else:
         _print(info)
     if info.problem:
@@ -43,7 +42,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _print(info: "BagInfo") -> None:
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     console = make_console(sys.stdout)
     rows = [("File", f"{info.path}, {info.size:,} bytes")]
@@ -157,11 +156,10 @@ def _timing(timing: "RunTiming", settle: float) -> str:
 
 
 def _topics(info: "BagInfo") -> "Table":
-    from rich import box
-    from rich.table import Table
+    from stepdiag_ros.text.table import Column, Table
 
-    table = Table("topic", "type", "messages", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.columns[2].justify = "right"
+    columns = [Column("topic", wraps=True), Column("type", wraps=True)]
+    table = Table("", [*columns, Column("messages", number=True, wraps=True)], gap=3)
     for name, (type_name, count) in info.topics.items():
         table.add_row(name, type_name, str(count))
     return table

@@ -132,25 +132,21 @@ def _lead(measured: "RunOutcome") -> "RunLead":
 
 def _show(measured: "RunOutcome", as_json: bool) -> None:
     from stepdiag_ros.report.documents.lead import lead_document
+    from stepdiag_ros.schemas.measurement import Document
+    from stepdiag_ros.schemas.parts import part_of
     from stepdiag_ros.words.lead import next_lines, sentences_of
 
     lead = _lead(measured)
     bag = None if measured.bag is None else str(measured.bag)
     if as_json:
-        document = {
-            "run_id": measured.run_id,
-            "outcome": measured.outcome.name.lower(),
-            "text": measured.text,
-            "stops_done": measured.stops_done,
-            "stops_total": measured.stops_total,
-            "incomplete": list(measured.incomplete),
-            "verdict": measured.verdict,
-            "sentence": measured.sentence,
-            "bag": bag,
-            "bag_closed": measured.bag_closed,
-            "bag_text": measured.bag_text,
-            "lead": lead_document(lead),
-        }
+        document = part_of(
+            Document,
+            measured,
+            outcome=measured.outcome.name.lower(),
+            incomplete=list(measured.incomplete),
+            bag=bag,
+            lead=lead_document(lead),
+        )
         print(schemas.json_text(schemas.document("measurement", document)))
         return
     print(f"run:     {measured.run_id}")

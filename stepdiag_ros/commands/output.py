@@ -166,7 +166,8 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
     """
     from stepdiag_ros.report.documents.run import report_json
     from stepdiag_ros.report.publish import publish
-    from stepdiag_ros.report.tables.run import make_console, print_report
+    from stepdiag_ros.report.tables.run import print_report
+    from stepdiag_ros.text.console import make_console
 
     folder = arguments.output or default_folder
     formats = picture_formats(arguments)

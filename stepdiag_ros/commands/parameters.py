@@ -54,11 +54,9 @@ def _node(name: str) -> DeclaredNode:
 
 
 def _print(nodes: list[DeclaredNode]) -> None:
-    from rich import box
-    from rich.table import Table
-
     from stepdiag_ros.parameters.documents import COLUMNS, row
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
+    from stepdiag_ros.text.table import Column, Table
 
     console = make_console(sys.stdout)
     for node in nodes:
@@ -66,9 +64,8 @@ def _print(nodes: list[DeclaredNode]) -> None:
         if not node.parameters:
             console.print("  no parameters of its own\n")
             continue
-        table = Table(*COLUMNS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        for column in table.columns[:-1]:
-            column.no_wrap = True
+        table = Table("", [Column(name) for name in COLUMNS])
+        table.columns[-1].wraps = True
         for declaration in node.parameters:
             table.add_row(*row(declaration))
         console.print(table)

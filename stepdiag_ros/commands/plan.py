@@ -194,7 +194,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.plan import assessment_json
     from stepdiag_ros.report.plan_files import write_new
     from stepdiag_ros.report.tables.plan import print_assessment
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     _refuse_what_does_not_go_together(arguments)
     machine = _machine(arguments)

@@ -23,6 +23,8 @@ def _add_options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Recover the bag; see the module."""
     from stepdiag_ros.bags.recover import default_target, recover
+    from stepdiag_ros.schemas.parts import part_of
+    from stepdiag_ros.schemas.recovery import Document
 
     target = arguments.target or default_target(arguments.bag)
     with progress_bar(f"recovering {arguments.bag.name}"):
@@ -33,20 +35,14 @@ def run(arguments: Namespace) -> int:
     duration = math.nan
     if report.start_time is not None and report.end_time is not None:
         duration = (report.end_time - report.start_time) / 1e9
-    document = {
-        "source": str(report.source),
-        "target": str(report.target),
-        "source_was_closed": report.was_closed,
-        "messages": report.messages,
-        "messages_lost": report.messages_lost,
-        "lost_is_known": report.lost_is_known,
-        "damaged_chunks": report.damaged_chunks,
-        "unreadable_bytes": report.unreadable_bytes,
-        "attachments": report.attachments,
-        "topics": report.topics,
-        "duration_s": schemas.number(duration),
-        "losses": report.losses,
-    }
+    document = part_of(
+        Document,
+        report,
+        source=str(report.source),
+        target=str(report.target),
+        source_was_closed=report.was_closed,
+        duration_s=duration,
+    )
     print(schemas.json_text(schemas.document("recovery", document)))
     for loss in report.losses:
         say(loss)

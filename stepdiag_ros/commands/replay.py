@@ -11,6 +11,7 @@ from stepdiag_ros.commands.output import number, progress_bar, say
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.player import Played
+    from stepdiag_ros.schemas.replay import Document
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
@@ -71,15 +72,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 1
 
 
-def _document(bag: Path, played: "Played") -> dict[str, object]:
-    return {
-        "bag": str(bag),
-        "messages": played.messages,
-        "recorded_seconds": played.recorded_seconds,
-        "real_seconds": played.real_seconds,
-        "same": played.same,
-        "differences": played.differences,
-    }
+def _document(bag: Path, played: "Played") -> "Document":
+    from stepdiag_ros.schemas.parts import part_of
+    from stepdiag_ros.schemas.replay import Document
+
+    return part_of(
+        Document,
+        played,
+        bag=str(bag),
+    )
 
 
 COMMAND = Command(

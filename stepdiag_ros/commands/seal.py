@@ -23,6 +23,7 @@ def _add_options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Make a key, seal a file, or check its seal; see the module."""
     from stepdiag_ros.bags.seal import new_key, read_seal, seal, seal_path
+    from stepdiag_ros.schemas.seal_check import Document
 
     if arguments.new_key is not None:
         if arguments.bag is not None or arguments.key is not None:
@@ -40,7 +41,7 @@ def run(arguments: Namespace) -> int:
         there = "" if arguments.bag.exists() else "; there is no such file"
         raise ValueError(f"{arguments.bag} has no seal ({seal_path(arguments.bag).name}){there}")
     if arguments.json:
-        print(schemas.json_text(schemas.document("seal_check", found.as_dict())))
+        print(schemas.json_text(schemas.document("seal_check", Document(**found.as_dict()))))
     elif found.right:
         print(f"{seal_path(arguments.bag)}: {found.text}")
     if not found.right:

@@ -44,9 +44,9 @@ def run(arguments: Namespace) -> int:
     import secrets
     import sys
 
-    from stepdiag_ros.report.tables.run import make_console
     from stepdiag_ros.selftest.session import run_selftest
     from stepdiag_ros.selftest.text import print_record
+    from stepdiag_ros.text.console import make_console
 
     if arguments.output is not None and not arguments.output.parent.is_dir():
         raise ValueError(f"{arguments.output}: the folder {arguments.output.parent} does not exist")

@@ -13,7 +13,7 @@ from stepdiag_ros.commands.output import progress_bar, say
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-    from stepdiag_ros.report.tables.run import PlainConsole
+    from stepdiag_ros.text.console import PlainConsole
 
 _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 
@@ -60,7 +60,7 @@ def show(
         default_folder: where results go if the user named no folder.
     """
     from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     folder = arguments.output or default_folder
     formats = picture_formats(arguments)

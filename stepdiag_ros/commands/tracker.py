@@ -209,8 +209,8 @@ def run_plan(arguments: Namespace) -> int:
     from stepdiag_ros.planning.tracker_program import tracker_program
     from stepdiag_ros.plots.tracker import tracker_space
     from stepdiag_ros.report.publish import write_results
-    from stepdiag_ros.report.tables.run import make_console
     from stepdiag_ros.report.tables.tracker_plan import duration_sentences, print_test
+    from stepdiag_ros.text.console import make_console
 
     tracker, _ = load_tracker(arguments.tracker)
     box = _box(arguments)
@@ -274,14 +274,16 @@ def run_plan(arguments: Namespace) -> int:
             formats,
         )
     if arguments.json:
-        content = {
-            "files": [str(path) for path in files],
-            "places": len(readings),
-            "durations": [
-                None if isinstance(one, str) else {"tracker": one.tracker, "laser": one.laser}
+        from stepdiag_ros.schemas.tracker_plan import Document, Duration
+
+        content = Document(
+            files=[str(path) for path in files],
+            places=len(readings),
+            durations=[
+                None if isinstance(one, str) else Duration(tracker=one.tracker, laser=one.laser)
                 for one in durations
             ],
-        }
+        )
         print(schemas.json_text(schemas.document("tracker_plan", content)))
     else:
         say(f"written into {arguments.output}: {', '.join(path.name for path in files)}")
@@ -343,7 +345,9 @@ def run_simulate(arguments: Namespace) -> int:
     _refuse_overwriting([target], arguments.force)
     write_results(target.parent, {target.name: table_text(readings)}, dict, ())
     if arguments.json:
-        content = {"table": str(target), "readings": len(readings)}
+        from stepdiag_ros.schemas.tracker_readings import Document
+
+        content = Document(table=str(target), readings=len(readings))
         print(schemas.json_text(schemas.document("tracker_readings", content)))
     else:
         print(f"{target}: {len(readings)} readings")
@@ -363,7 +367,7 @@ def run_figures(arguments: Namespace) -> int:
     def tell(console: Any) -> None:
         console.print(location_table(five.location))
         for text in figure_sentences(four, five):
-            console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+            console.sentence(text)
 
     return show(
         "tracker_figures",

@@ -53,7 +53,7 @@ def _is_screen() -> bool:
 def _make_screen(
     state: "PageState", source: Callable[[], str], clock: Callable[[], datetime]
 ) -> "Screen":
-    from stepdiag_ros.report.tables.run import PlainConsole
+    from stepdiag_ros.text.console import PlainConsole
     from stepdiag_ros.viewers.terminal.page import Heading
     from stepdiag_ros.viewers.terminal.screen import Screen
 

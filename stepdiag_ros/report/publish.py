@@ -12,7 +12,8 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report.documents.experiment import experiment_json
 from stepdiag_ros.report.documents.run import report_json
-from stepdiag_ros.report.tables.run import make_console, print_report
+from stepdiag_ros.report.tables.run import print_report
+from stepdiag_ros.text.console import make_console
 from stepdiag_ros.words.squareness import SignDefinition
 
 if TYPE_CHECKING:
@@ -174,7 +175,7 @@ def without_trailing_blanks(text: str) -> str:
 def experiment_texts(experiment: Experiment) -> dict[str, str]:
     """Return the files ``table_1.txt`` and ``table_1.json`` by their names."""
     from stepdiag_ros.report.tables.experiment import print_experiment
-    from stepdiag_ros.report.tables.run import make_console
+    from stepdiag_ros.text.console import make_console
 
     text = io.StringIO()
     print_experiment(experiment, make_console(text))

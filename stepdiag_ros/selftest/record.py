@@ -9,6 +9,8 @@ from datetime import datetime, timezone
 from typing import Any
 
 from stepdiag_ros import __version__, schemas
+from stepdiag_ros.schemas import selftest
+from stepdiag_ros.schemas.parts import part_of
 
 PASSED, FAILED = "pass", "FAIL"
 
@@ -89,35 +91,21 @@ class SelftestRecord:
 
     def document(self) -> dict[str, Any]:
         """Return the record as a mapping for JSON; what is no number is ``null``."""
-        content = {
-            "passed": self.passed,
-            "date": self.date,
-            "seed": self.seed,
-            "seconds": round(self.seconds, 3),
-            "false_alarm_probability": self.false_alarm,
-            "platform": self.platform,
-            "problems": [
-                {
-                    "number": problem.number,
-                    "kind": problem.kind,
-                    "description": problem.description,
-                    "passed": problem.passed,
-                    "failure": problem.failure or None,
-                    "checks": [
-                        {
-                            "what": check.what,
-                            "deviation": schemas.number(check.deviation),
-                            "limit": schemas.number(check.limit),
-                            "unit": check.unit,
-                            "why": check.why,
-                            "passed": check.passed,
-                        }
-                        for check in problem.checks
-                    ],
-                }
+        content = part_of(
+            selftest.Document,
+            self,
+            seconds=round(self.seconds, 3),
+            false_alarm_probability=self.false_alarm,
+            problems=[
+                part_of(
+                    selftest.Problem,
+                    problem,
+                    failure=problem.failure or None,
+                    checks=[part_of(selftest.Check, check) for check in problem.checks],
+                )
                 for problem in self.problems
             ],
-        }
+        )
         return schemas.document("selftest", content)
 
     def json(self) -> str:

@@ -3,17 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
 from stepdiag_ros.selftest.problems import KINDS
 from stepdiag_ros.selftest.record import FAILED, PASSED, Check, SelftestRecord, SolvedProblem, worst
+from stepdiag_ros.text.console import PlainConsole
+from stepdiag_ros.text.table import Column, Table
 
 _UNIT = {"1": ""}
 
 
-def print_record(record: SelftestRecord, console: Console, every_check: bool = False) -> None:
+def print_record(record: SelftestRecord, console: PlainConsole, every_check: bool = False) -> None:
     """Print a record.
 
     Args:
@@ -26,13 +24,17 @@ def print_record(record: SelftestRecord, console: Console, every_check: bool = F
     for name, text in record.platform.items():
         console.print(f"  {name:15s} {text}")
     console.print()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("", justify="right")
-    table.add_column("problem, and its comparison nearest to the limit")
-    for title in ("deviation", "limit"):
-        table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("why this limit")
-    table.add_column("", no_wrap=True)
+    table = Table(
+        "",
+        [
+            Column("", number=True, wraps=True),
+            Column("problem, and its comparison nearest to the limit", wraps=True),
+            Column("deviation", number=True),
+            Column("limit", number=True),
+            Column("why this limit", wraps=True),
+            Column(""),
+        ],
+    )
     for problem in record.problems:
         _add(table, problem, every_check)
     console.print(table)

@@ -1,12 +1,10 @@
 """A bag at a glance."""
 
-import json
-
 from bags_for_tests import READING, RUN_ID, START, header, reading_cdr, write_readings
 from refused import refused
 from test_run import write_run
 
-from stepdiag_ros import topics
+from stepdiag_ros import schemas, topics
 from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.info import bag_info
 from stepdiag_ros.bags.writer import BagWriter
@@ -23,7 +21,7 @@ def test_a_whole_bag(tmp_path):
     assert info.lines == ["x forward, repeat 0"] * 2
     assert info.size == path.stat().st_size
     assert info.data_checksum
-    plain = json.loads(json.dumps(info.as_dict()))
+    plain = schemas.plain(info.document())
     assert plain["run"]["run_id"] == RUN_ID
     assert plain["attachments"] == ["plan.yaml", "machine.yaml", "parameters.yaml", "note.txt"]
 
@@ -37,7 +35,7 @@ def test_missing_readings_are_found(tmp_path):
     info = bag_info(path)
     assert [(gap.after, gap.before, gap.missing) for gap in info.gaps] == [(2, 5, 2), (6, 20, 13)]
     assert info.gaps[0].time == START + 5_000_000
-    assert info.as_dict()["missing_readings"] == 15
+    assert info.document().missing_readings == 15
 
 
 def test_an_instrument_that_was_started_again_misses_an_unknown_number_never_a_negative_one(
@@ -49,7 +47,7 @@ def test_an_instrument_that_was_started_again_misses_an_unknown_number_never_a_n
             bag.write(READING, topics.READING.type_name, reading_cdr(number), START)
     info = bag_info(path)
     assert [(gap.after, gap.before, gap.missing) for gap in info.gaps] == [(8, 10, 1), (10, 0, 0)]
-    assert info.as_dict()["missing_readings"] == 1
+    assert info.document().missing_readings == 1
     main(["info", str(path)])
     said = capsys.readouterr().out
     assert "8 to 10" in said and "10 to 0" in said and "unknown" in said

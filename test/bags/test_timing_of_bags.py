@@ -101,7 +101,7 @@ def test_every_line_of_a_bag_tells(tmp_path):
         assert found.offset == pytest.approx(LATE, abs=2e-5)
     info = bag_info(path)
     assert info.timing == timing
-    document = json.loads(schemas.json_text(schemas.document("info", info.as_dict())))
+    document = json.loads(schemas.json_text(schemas.document("info", info.document())))
     assert document["timing"]["offset"] == timing.offset.offset
     assert document["timing"]["drift"] is None
     words = _timing(info.timing, 0.1)

@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.pages import changes as changes_page
 from stepdiag_ros.report.tables.changes import print_changes
-from stepdiag_ros.report.tables.run import make_console
+from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.words.changes import remarks_of, uncertainty_words, verdict
 

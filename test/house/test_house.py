@@ -30,7 +30,6 @@ LOOKED_AT = {
     "metrology.tracker.multilateration.multilaterate",
     "metrology.uncertainty.jcgm101.monte_carlo",
     "metrology.uncertainty.length_sources.air_sources",
-    "report.pages.diagnosis._chapters",
     "report.pages.tracker._parts_of",
     "words.changes.verdict",
 }
@@ -211,3 +210,21 @@ def test_imports_point_inwards():
             if floor_of(below) > floor_of(module):
                 wrong.append(f"{module} imports {below}")
     assert wrong == []
+
+
+def test_tables_are_laid_out_for_a_terminal_in_one_place():
+    """What makes a table knows neither terminal nor page: rich is for those that draw."""
+    package = ROOT / "stepdiag_ros"
+    drawing = set()
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in getattr(node, "names", ()) if hasattr(alias, "name")]
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            if any(name.split(".")[0] == "rich" for name in names):
+                drawing.add(".".join(path.relative_to(package).with_suffix("").parts))
+    progress_bars = "commands.output"
+    assert {name for name in drawing if not name.startswith("viewers.terminal.")} == {
+        "text.console",
+        progress_bars,
+    }

@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
 from stepdiag_ros.plots.files.budget import draw_budget
 from stepdiag_ros.report.documents.budget import budget_document, budget_json
 from stepdiag_ros.report.tables.budget import print_budget
-from stepdiag_ros.report.tables.run import make_console
+from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import with_uncertainty
 
 

@@ -39,7 +39,7 @@ from stepdiag_ros.plots.saving import png_bytes
 from stepdiag_ros.report.documents.diagnosis import diagnosis_document, diagnosis_json
 from stepdiag_ros.report.pages.diagnosis import diagnosis_page
 from stepdiag_ros.report.tables.diagnosis import print_diagnosis, rivals_words
-from stepdiag_ros.report.tables.run import make_console
+from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import two_digits
 from stepdiag_ros.words.diagnosis import MEANING, chance, readable, size_words
 from stepdiag_ros.words.proposal import proposed_sentences

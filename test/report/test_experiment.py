@@ -20,7 +20,7 @@ from stepdiag_ros.plots.files.experiment import draw_experiment
 from stepdiag_ros.report.documents.experiment import experiment_document, experiment_json
 from stepdiag_ros.report.publish import publish
 from stepdiag_ros.report.tables.experiment import print_experiment
-from stepdiag_ros.report.tables.run import make_console
+from stepdiag_ros.text.console import make_console
 
 FIGURES = {
     "figure_7_motion_of_x",

@@ -7,7 +7,8 @@ from results_by_hand import VOLUME, make_report, make_result, with_rotations, wi
 
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.visibility import visibility
-from stepdiag_ros.report.tables.run import make_console, print_report, visibility_sentences
+from stepdiag_ros.report.tables.run import print_report, visibility_sentences
+from stepdiag_ros.text.console import make_console
 
 
 def printed(report, **options):

@@ -26,11 +26,12 @@ TEXTS = ("some", "E_XX", "XYZ", "0" * 64)
 def example(node, root):
     """Return a value that fits a schema and leaves out no field."""
     if "$ref" in node:
-        kind, _, name = node["$ref"].rpartition("/")
-        if kind:
-            return example(root["$defs"][name], root)
-        root = schemas.schema(node["$ref"].split(":")[2])
-        return example(root, root)
+        document, _, pointer = node["$ref"].partition("#")
+        root = schemas.schema(document.split(":")[2]) if document else root
+        node = root
+        for name in pointer.split("/")[1:]:
+            node = node[name]
+        return example(node, root)
     for key in ("anyOf", "oneOf"):
         if key in node:
             return example(node[key][0], root)
@@ -48,7 +49,8 @@ def example(node, root):
         return [example(node["items"], root) for _ in range(node.get("minItems", 1))]
     if "pattern" in node:
         return next(text for text in TEXTS if re.search(node["pattern"], text))
-    return EXAMPLES[kind]
+    made = EXAMPLES[kind]
+    return made.ljust(node.get("minLength", 0), "x") if kind == "string" else made
 
 
 def containers(part):

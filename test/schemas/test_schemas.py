@@ -9,15 +9,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
+from msgspec import UNSET, UnsetType
 from refused import refused
 
 import stepdiag_ros
 from stepdiag_ros import schemas
 from stepdiag_ros.cli import main
+from stepdiag_ros.schemas.parts import part_of
 
 PACKAGE = Path(stepdiag_ros.__file__).parent
 WRITERS_OF_OTHER_JSON = {
@@ -134,3 +137,19 @@ def test_the_readme_names_the_command():
     readme = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
     assert "stepdiag schema" in readme
     assert "result.schema.json" not in readme
+
+
+def test_a_part_is_made_of_what_a_result_has_and_what_is_given():
+    @dataclass(frozen=True, kw_only=True)
+    class Part:
+        name: str
+        value: float
+        note: str | UnsetType = UNSET
+
+    result = SimpleNamespace(name="E_XX", value=1.0, note="of the result", source="a field")
+    assert part_of(Part, result) == Part(name="E_XX", value=1.0)
+    assert part_of(Part, result, value=2.0, note="n") == Part(name="E_XX", value=2.0, note="n")
+    with pytest.raises(AttributeError):
+        part_of(Part, SimpleNamespace(name="E_XX"))
+    with pytest.raises(TypeError):
+        part_of(Part, result, unknown=1.0)

@@ -19,7 +19,8 @@ from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents.run import report_json
-from stepdiag_ros.report.tables.run import make_console, print_report
+from stepdiag_ros.report.tables.run import print_report
+from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.words.lead import next_lines, sentences_of, size_sentences
 

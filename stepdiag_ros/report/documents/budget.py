@@ -10,6 +10,7 @@ from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.metrology.uncertainty import source as sources
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.schemas.budget import Document, MonteCarlo, Quantity, Source, Trial
+from stepdiag_ros.schemas.parts import part_of
 
 
 def budget_document(report: BudgetReport) -> dict[str, Any]:
@@ -36,17 +37,7 @@ def budget_json(report: BudgetReport) -> str:
 
 
 def _source(source: sources.Source) -> Source:
-    return Source(
-        name=source.name,
-        group=source.group,
-        standard_uncertainty=source.standard_uncertainty,
-        unit=source.unit,
-        evaluation=source.evaluation,
-        distribution=source.distribution,
-        degrees_of_freedom=source.degrees_of_freedom,
-        correlation=source.correlation,
-        note=source.note,
-    )
+    return part_of(Source, source)
 
 
 def _quantity(report: BudgetReport, row: int) -> Quantity:

@@ -19,6 +19,7 @@ from stepdiag_ros.schemas.changes import (
     Volume,
 )
 from stepdiag_ros.schemas.origin import origin_of
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.changes import meaning, remarks_of, sentences_of, uncertainty_words, verdict
 
 
@@ -66,28 +67,20 @@ def changes_json(report: ChangesReport) -> str:
 
 
 def _figure(one: agreement.FigureChange) -> Figure:
-    return Figure(
-        name=one.name,
-        unit=one.unit,
-        before=one.before,
+    return part_of(
+        Figure,
+        one,
         before_standard_uncertainty=one.before_uncertainty,
-        after=one.after,
         after_standard_uncertainty=one.after_uncertainty,
-        difference=one.difference,
         difference_standard_uncertainty=one.difference_uncertainty,
-        normalised_error=one.normalised_error,
-        probability=one.probability,
-        changed=one.changed,
     )
 
 
 def _family(one: agreement.Family) -> Family:
-    return Family(
-        name=one.name,
+    return part_of(
+        Family,
+        one,
         members=len(one.probabilities),
-        probability=one.probability,
-        changed=one.changed,
-        named=one.named,
     )
 
 
@@ -108,11 +101,7 @@ def _curve(one: agreement.CurveChange) -> Curve:
 
 
 def _joint(test: agreement.JointTest) -> Joint:
-    return Joint(
-        chi_squared=test.chi_squared,
-        degrees_of_freedom=test.degrees_of_freedom,
-        probability=test.probability,
-    )
+    return part_of(Joint, test)
 
 
 def _place(moved: agreement.PlaceChange) -> Place:

@@ -7,6 +7,7 @@ from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.schemas.compensation import Change, Document, File
 from stepdiag_ros.schemas.origin import origin_of
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.compensation import uncorrected
 
 
@@ -33,15 +34,6 @@ def compensation_json(report: CompensationReport) -> str:
         places=remainder.places,
         places_known=remainder.known,
         rms_standard_uncertainty=remainder.rms_uncertainty,
-        changes=[
-            Change(
-                name=one.name,
-                unit=one.unit,
-                before=one.before,
-                after=one.after,
-                corrected=one.corrected,
-            )
-            for one in remainder.changes
-        ],
+        changes=[part_of(Change, one) for one in remainder.changes],
     )
     return schemas.json_text(schemas.document("compensation", content))

@@ -31,6 +31,7 @@ from stepdiag_ros.schemas.diagnosis import (
     Stop,
     Verdict,
 )
+from stepdiag_ros.schemas.parts import part_of
 
 
 def diagnosis_json(report: DiagnosisReport) -> str:
@@ -68,12 +69,11 @@ def diagnosis_document(report: DiagnosisReport) -> dict[str, Any]:
 
 
 def _verdict(diagnosis: Diagnosis) -> Verdict:
-    return Verdict(
-        verdict=diagnosis.verdict,
-        sentence=diagnosis.sentence,
+    return part_of(
+        Verdict,
+        diagnosis,
         findings=[_finding(one) for one in diagnosis.findings],
         partial=[_finding(one) for one in diagnosis.partial],
-        tested=diagnosis.tested,
         noise=Noise(
             standard_deviation_m=diagnosis.noise,
             degrees_of_freedom=diagnosis.noise_degrees_of_freedom,
@@ -93,23 +93,17 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
             diagnosis.lack_of_fit_p_after,
             diagnosis.residual_after,
         ),
-        where=diagnosis.where,
-        where_after=diagnosis.where_after,
         patterns=[_pattern(look) for look in diagnosis.patterns],
         patterns_after=[_pattern(look) for look in diagnosis.patterns_after],
         map=[
-            Share(
-                split=share.split,
-                part=share.part,
+            part_of(
+                Share,
+                share,
                 mean_m=share.mean,
                 rms_m=share.rms,
-                readings=share.readings,
-                p_value=share.p_value,
             )
             for share in diagnosis.map
         ],
-        detection_limits=diagnosis.detection_limits,
-        not_testable=diagnosis.not_testable,
     )
 
 
@@ -123,8 +117,9 @@ def _model(model: MachineModel) -> dict[str, Any]:
 
 def _finding(finding: findings.Finding) -> Finding:
     candidate = finding.candidate
-    return Finding(
-        label=finding.label,
+    return part_of(
+        Finding,
+        finding,
         effect=candidate.effect.name,
         setting=candidate.setting,
         sentence=candidate.effect.sentence,
@@ -142,18 +137,12 @@ def _finding(finding: findings.Finding) -> Finding:
         ],
         covariance=finding.covariance.tolist(),
         over_travel=None if finding.over_travel is None else _over_travel(*finding.over_travel),
-        gain=finding.gain,
-        p_value=finding.p_value,
-        probability=finding.probability,
-        group=finding.group,
         ambiguous_with=finding.ambiguous,
         runners_up=[
-            RunnerUp(
-                label=other.label,
-                gain=other.gain,
-                probability=other.probability,
+            part_of(
+                RunnerUp,
+                other,
                 ruled_out=not other.ambiguous,
-                why=other.why,
             )
             for other in finding.runners_up
         ],
@@ -165,16 +154,10 @@ def _over_travel(value: float, standard: float, expanded: float) -> OverTravel:
 
 
 def _pattern(look: findings.Pattern) -> Pattern:
-    return Pattern(
-        words=look.words,
-        place=look.place,
-        lines=look.lines,
-        with_what=look.with_what,
+    return part_of(
+        Pattern,
+        look,
         rms_m=look.rms,
-        share=look.share,
-        gain=look.gain,
-        p_value=look.p_value,
-        or_else=look.or_else,
     )
 
 

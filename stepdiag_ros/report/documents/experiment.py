@@ -32,6 +32,7 @@ from stepdiag_ros.schemas.comparison import (
     Spread,
     Value,
 )
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, angle_of, sign
 
 
@@ -118,17 +119,7 @@ def _comparison(one: DirectComparison) -> Comparison:
         method=one.method,
         coverage_factor=COVERAGE,
         curves={curve.name: _curve(curve) for curve in one.curves},
-        squareness={
-            angle.name: Angle(
-                identified=angle.identified,
-                identified_uncertainty=angle.identified_uncertainty,
-                direct=angle.direct,
-                direct_uncertainty=angle.direct_uncertainty,
-                difference=angle.difference,
-                normalised_error=angle.normalised_error,
-            )
-            for angle in one.squareness
-        },
+        squareness={angle.name: part_of(Angle, angle) for angle in one.squareness},
         not_compared=one.not_compared,
     )
 

@@ -5,49 +5,33 @@ from typing import Any
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.schemas.lead import Document, Flaw, Passes, SingleError, Step, Verdict
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.lead import next_steps, sentences_of
 
 
 def lead_document(lead: RunLead) -> dict[str, Any]:
     """Return the lead as a document of the schema ``lead``: SI, unknown is null."""
     passes, volume = lead.passes, lead.volume
-    content = Document(
+    content = part_of(
+        Document,
+        lead,
         recording=[
             Flaw(kind=flaw.kind, sentence=flaw.sentence, messages=flaw.messages)
             for flaw in lead.recording
         ],
-        verdict=Verdict(
-            name=lead.verdict.name,
-            sentence=lead.verdict.sentence,
-            effects=lead.verdict.effects,
-            rivals=lead.verdict.rivals,
-        ),
+        verdict=part_of(Verdict, lead.verdict),
         passes=None
         if passes is None
-        else Passes(
-            planned=passes.planned,
-            complete=passes.complete,
-            unit=passes.unit,
-            missing=passes.missing,
+        else part_of(
+            Passes,
+            passes,
             end=passes.end or None,
         ),
-        solved=lead.solved,
         misfit=lead.misfit.name.lower() if lead.solved else None,
-        reduced_chi_squared=lead.reduced_chi_squared,
-        unknown=lead.unknown,
         remedy=lead.remedy or None,
         noise=lead.noise if volume is not None else None,
         largest_in_volume=None if volume is None else volume.value,
-        expanded_uncertainty=lead.expanded_uncertainty,
-        single_errors=[
-            SingleError(
-                name=one.name,
-                value=one.value,
-                expanded_uncertainty=one.expanded_uncertainty,
-                travel=one.travel,
-            )
-            for one in lead.errors
-        ],
+        single_errors=[part_of(SingleError, one) for one in lead.errors],
         taken_as_zero=lead.as_zero,
         sentences=sentences_of(lead),
         next=[Step(command=one.command or None, why=one.why) for one in next_steps(lead)],

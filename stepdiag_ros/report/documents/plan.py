@@ -9,6 +9,7 @@ from stepdiag_ros.planning import proposal as proposals
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.duration import PlanDuration
 from stepdiag_ros.report.documents.run import visibility_part
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.plan import (
     Assumptions,
     Candidate,
@@ -24,59 +25,34 @@ from stepdiag_ros.schemas.plan import (
 
 
 def _expectation(expectation: expectations.PlanExpectation) -> Expectation:
-    return Expectation(
-        squareness=expectation.squareness,
-        straightness=expectation.straightness,
-        positioning=expectation.positioning,
-        angular=expectation.angular,
-        volumetric=expectation.volumetric,
-        degrees_of_freedom=expectation.degrees_of_freedom,
-    )
+    return part_of(Expectation, expectation)
 
 
 def _duration(duration: PlanDuration) -> Duration:
-    return Duration(
-        total=duration.total,
-        running=duration.running,
-        alignment=duration.alignment,
-        stops=duration.stops,
-        alignments=duration.alignments,
+    return part_of(
+        Duration,
+        duration,
         assumptions=Assumptions(
             linear_alignment=duration.assumptions.linear_alignment_s,
             diagonal_alignment=duration.assumptions.diagonal_alignment_s,
             settling=duration.assumptions.settling_s,
         ),
-        lines=[
-            LineDuration(
-                setup=line.setup,
-                stops=line.stops,
-                alignment=line.alignment,
-                positioning=line.positioning,
-                moves=line.moves,
-                dwells=line.dwells,
-            )
-            for line in duration.lines
-        ],
+        lines=[part_of(LineDuration, line) for line in duration.lines],
     )
 
 
 def _plan(plan: plans.Plan) -> Plan:
-    return Plan(
-        name=plan.name,
+    return part_of(
+        Plan,
+        plan,
         origin=plan.volume.origin,
         step=plan.volume.step,
         blocks=plan.volume.blocks,
-        feed=plan.feed,
-        overrun=plan.overrun,
-        one_alignment_per_diagonal=plan.one_alignment_per_diagonal,
         lines=[
-            Line(
-                kind=line.kind,
-                name=line.name,
+            part_of(
+                Line,
+                line,
                 order=line.order or None,
-                repeat=line.repeat,
-                direction=line.direction,
-                offset=line.offset,
             )
             for line in plan.lines
         ],

@@ -4,6 +4,7 @@ from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.schemas.iso230 import Diagonals, Document, Label, Parameter, Published, Runs, Test
+from stepdiag_ros.schemas.parts import part_of
 
 
 def entry_of(test: PositioningTest, report: PositioningReport) -> Test:
@@ -16,11 +17,9 @@ def entry_of(test: PositioningTest, report: PositioningReport) -> Test:
             )
             for name, value in report.published.values.items()
         }
-    return Test(
-        standard=test.standard,
-        name=test.name,
-        kind=test.kind,
-        setup=test.setup,
+    return part_of(
+        Test,
+        test,
         runs=Runs(forward=test.runs[0], backward=test.runs[1]),
         target=test.target.tolist(),
         mean_forward=test.mean_forward.tolist(),
@@ -35,7 +34,6 @@ def entry_of(test: PositioningTest, report: PositioningReport) -> Test:
         },
         published=published,
         equals_recorded=report.equals_recorded.get(test.setup),
-        remarks=test.remarks,
     )
 
 

@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.report.documents.lead import lead_document
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.visibility import Verdict, Visibility
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
 
@@ -70,20 +71,15 @@ def direct_document(measurement: Measurement | None) -> list[dict[str, Any]]:
 
 def visibility_part(visibility: visibilities.Visibility) -> Visibility:
     """Return a visibility table as a part of a document."""
-    return Visibility(
+    return part_of(
+        Visibility,
+        visibility,
         chain=visibility.chain or None,
-        stop_uncertainty=visibility.stop_uncertainty,
-        readings=visibility.readings,
-        unknowns=visibility.unknowns,
-        rank=visibility.rank,
-        condition_number=visibility.condition_number,
         errors={
-            row.name: Verdict(
-                status=row.status,
-                words=row.words,
+            row.name: part_of(
+                Verdict,
+                row,
                 part=row.part or None,
-                confounded_with=row.confounded_with,
-                unit=row.unit,
                 standard_uncertainty_at_end=row.end,
                 largest_standard_uncertainty=row.largest,
                 inflation=row.condition,

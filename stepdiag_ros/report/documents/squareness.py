@@ -4,6 +4,7 @@ from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.squareness import SquarenessReport
 from stepdiag_ros.metrology.forward import SQUARENESS_DEFINITIONS
 from stepdiag_ros.metrology.standards.diagonal_squareness import DiagonalSquareness
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.squareness import Angle, Document
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, sign
 
@@ -28,11 +29,9 @@ def squareness_json(report: SquarenessReport) -> str:
 
 
 def _angle(one: DiagonalSquareness) -> Angle:
-    return Angle(
-        name=one.name,
-        diagonals=one.diagonals,
+    return part_of(
+        Angle,
+        one,
         rotation=sign(one.name, "rotation") * one.value,
         angle=sign(one.name, "angle") * one.value,
-        theta=one.theta,
-        standard_uncertainty=one.standard_uncertainty,
     )

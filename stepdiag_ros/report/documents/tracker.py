@@ -6,11 +6,13 @@ from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.metrology.forward import RIGHT_HANDED
 from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.tracker.document_figures import FigureFive, FigureFour
+from stepdiag_ros.metrology.tracker.document_figures import FigureCurve, FigureFive, FigureFour
 from stepdiag_ros.metrology.tracker.evaluation import LineEvaluation
 from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate
 from stepdiag_ros.metrology.tracker.location import Location
 from stepdiag_ros.metrology.tracker.separation import AxisSeparation
+from stepdiag_ros.schemas import tracker_figures
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.words.tracker import sentences_of
 
 
@@ -26,7 +28,7 @@ def tracker_document(report: TrackerReport) -> dict[str, Any]:
         "station": report.station,
         "verdict": {"name": report.verdict.name, "sentence": report.verdict.sentence},
         "equals_recorded": report.equals_recorded,
-        "location": _location_document(report.location),
+        "location": schemas.plain(_location(report.location)),
     }
     result = report.result
     if result is not None:
@@ -48,42 +50,35 @@ def tracker_document(report: TrackerReport) -> dict[str, Any]:
 
 def figures_json(four: FigureFour, five: FigureFive) -> str:
     """Return the curves of ATLI Figs. 4 and 5 as JSON text; SI."""
-    curves = {
-        "figure_4": (four.towards, four.away),
-        "figure_5": (five.located, five.true_place),
-    }
-    document: dict[str, Any] = {
-        "location_of_figure_5": _location_document(five.location),
-        "shift_of_figure_5": schemas.numbers(five.shift),
-    }
-    for name, pair in curves.items():
-        document[name] = [
-            {
-                "label": one.label,
-                "distance": schemas.numbers(one.distance),
-                "deviation": schemas.numbers(one.deviation),
-            }
-            for one in pair
-        ]
-    return schemas.json_text(schemas.document("tracker_figures", document))
+    content = tracker_figures.Document(
+        location_of_figure_5=_location(five.location),
+        shift_of_figure_5=five.shift.tolist(),
+        figure_4=[_curve(one) for one in (four.towards, four.away)],
+        figure_5=[_curve(one) for one in (five.located, five.true_place)],
+    )
+    return schemas.json_text(schemas.document("tracker_figures", content))
 
 
-def _location_document(location: Location) -> dict[str, Any]:
+def _curve(one: FigureCurve) -> tracker_figures.Curve:
+    return tracker_figures.Curve(
+        label=one.label, distance=one.distance.tolist(), deviation=one.deviation.tolist()
+    )
+
+
+def _location(location: Location) -> tracker_figures.Location:
     fit = location.adjustment
-    return {
-        "position": schemas.numbers(location.position),
-        "start_length": schemas.number(location.start_length),
-        "covariance": [schemas.numbers(row) for row in location.covariance],
-        "linear": schemas.numbers(location.linear),
-        "residuals": schemas.numbers(fit.residuals),
-        "standardised_residuals": schemas.numbers(fit.standardised),
-        "degrees_of_freedom": fit.degrees_of_freedom,
-        "chi_squared": schemas.number(fit.chi_squared),
-        "coverage_factor": schemas.number(fit.coverage_factor),
-        "condition": schemas.number(fit.condition),
-        "dilution": schemas.number(location.dilution),
-        "warnings": list(location.warnings),
-    }
+    return part_of(
+        tracker_figures.Location,
+        fit,
+        position=location.position.tolist(),
+        start_length=location.start_length,
+        covariance=location.covariance.tolist(),
+        linear=location.linear.tolist(),
+        residuals=fit.residuals.tolist(),
+        standardised_residuals=fit.standardised.tolist(),
+        dilution=location.dilution,
+        warnings=location.warnings,
+    )
 
 
 def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any]:

@@ -8,19 +8,13 @@ from stepdiag_ros.metrology.standards.volumetric import (
     VolumetricAccuracy,
     volumetric_accuracy,
 )
+from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.volumetric import Accuracy, Document, Example
 from stepdiag_ros.words.volumetric import DEFINITION
 
 
 def _accuracy(found: VolumetricAccuracy) -> Accuracy:
-    return Accuracy(
-        value=found.value,
-        standard_uncertainty=found.standard_uncertainty,
-        position=found.position,
-        vector=found.vector,
-        frame=found.frame,
-        remarks=found.remarks,
-    )
+    return part_of(Accuracy, found)
 
 
 def volumetric_json(report: VolumetricReport) -> str:

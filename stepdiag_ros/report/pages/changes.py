@@ -1,19 +1,18 @@
 """Two measurements of one machine beside each other, as a page."""
 
+from dataclasses import replace
 from math import isfinite
-
-from rich.table import Table
 
 from stepdiag_ros.compensation.identified import Origin
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.units import IN_MICRO
-from stepdiag_ros.report.pages.page import Fact, Lead, chapter, page, table_view, table_views
+from stepdiag_ros.report.pages.page import Fact, Lead, chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, draw
 from stepdiag_ros.report.tables.changes import curve_table, figure_table, node_table
-from stepdiag_ros.report.tables.run import new_table
 from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
+from stepdiag_ros.text.table import Table, new_table, with_rows
 from stepdiag_ros.words.changes import (
     BETTER,
     OTHER,
@@ -63,22 +62,22 @@ class ChangesPage:
                         *curve_words(changes),
                         *moved_words(changes),
                     ],
-                    "figures": table_view(figure_table(changes, _UNBROKEN), ""),
+                    "figures": replace(figure_table(changes, _UNBROKEN), title=""),
                 },
             ),
             (
                 "measurements",
                 "The two measurements",
                 "measurements",
-                {"origins": table_view(_origins(report)), "remarks": remarks_of(report)},
+                {"origins": _origins(report), "remarks": remarks_of(report)},
             ),
             (
                 "curves",
                 "The error curves",
                 "curves",
                 {
-                    "curves": table_view(curve_table(changes), ""),
-                    "nodes": table_views(node_table(one) for one in changes.curves),
+                    "curves": replace(curve_table(changes), title=""),
+                    "nodes": with_rows(node_table(one) for one in changes.curves),
                 },
             ),
             (
@@ -142,7 +141,7 @@ def _lead(report: ChangesReport) -> Lead:
 def _origins(report: ChangesReport) -> Table:
     table = new_table("", "", "before", "after")
     for column in table.columns:
-        column.justify = "left"
+        column.number = False
     both = (report.before.origin, report.after.origin)
     rows = {
         "file": "file",

@@ -5,14 +5,13 @@ tables are left to the page and to the JSON document, and it says so.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
-from rich.table import Table
 
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.refusal import Refusal
@@ -26,41 +25,6 @@ _GOOD, _BAD, _OPEN, _NEUTRAL = "good", "bad", "open", "neutral"
 _VALUE = re.compile(r"-?[\d.,]+ (?:± [\d.,]+ )?µm\b")
 TONES = (_GOOD, _BAD, _OPEN, _NEUTRAL)
 """In which a page may open: good, bad, open (something is to be done), neutral."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """The head of a column, and whether numbers stand in it."""
-
-    header: str
-    number: bool
-
-
-@dataclass(frozen=True)
-class TableView:
-    """A table as a template reads it.
-
-    Attributes:
-        title: above it; may be empty.
-        columns: their heads.
-        rows: texts of the cells; a line break in a text stays one.
-        section_ends: numbers of the rows under which a line is drawn.
-    """
-
-    title: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[str, ...], ...]
-    section_ends: frozenset[int] = frozenset()
-
-    @property
-    def long(self) -> bool:
-        """Say whether it is left out of print."""
-        return len(self.rows) > MOST_ROWS_IN_PRINT
-
-    @property
-    def short(self) -> bool:
-        """Say whether it stands on one page of print."""
-        return len(self.rows) <= MOST_ROWS_TOGETHER
 
 
 @dataclass(frozen=True)
@@ -103,28 +67,6 @@ class Lead:
     facts: tuple[Fact, ...] = ()
 
 
-def table_view(table: Table, title: str | None = None) -> TableView:
-    """Return a table for a terminal as a template reads it.
-
-    Args:
-        table: of the ``report`` package.
-        title: instead of its own.
-    """
-    columns = tuple(Column(str(one.header), one.justify == "right") for one in table.columns)
-    rows = tuple(
-        tuple(str(cell) for cell in cells)
-        for cells in zip(*(column.cells for column in table.columns), strict=True)
-    )
-    ends = frozenset(number for number, row in enumerate(table.rows) if row.end_section)
-    own = "" if table.title is None else str(table.title)
-    return TableView(own if title is None else title, columns, rows, ends)
-
-
-def table_views(tables: Iterable[Table | None]) -> list[TableView]:
-    """Return those tables that are there and have rows as templates read them."""
-    return [table_view(table) for table in tables if table is not None and table.row_count]
-
-
 def unbroken(text: str) -> Markup:
     """Return a text as HTML in which no value is torn from its ± or its unit at a line's end."""
     return Markup(_VALUE.sub(r'<span class="value">\g<0></span>', str(escape(text))))
@@ -142,6 +84,8 @@ def environment() -> Environment:
     )
     made.filters["unbroken"] = unbroken
     made.globals["software_version"] = __version__
+    made.globals["most_rows_in_print"] = MOST_ROWS_IN_PRINT
+    made.globals["most_rows_together"] = MOST_ROWS_TOGETHER
     return made
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import completeness_of, incomplete_sentences
@@ -23,10 +22,7 @@ from stepdiag_ros.report.pages.material import Material, unsolved
 from stepdiag_ros.report.pages.page import (
     Fact,
     Lead,
-    TableView,
     page,
-    table_view,
-    table_views,
 )
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio
 from stepdiag_ros.report.pages.section import SectionContent, ToldSection
@@ -41,6 +37,9 @@ from stepdiag_ros.report.tables.tracker import (
     separation_table,
     squareness_rows,
 )
+from stepdiag_ros.schemas.parts import part_of
+from stepdiag_ros.schemas.tracker_report import Document, Summary, Tracker
+from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.positioning import decimals_of
 from stepdiag_ros.words.tracker import joint_values, sentences_of
 
@@ -160,24 +159,22 @@ class TrackerHandover:
         recorded, report, lead = self._material.recorded, self._material.report, self.lead
         tracker = recorded.plan.tracker
         assert tracker is not None and measurement.SECTION.document is not None
-        content = {
-            "run_id": recorded.run_id or None,
-            "machine": report.machine or None,
-            "chain": report.chain or None,
-            "plan": recorded.plan.name or None,
-            "simulated": report.simulated,
-            "summary": {"headline": lead.headline, "sentences": list(lead.sentences)},
-            "measurement": measurement.SECTION.document(self._material),
-            "tracker": {
-                "name": tracker.name,
-                "held_by": tracker.held_by,
-                "length_noise": tracker.length_noise,
-                "length_proportional": tracker.length_proportional,
-                "places": {name: list(at) for name, at in stations_in(recorded.plan).items()},
-            },
-            "stations": [tracker_document(one) for one in self._stations],
-            "grid": None if self._stations else report_document(report),
-        }
+        content = Document(
+            run_id=recorded.run_id or None,
+            machine=report.machine or None,
+            chain=report.chain or None,
+            plan=recorded.plan.name or None,
+            simulated=report.simulated,
+            summary=Summary(headline=lead.headline, sentences=lead.sentences),
+            measurement=measurement.SECTION.document(self._material),
+            tracker=part_of(
+                Tracker,
+                tracker,
+                places={name: list(at) for name, at in stations_in(recorded.plan).items()},
+            ),
+            stations=[tracker_document(one) for one in self._stations],
+            grid=None if self._stations else report_document(report),
+        )
         return schemas.document("tracker_report", content)
 
 
@@ -218,7 +215,7 @@ def _parts_of(report: TrackerReport, number: int) -> list[ToldSection]:
     together = (
         []
         if joint is None
-        else [table_view(joint_table(joint, report.truth), f"{_TOGETHER}{where}")]
+        else [replace(joint_table(joint, report.truth), title=f"{_TOGETHER}{where}")]
     )
     best = result.corrected or result.located
     return [
@@ -276,6 +273,6 @@ def _part(
     return ToldSection(key, title, SectionContent(values, drawings or {}))
 
 
-def _views(where: str, *tables: Table | None) -> tuple[TableView, ...]:
+def _views(where: str, *tables: Table | None) -> tuple[Table, ...]:
     """Return those tables that are there; of several stations each title says of which it is."""
-    return tuple(replace(view, title=f"{view.title}{where}") for view in table_views(tables))
+    return tuple(replace(view, title=f"{view.title}{where}") for view in with_rows(tables))

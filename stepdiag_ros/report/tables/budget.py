@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.evaluation.report import method_title
@@ -12,8 +11,9 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.budget import UNITS, figure_groups, short_name, unit_of
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
 
@@ -60,7 +60,7 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
         "",
         *(short_name(quantities[row].name) for row in rows),
     )
-    table.min_width = len(str(table.title))
+    table.whole_title = True
     for number, source in enumerate(budget.sources):
         table.add_row(source.name, *(_size(budget.contributions[number, row]) for row in rows))
     table.add_section()
@@ -94,7 +94,7 @@ def curves_table(budget: Budget) -> list[Table]:
             f"{letter} / mm",
             *(f"{name} / {'µrad' if name[2] in 'ABC' else 'µm'}" for name in names),
         )
-        table.columns[0].justify = "right"
+        table.columns[0].number = True
         for node, position in enumerate(volume.nodes(axis)):
             cells = []
             for name in names:
@@ -171,9 +171,6 @@ def print_budget(report: BudgetReport, console: PlainConsole) -> None:
     """Print a budget, and its check by Monte Carlo if there is one."""
     budget = report.budget
 
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     heading = (
         ("Run", report.run_id),
         ("Bag", "" if report.bag is None else str(report.bag)),
@@ -182,7 +179,7 @@ def print_budget(report: BudgetReport, console: PlainConsole) -> None:
     )
     for name, text in heading:
         if text:
-            sentence(f"{name + ':':<9}{text}")
+            console.sentence(f"{name + ':':<9}{text}")
     console.print()
     tables = [sources_table(budget)]
     tables += [budget_table(budget, title, rows) for title, rows in figure_groups(budget).items()]
@@ -196,7 +193,7 @@ def print_budget(report: BudgetReport, console: PlainConsole) -> None:
     checked = [] if report.check is None else check_sentences(report.check)
     sign = f"Squareness sign: {SIGN_DEFINITIONS['rotation']}."
     for text in (*remarks, sign, *budget.remarks, *checked):
-        sentence(text)
+        console.sentence(text)
 
 
 def _freedom(freedom: float) -> str:

@@ -3,14 +3,14 @@
 from math import isfinite
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import CurveChange, FigureChange, MachineChanges
 from stepdiag_ros.metrology.geometry import AXES, moving_axis
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.changes import (
     SQUARENESS_UNIT,
     UNITS,
@@ -28,23 +28,21 @@ _SQUARENESS_UNITS = ((SQUARENESS_UNIT, IN_MICRO), ("arcsec", ARC_SECONDS))
 
 def print_changes(report: ChangesReport, console: PlainConsole) -> None:
     """Print both measurements beside each other."""
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     for when, one in (("before", report.before), ("after", report.after)):
-        sentence(f"{when}: {one.origin.file} (run {one.origin.run_id}, {one.origin.method})")
+        console.sentence(
+            f"{when}: {one.origin.file} (run {one.origin.run_id}, {one.origin.method})"
+        )
     console.print()
     for table in (figure_table(report.changes), curve_table(report.changes)):
         console.print(table)
         console.print()
     for text in sentences_of(report):
-        sentence(text)
+        console.sentence(text)
     console.print()
     for text in (*meaning(report.changes), *uncertainty_words(report)):
-        sentence(text)
+        console.sentence(text)
     for remark in remarks_of(report):
-        sentence(f"- {remark}")
+        console.sentence(f"- {remark}")
 
 
 def figure_table(changes: MachineChanges, space: str = " ") -> Table:

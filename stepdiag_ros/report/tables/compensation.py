@@ -4,12 +4,11 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
 from stepdiag_ros.compensation.remaining import COMPUTED, BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.compensation import figure_name, size_words, uncorrected
 
 if TYPE_CHECKING:
@@ -22,36 +21,32 @@ NOT_INSTALLED = (
 
 def print_compensation(report: CompensationReport, console: PlainConsole) -> None:
     """Print what was written and what it leaves."""
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
-    sentence(f"Compensation tables for {report.control.title}")
+    console.sentence(f"Compensation tables for {report.control.title}")
     overruled = report.identified.origin.despite_verdict
     if overruled:
-        sentence(
+        console.sentence(
             f"Made despite the verdict {overruled}. What acts stays, and part of it is in these"
             " tables."
         )
     for line in report.identified.origin.lines():
-        sentence(f"  {line}")
-    sentence(f"  files: {', '.join(report.files)}")
+        console.sentence(f"  {line}")
+    console.sentence(f"  files: {', '.join(report.files)}")
     warning = report.identified.warning
     if warning:
         console.print()
-        sentence(f"Do not install these tables: {warning}.")
+        console.sentence(f"Do not install these tables: {warning}.")
     console.print()
     console.print(change_table("What the tables change", report.remainder.changes))
     console.print()
     remainder = report.remainder
-    sentence(COMPUTED)
+    console.sentence(COMPUTED)
     if remainder.known < remainder.places:
-        sentence(
+        console.sentence(
             f"Of {remainder.places} places in the volume {remainder.known} have a known error;"
             " the others are not in the figures."
         )
     if math.isfinite(remainder.rms_uncertainty) and not warning:
-        sentence(
+        console.sentence(
             "The errors in the volume are known to"
             f" {size_words(remainder.rms_uncertainty, 'm')} (rms standard uncertainty): no"
             " compensation made from them is better than that."
@@ -63,12 +58,12 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     ):
         if sentences:
             console.print()
-            sentence(title)
+            console.sentence(title)
             for text in sentences:
-                sentence(f"- {text}")
+                console.sentence(f"- {text}")
     console.print()
-    sentence(f"Format by: {report.control.source}.")
-    sentence(NOT_INSTALLED)
+    console.sentence(f"Format by: {report.control.source}.")
+    console.sentence(NOT_INSTALLED)
 
 
 def change_table(title: str, changes: Sequence[BeforeAndAfter], with_tables: bool = True) -> Table:

@@ -1,9 +1,7 @@
 """A diagnosis in words and tables; the physics is in ``metrology.discrepancy``."""
 
 import math
-from collections.abc import Callable, Sequence
-
-from rich.table import Table
+from collections.abc import Sequence
 
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import (
@@ -21,8 +19,9 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.proposal import pairs_table
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain, two_digits
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.diagnosis import chance, readable, size_rows
 from stepdiag_ros.words.proposal import proposed_sentences
 
@@ -68,7 +67,7 @@ def findings_title(diagnosis: Diagnosis) -> str:
 def findings_table(findings: Sequence[Finding], title: str) -> Table:
     """Return what is missing in the model, strongest first."""
     table = new_table(title, "effect", "size ± U (95 %)", "Δχ²", "p", "probability")
-    table.columns[0].no_wrap = False
+    table.columns[0].wraps = True
     for finding in findings:
         table.add_row(
             finding.label,
@@ -100,8 +99,8 @@ def runners_up_tables(findings: Sequence[Finding]) -> list[Table]:
             "probability",
             "why it lost",
         )
-        table.columns[0].no_wrap = table.columns[3].no_wrap = False
-        table.columns[3].justify = "left"
+        table.columns[0].wraps = table.columns[3].wraps = True
+        table.columns[3].number = False
         for other in finding.runners_up[:_MOST_RUNNERS_UP]:
             table.add_row(
                 other.label,
@@ -109,7 +108,7 @@ def runners_up_tables(findings: Sequence[Finding]) -> list[Table]:
                 chance(other.probability),
                 f"NOT RULED OUT: {other.why}" if other.ambiguous else other.why,
             )
-        if table.row_count:
+        if table.rows:
             tables.append(table)
     return tables
 
@@ -138,7 +137,7 @@ def gap_table(report: DiagnosisReport) -> Table:
         "largest / µm",
     )
     for column in table.columns:
-        column.no_wrap = False
+        column.wraps = True
     for row, name in enumerate(names):
         table.add_row(name, *(column[row] for column in cells))
     return table
@@ -177,9 +176,9 @@ def limits_table(report: DiagnosisReport) -> Table | None:
     """Return the smallest sizes that this run would have shown, 19 times in 20, one row a kind."""
     limits = report.diagnosis.detection_limits
     table = new_table("Smallest size that would have been seen (95 % power)", *_LIMIT_COLUMNS)
-    table.columns[2].justify = table.columns[3].justify = "left"
+    table.columns[2].number = table.columns[3].number = False
     for column in table.columns:
-        column.no_wrap = column.header == "unit"
+        column.wraps = column.header != "unit"
     for name, labels in by_effect(report, limits).items():
         first = report.catalogue[name].sizes[0]
         unit, factor = readable(first)
@@ -192,7 +191,7 @@ def limits_table(report: DiagnosisReport) -> Table | None:
         else:
             text = ", ".join(sizes)
         table.add_row(settings_words(name, labels), text, unit, first.meaning)
-    return table if table.row_count else None
+    return table if table.rows else None
 
 
 def noise_sentence(diagnosis: Diagnosis) -> str:
@@ -267,9 +266,6 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
     """Print a diagnosis: the verdict first, then where, what, and how well that is known."""
     diagnosis = report.diagnosis
 
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     # Wide terminals get no wider tables than can be read, narrow ones wrap the words in them.
     width = min(max(console.text_width or _WIDE, _NARROW), _WIDE)
 
@@ -278,7 +274,7 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
             console.print()
             console.print(one, width=width)
 
-    sentence(f"{diagnosis.verdict}: {diagnosis.sentence}")
+    console.sentence(f"{diagnosis.verdict}: {diagnosis.sentence}")
     console.print()
     for name, text in (
         ("Run", report.run_id),
@@ -287,37 +283,35 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
         ("Model", model_words(report)),
     ):
         if text:
-            sentence(f"{name + ':':<7}{text}")
-    sentence(noise_sentence(diagnosis))
+            console.sentence(f"{name + ':':<7}{text}")
+    console.sentence(noise_sentence(diagnosis))
     for text in known_sentences(diagnosis):
-        sentence(text)
-    _list(sentence, console, "Where the gap is", diagnosis.where)
+        console.sentence(text)
+    _list(console, "Where the gap is", diagnosis.where)
     if report.findings:
         table(findings_table(report.findings, findings_title(diagnosis)))
         for text in (*physics_sentences(report.findings), *group_sentences(report.findings)):
-            sentence(text)
+            console.sentence(text)
         for one in runners_up_tables(report.findings):
             table(one)
-    _list(sentence, console, "What to measure next", proposed_sentences(report))
+    _list(console, "What to measure next", proposed_sentences(report))
     table(pairs_table(report.proposal))
     table(gap_table(report))
     for text in extension_sentences(report):
-        sentence(text)
-    _list(sentence, console, "Where the gap is that is left", diagnosis.where_after)
+        console.sentence(text)
+    _list(console, "Where the gap is that is left", diagnosis.where_after)
     table(limits_table(report))
-    _list(sentence, console, "Not testable by this run", not_testable_sentences(report))
-    _list(sentence, console, "Remarks", report.remarks)
+    _list(console, "Not testable by this run", not_testable_sentences(report))
+    _list(console, "Remarks", report.remarks)
 
 
-def _list(
-    sentence: Callable[[str], None], console: PlainConsole, title: str, texts: Sequence[str]
-) -> None:
+def _list(console: PlainConsole, title: str, texts: Sequence[str]) -> None:
     if not texts:
         return
     console.print()
-    sentence(f"{title}:")
+    console.sentence(f"{title}:")
     for text in texts:
-        sentence(f"- {text}")
+        console.sentence(f"- {text}")
 
 
 def model_words(report: DiagnosisReport) -> str:

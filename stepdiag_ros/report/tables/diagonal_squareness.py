@@ -14,8 +14,9 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, plain, plus_minus
+from stepdiag_ros.text.table import new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, sign
 
 if TYPE_CHECKING:
@@ -31,15 +32,11 @@ _SLOPES = (
 
 def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
     """Print the values in both sign definitions, the check that is left over, and the graph."""
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     result = report.result
-    sentence(f"Source: {report.source}")
+    console.sentence(f"Source: {report.source}")
     console.print()
     table = new_table("Squareness from diagonals", "", "from", "unit", *SIGN_DEFINITIONS, "θ of RL")
-    table.columns[1].justify = "left"
+    table.columns[1].number = False
     for one in result.values:
         reference, other = AXES_OF[one.name]
         for unit, scale in (("µm/m", IN_MICRO), ("arcsec", ARC_SECONDS)):
@@ -75,19 +72,19 @@ def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
     console.print(sensitivity_table())
     console.print()
     for definition, words in SIGN_DEFINITIONS.items():
-        sentence(f"{definition}: {words}.")
-    sentence(f"θ of RL: {_THETA}.")
-    sentence(f"{_SLOPES} ±: {COVERAGE_FACTOR:g} standard uncertainties (95 %).")
+        console.sentence(f"{definition}: {words}.")
+    console.sentence(f"θ of RL: {_THETA}.")
+    console.sentence(f"{_SLOPES} ±: {COVERAGE_FACTOR:g} standard uncertainties (95 %).")
     if math.isfinite(result.closure):
-        sentence(closure_sentence(result))
+        console.sentence(closure_sentence(result))
     elif math.isfinite(result.mean_length_error):
-        sentence(
+        console.sentence(
             "Four body diagonals tell three angles and the mean length: nothing checks them as long"
             " as the linear tests of X, Y and Z are missing."
         )
     for remark in result.remarks:
-        sentence(f"{remark}.")
-    sentence(report.warning)
+        console.sentence(f"{remark}.")
+    console.sentence(report.warning)
 
 
 def closure_sentence(result: SquarenessResult) -> str:

@@ -1,7 +1,6 @@
 """The evaluation of Ibaraki & Hata 2010, section 4, as text tables."""
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.evaluation.report import method_title, short_title
@@ -9,8 +8,9 @@ from stepdiag_ros.metrology.comparison import DirectComparison
 from stepdiag_ros.metrology.table_one import TableOneRow
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, angle_of, sign
 
 _TILT = 100e-6
@@ -215,7 +215,7 @@ def print_experiment(
         console.print(table)
         console.print()
     for text in _sentences(experiment, definition):
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+        console.sentence(text)
 
 
 def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:

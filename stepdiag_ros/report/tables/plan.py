@@ -2,8 +2,6 @@
 
 from itertools import groupby
 
-from rich.table import Table
-
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -12,8 +10,9 @@ from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.proposal import PlanCandidate, PlanProposal, hours, size_words
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
+from stepdiag_ros.text.table import Table, new_table
 
 
 def box_table(assessment: Assessment) -> Table:
@@ -102,8 +101,8 @@ def visibility_table(assessment: Assessment) -> Table:
     table = new_table(
         "Visibility", "error", "without rotations", f"with rotations ({chain or '?'})"
     )
-    table.columns[1].justify = table.columns[2].justify = "left"
-    table.columns[1].no_wrap = table.columns[2].no_wrap = False
+    table.columns[1].number = table.columns[2].number = False
+    table.columns[1].wraps = table.columns[2].wraps = True
     without = {row.name: row.words for row in assessment.seen.rows}
     if assessment.seen_rotating is None:
         for name, words in without.items():
@@ -184,13 +183,9 @@ def print_assessment(
         console: where to.
         proposal: how the plan was found; None for a plan that was there.
     """
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
-    sentence(assessment.plan.name)
+    console.sentence(assessment.plan.name)
     for text in summary_sentences(assessment, proposal):
-        sentence(text)
+        console.sentence(text)
     console.print()
     tables = [box_table(assessment), duration_table(assessment.duration)]
     if proposal is not None and proposal.considered > 1:
@@ -200,11 +195,11 @@ def print_assessment(
     if assessment.warnings:
         console.print("Better change", style="bold")
         for text in assessment.warnings:
-            sentence(f"- {text}")
+            console.sentence(f"- {text}")
         console.print()
     console.print("What this plan will not tell", style="bold")
     for text in assessment.limits:
-        sentence(f"- {text}")
+        console.sentence(f"- {text}")
 
 
 def head_of_plan(assessment: Assessment, proposal: PlanProposal) -> list[str]:

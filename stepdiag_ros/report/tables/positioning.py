@@ -6,8 +6,6 @@ state it.
 
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
 from stepdiag_ros.evaluation.positioning import PositioningReport, Published
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
@@ -15,8 +13,9 @@ from stepdiag_ros.metrology.standards.iso230_6 import (
     DiagonalGroup,
 )
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import plain
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, sentences, subject_of
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def parameter_table(test: PositioningTest, published: Published | None, decimals
         head,
         *more,
     )
-    table.columns[1].justify = "left"
+    table.columns[1].number = False
     for name in PARAMETERS:
         value = test.parameters[name]
         shown = cell_below(value, test.expanded_uncertainty[name], decimals, head)
@@ -74,7 +73,7 @@ def target_table(test: PositioningTest, decimals: int) -> Table:
         "s ↓",
         "R_i",
     )
-    table.columns[0].justify = "right"
+    table.columns[0].number = True
     columns = (
         test.mean_forward,
         test.mean_backward,
@@ -118,11 +117,9 @@ def group_tables(group: DiagonalGroup, decimals: int) -> list[Table]:
 
 def print_positioning(report: PositioningReport, console: PlainConsole) -> None:
     """Print a report: tables, then sentences."""
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
-    sentence(f"Source: {report.source}" + (f" (run {report.run_id})" if report.run_id else ""))
+    console.sentence(
+        f"Source: {report.source}" + (f" (run {report.run_id})" if report.run_id else "")
+    )
     console.print()
     tables: list[Table] = []
     decimals = decimals_of(report.tests)
@@ -137,6 +134,6 @@ def print_positioning(report: PositioningReport, console: PlainConsole) -> None:
         console.print()
     for setup, same in report.equals_recorded.items():
         if not same:
-            sentence(f"{setup}: NOT the same numbers as the result recorded in the bag.")
+            console.sentence(f"{setup}: NOT the same numbers as the result recorded in the bag.")
     for text in sentences(report):
-        sentence(text)
+        console.sentence(text)

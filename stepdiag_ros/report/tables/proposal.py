@@ -1,10 +1,8 @@
 """The extra plan of an ambiguous diagnosis in words, as a table and as JSON."""
 
-from rich.table import Table
-
 from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan
-from stepdiag_ros.report.tables.run import new_table
 from stepdiag_ros.text.numbers import plain
+from stepdiag_ros.text.table import Table, new_table
 
 _MOST_PAIRS = 12
 _PAIR_COLUMNS = ("cause", "or", "expected difference in σ", "chance to tell")
@@ -21,7 +19,7 @@ def pairs_table(proposal: ExtraPlan | None) -> Table | None:
         title + (f" (the {len(shown)} hardest of {len(proposal.pairs)} pairs)" if more else ""),
         *_PAIR_COLUMNS,
     )
-    table.columns[1].justify = "left"
+    table.columns[1].number = False
     for pair in shown:
         table.add_row(*pair.labels, plain(pair.separation, 3), _percent(pair.chance))
     return table

@@ -2,13 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import IO, Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.report import (
@@ -27,8 +22,9 @@ from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
-from stepdiag_ros.text.controls import printable
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.lead import next_lines, sentences_of
 from stepdiag_ros.words.squareness import (
     LEAST_SQUARES_LINES,
@@ -37,52 +33,9 @@ from stepdiag_ros.words.squareness import (
     sign,
 )
 
-_LEAST_WIDTH = 150
 _MOST_REASONS = 6
 """A method that cannot tell more than this is not explained line by line."""
 _MICRO_UNITS = {"m": "µm", "rad": "µrad"}
-
-
-class PlainConsole(Console):
-    """A console that leaves it to its user what happens when nobody reads on."""
-
-    text_width: int | None = None
-    """At which sentences are broken into lines; None to leave them whole."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """Take out of a text what would steer a terminal."""
-        return super().render_str(printable(text), **options)
-
-    def on_broken_pipe(self) -> None:
-        """Let the caller know, as every other stream does."""
-        raise BrokenPipeError
-
-
-def make_console(stream: IO[str]) -> PlainConsole:
-    """Return a console for plain text, never so narrow that a number would be cut."""
-    console = PlainConsole(file=stream, markup=False, highlight=False, emoji=False)
-    if console.is_terminal:
-        console.text_width = console.width
-    if not console.is_terminal or console.width < _LEAST_WIDTH:
-        console.width = _LEAST_WIDTH
-    return console
-
-
-def new_table(title: str, *columns: str) -> Table:
-    """Return an empty table in the style of the house; the first column is on the left."""
-    table = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        header_style="bold",
-        box=box.SIMPLE_HEAD,
-        # Two blanks between columns: the tables fit into a terminal of 80.
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right", no_wrap=True)
-    return table
 
 
 def _find(figures: tuple[Figure, ...], name: str) -> Figure | None:
@@ -240,8 +193,8 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
             f"{letter} / mm",
             *(f"{name} / {unit}" for name in names),
         )
-        table.columns[0].justify = "right"
-        table.min_width = len(str(table.title))
+        table.columns[0].number = True
+        table.whole_title = True
         for node, position in enumerate(nodes):
             if rotations and not any(np.isfinite(result.curves[name][node]) for name in names):
                 continue
@@ -271,7 +224,7 @@ def visibility_table(visibility: Visibility) -> Table:
         "inflation",
     )
     verdict = table.columns[1]
-    verdict.justify, verdict.no_wrap, verdict.max_width = "left", False, 72
+    verdict.number, verdict.wraps, verdict.widest = False, True, 72
     for row in visibility.rows:
         unit, scale = (
             (_MICRO_UNITS[row.unit], IN_MICRO) if row.unit in _MICRO_UNITS else (row.unit, 1.0)
@@ -459,12 +412,8 @@ def print_report(
         definition: sign definition of the squareness that is printed.
         curves: print the curves of the method to rely on, and all rotations, node by node, too.
     """
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     for line in _heading(report):
-        sentence(line)
+        console.sentence(line)
     if report.results:
         console.print()
         tables: list[Table | None] = [fit_table(report), squareness_table(report, definition)]
@@ -489,8 +438,8 @@ def print_report(
                 console.print(table)
                 console.print()
     for line in _sentences(report, definition):
-        sentence(line)
+        console.sentence(line)
     lead = lead_of(report)
     console.print()
     for line in ("In short:", *sentences_of(lead), *next_lines(lead)):
-        sentence(line)
+        console.sentence(line)

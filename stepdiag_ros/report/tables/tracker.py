@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from stepdiag_ros.evaluation.tracker import TrackerReport
 from stepdiag_ros.metrology.geometry import Vector
@@ -15,8 +14,9 @@ from stepdiag_ros.metrology.tracker.separation import AxisSeparation
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.tables.positioning import target_table
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, plain
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.positioning import decimals_of, written
 from stepdiag_ros.words.tracker import lead_sentences, sentences_of, with_u
 
@@ -59,7 +59,7 @@ def joint_table(joint: JointEstimate, truth: Vector | None = None) -> Table:
     table = new_table(
         "Positioning and squareness from all readings, with the tracker's place", *heads
     )
-    table.min_width = len(str(table.title))
+    table.whole_title = True
     for index, name in enumerate(NAMES):
         spread = COVERAGE_FACTOR * joint.standard_uncertainty[index]
         for unit, scale, decimals in (("µm/m", IN_MICRO, 2), ("arcsec", ARC_SECONDS, 3)):
@@ -87,7 +87,7 @@ def departures_table(joint: JointEstimate, most: int | None = None) -> Table | N
     if not shown:
         return None
     table = new_table(title, "pass", "readings", "departure, rms / µm", "χ² / readings", "p")
-    table.min_width = len(title)
+    table.whole_title = True
     for one in shown:
         table.add_row(
             str(one),
@@ -108,7 +108,7 @@ def lines_table(result: SevenLineResult) -> Table:
         *_PARAMETERS,
         "slope / µm/m ± U",
     )
-    table.columns[1].justify = "left"
+    table.columns[1].number = False
     both = [("places alone", result.located), ("all readings", result.corrected)]
     for index in range(len(result.located.tests)):
         for title, lines in both:
@@ -142,8 +142,8 @@ def squareness_rows(result: SevenLineResult) -> Table | None:
     if not rows and not closures:
         return None
     table = new_table("Squareness from the face lines", "", "from", "µm/m ± U")
-    table.min_width = len(str(table.title))
-    table.columns[1].justify = "left"
+    table.whole_title = True
+    table.columns[1].number = False
     for title, one in rows:
         table.add_row(
             one.name,
@@ -190,7 +190,7 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     """Print a report: tables, then sentences."""
     console.print(f"Source: {report.source}, station {report.station}")
     for text in lead_sentences(report):
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+        console.sentence(text)
     console.print()
     tables = [location_table(report.location)]
     result = report.result
@@ -209,4 +209,4 @@ def print_tracker(report: TrackerReport, console: PlainConsole) -> None:
     for table in tables:
         console.print(table)
     for text in sentences_of(report):
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
+        console.sentence(text)

@@ -10,8 +10,9 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.proposal import hours
 from stepdiag_ros.planning.tracker_duration import SevenLineDuration
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import plain
+from stepdiag_ros.text.table import new_table
 
 _ALONE, _USUAL = "lengths alone", "lengths and a usual machine"
 
@@ -43,7 +44,7 @@ def print_test(
     console.print(table)
     console.print(f"{len(test.locating)} places locate the tracker; {test.runs} runs each way.")
     told = new_table("Expected U (95 %)", "", "of", "unit", "U")
-    told.min_width = len(str(told.title))
+    told.whole_title = True
     for letter, spread in zip("XYZ", expectation.position, strict=True):
         told.add_row(
             f"tracker {letter}, from its places",

@@ -4,8 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.geometry import AXES
@@ -17,8 +15,9 @@ from stepdiag_ros.metrology.standards.volumetric import (
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.tables.run import PlainConsole, new_table
+from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.volumetric import DEFINITION
 
 if TYPE_CHECKING:
@@ -83,13 +82,9 @@ def example_tables() -> list[Table]:
 
 def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
     """Print the volumetric accuracy and the examples."""
-
-    def sentence(text: str) -> None:
-        console.print(text, width=console.text_width, soft_wrap=console.text_width is None)
-
     tables = []
     if report.accuracies:
-        sentence(f"Source: {report.source} (run {report.run_id})")
+        console.sentence(f"Source: {report.source} (run {report.run_id})")
         console.print()
         tables.append(accuracy_table(report))
     else:
@@ -97,17 +92,17 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
     for table in tables:
         console.print(table)
         console.print()
-    sentence(DEFINITION)
+    console.sentence(DEFINITION)
     for method, found in report.accuracies.items():
         for remark in found.remarks:
-            sentence(f"{method_title(method)}: {remark}.")
+            console.sentence(f"{method_title(method)}: {remark}.")
     for frame in dict.fromkeys(found.frame for found in report.accuracies.values()):
-        sentence(f"Frame: {frame}.")
+        console.sentence(f"Frame: {frame}.")
     if report.accuracies:
-        sentence(
+        console.sentence(
             f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
             " the readings, of plausible rotations and of the laser's scale; stepdiag report adds"
             " what the budget knows."
         )
     else:
-        sentence(f"Warning: {DIAGONALS_ALONE}.")
+        console.sentence(f"Warning: {DIAGONALS_ALONE}.")

@@ -36,9 +36,10 @@ from stepdiag_ros.report.pages.lead import (
     ToleranceJudgement,
     judge,
 )
-from stepdiag_ros.report.pages.page import Column, TableView, chapter, page
+from stepdiag_ros.report.pages.page import chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
 from stepdiag_ros.report.pages.sections import sections
+from stepdiag_ros.text.table import Column, Table
 
 HEAD = """\
 name: part of a run
@@ -287,8 +288,8 @@ def test_without_the_pdf_library_a_sentence_says_what_to_install(tmp_path, capsy
 
 def test_a_table_that_is_long_is_left_out_of_print_and_says_so():
     def made(count, for_print):
-        rows = tuple((str(number),) for number in range(count))
-        view = TableView("Numbers", (Column("n", True),), rows)
+        rows = [(str(number),) for number in range(count)]
+        view = Table("Numbers", [Column("n", number=True)], rows)
         told = {"taken": view, "repeats": [], "no_repeats": []}
         return str(chapter("k", "K", ["sections/readings.html"], told, {}, for_print).html)
 
@@ -307,7 +308,7 @@ def test_a_page_of_an_unknown_tone_is_refused():
 def test_a_plot_with_nothing_to_show_says_so_in_its_place():
     drawn = draw(Drawing("weather", ([],), "Weather."))
     assert drawn is None or (drawn.source == "" and drawn.caption)
-    values = {"taken": TableView("", (), ()), "repeats": [], "no_repeats": []}
+    values = {"taken": Table("", []), "repeats": [], "no_repeats": []}
     pictures_of = {"lines": Drawn("", "there is no line", 0.0)}
     html = str(chapter("k", "K", ["sections/readings.html"], values, pictures_of).html)
     assert "No picture: there is no line" in html

@@ -10,7 +10,6 @@ from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.report.documents.positioning import positioning_json
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_view
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.positioning import parameter_table, target_table
@@ -28,10 +27,10 @@ def _tell(material: Material) -> SectionContent | str:
     axes = [
         {
             "letter": test.name,
-            "parameters": table_view(parameter_table(test, None, decimals), ""),
+            "parameters": replace(parameter_table(test, None, decimals), title=""),
             "runs": f"{test.runs[0]} runs forward, {test.runs[1]} backward",
             "standard": test.standard,
-            "targets": [table_view(target_table(test, decimals))],
+            "targets": [target_table(test, decimals)],
             "picture": f"axis_{number}",
         }
         for number, test in enumerate(tests)

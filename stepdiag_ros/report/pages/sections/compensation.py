@@ -8,10 +8,10 @@ from stepdiag_ros.compensation.remaining import COMPUTED
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED, UNEXPLAINED
 from stepdiag_ros.report.documents.compensation import compensation_json
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.compensation import change_table
+from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.compensation import uncorrected
 
 _NOT_YET = {
@@ -41,7 +41,7 @@ def _tell(material: Material) -> SectionContent | str:
         {
             "control": report.control.title,
             "not_yet": not_yet(material),
-            "tables": table_views(
+            "tables": with_rows(
                 [change_table("Computed, before and after", report.remainder.changes)]
             ),
             "computed": COMPUTED,

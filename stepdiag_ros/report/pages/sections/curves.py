@@ -12,11 +12,11 @@ from stepdiag_ros.evaluation.report import (
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.documents.run import report_document
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import curve_tables, fit_table, setup_table, translation_tables
 from stepdiag_ros.text.numbers import OF_READINGS
+from stepdiag_ros.text.table import with_rows
 
 _BESIDE = ("conventional", "setup_robust")
 """Methods that are drawn beside the one to rely on."""
@@ -59,10 +59,10 @@ def _tell(material: Material) -> SectionContent | str:
     ]
     return SectionContent(
         {
-            "tables": table_views(tables),
-            "nodes": table_views([*curve_tables(preferred), *curve_tables(preferred, True)]),
+            "tables": with_rows(tables),
+            "nodes": with_rows([*curve_tables(preferred), *curve_tables(preferred, True)]),
             "nodes_title": f"All nodes, {method_title(preferred.method)}, {OF_READINGS}",
-            "setups": table_views([setup_table(preferred)]),
+            "setups": with_rows([setup_table(preferred)]),
             "frames": _frames(report, material.recorded.plan.tracker is not None),
             "remarks": _remarks(report),
         },

@@ -1,11 +1,11 @@
 """Displacement along body and face diagonals by ISO 230-6."""
 
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_view, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.sections.axes import remarks_of
 from stepdiag_ros.report.tables.positioning import group_tables, target_table
+from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.positioning import decimals_of
 
 
@@ -19,8 +19,8 @@ def _tell(material: Material) -> SectionContent | str:
     groups = [
         {
             "place": group.place,
-            "tables": table_views(group_tables(group, decimals)),
-            "targets": [table_view(target_table(test, decimals)) for test in group.tests],
+            "tables": with_rows(group_tables(group, decimals)),
+            "targets": [target_table(test, decimals) for test in group.tests],
             "sentences": [f"{remark}." for remark in group.remarks],
             "picture": f"group_{number}",
         }

@@ -2,11 +2,11 @@
 
 from typing import Any
 
+from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NOT_TESTABLE, UNEXPLAINED
 from stepdiag_ros.report.documents.diagnosis import diagnosis_document
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.diagnosis import (
@@ -24,6 +24,7 @@ from stepdiag_ros.report.tables.diagnosis import (
     runners_up_tables,
 )
 from stepdiag_ros.report.tables.proposal import pairs_table
+from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.diagnosis import MEANING
 from stepdiag_ros.words.proposal import proposed_sentences
 
@@ -62,34 +63,35 @@ def _tell(material: Material) -> SectionContent | str:
             "Readings that took no part in the fit, predicted without and with the effects.",
             {"title": ""},
         )
-    return SectionContent(
-        {
-            "verdict": diagnosis.verdict,
-            # What the free values of the model take up whole is no gap that could be looked at.
-            "testable": diagnosis.verdict != NOT_TESTABLE,
-            "sentence": diagnosis.sentence,
-            "meaning": MEANING.get(diagnosis.verdict, ""),
-            "noise": noise_sentence(diagnosis),
-            "known": known_sentences(diagnosis),
-            "rivals": rivals_words(report),
-            "next": proposed_sentences(report),
-            "pairs": table_views([pairs_table(report.proposal)]),
-            "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
-            "model": f"Compared with: {model_words(report)}.",
-            "where": list(diagnosis.where),
-            "findings": table_views(
-                [findings_table(found, findings_title(diagnosis))] if found else []
-            ),
-            "physics": [*physics_sentences(found), *group_sentences(found)],
-            "runners_up": table_views(runners_up_tables(found)),
-            "gap": table_views([gap_table(report)]),
-            "where_after": list(diagnosis.where_after),
-            "proof": extension_sentences(report),
-            "limits": table_views([limits_table(report)]),
-            "not_testable": not_testable_sentences(report),
-        },
-        drawings,
-    )
+    return SectionContent(story_of(report), drawings)
+
+
+def story_of(report: DiagnosisReport) -> dict[str, Any]:
+    """Return what a page tells of a diagnosis: its words and its tables, by name."""
+    diagnosis, found = report.diagnosis, report.findings
+    return {
+        "verdict": diagnosis.verdict,
+        # What the free values of the model take up whole is no gap that could be looked at.
+        "testable": diagnosis.verdict != NOT_TESTABLE,
+        "sentence": diagnosis.sentence,
+        "meaning": MEANING.get(diagnosis.verdict, ""),
+        "noise": noise_sentence(diagnosis),
+        "known": known_sentences(diagnosis),
+        "rivals": rivals_words(report),
+        "next": proposed_sentences(report),
+        "pairs": with_rows([pairs_table(report.proposal)]),
+        "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
+        "model": model_words(report),
+        "where": list(diagnosis.where),
+        "findings": with_rows([findings_table(found, findings_title(diagnosis))] if found else []),
+        "physics": [*physics_sentences(found), *group_sentences(found)],
+        "runners_up": with_rows(runners_up_tables(found)),
+        "gap": with_rows([gap_table(report)]),
+        "where_after": list(diagnosis.where_after),
+        "proof": extension_sentences(report),
+        "limits": with_rows([limits_table(report)]),
+        "not_testable": not_testable_sentences(report),
+    }
 
 
 def _document(material: Material) -> dict[str, Any] | None:

@@ -11,12 +11,13 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import Column, Fact, TableView
+from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.tracker_facts import tracker_facts
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.numbers import UNKNOWN, plain
+from stepdiag_ros.text.table import Table, new_table
 
 _ANY_DATE = 1e8
 """s since 1970: a run that is said to be older tells no date."""
@@ -188,17 +189,15 @@ def _weather_figures(material: Material) -> dict[str, tuple[float, float, float,
     return found
 
 
-def _weather_table(material: Material) -> TableView:
-    rows = []
+def _weather_table(material: Material) -> Table:
+    # The heading above it says what it is.
+    table = new_table("", "", "unit", "mean", "lowest", "highest", "values")
+    table.columns[1].number = False
     for name, (mean, low, high, count) in _weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]
         numbers = (plain(value * factor, decimals) for value in (mean, low, high))
-        rows.append((words, unit, *numbers, str(count)))
-    heads = ("", "unit", "mean", "lowest", "highest", "values")
-    # The heading above it says what it is.
-    return TableView(
-        "", tuple(Column(head, place > 1) for place, head in enumerate(heads)), tuple(rows)
-    )
+        table.add_row(words, unit, *numbers, str(count))
+    return table
 
 
 def _tell(material: Material) -> SectionContent:

@@ -9,10 +9,11 @@ from stepdiag_ros.bags.passes import pass_name
 from stepdiag_ros.metrology.measurement import Reading, SettledStop
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import Column, Fact, TableView
+from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.text.numbers import two_digits
+from stepdiag_ros.text.table import Table, new_table
 
 _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000
@@ -20,21 +21,13 @@ _LATE_NS = 1_000_000_000
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
 
 
-def _table(material: Material) -> TableView:
+def _table(material: Material) -> Table:
     heads = ("line", "passes planned", "measured", "complete", "stops", "rejected", "begun anew")
-    rows = [
-        (
-            one.name,
-            *(str(n) for n in (one.planned, one.measured, one.complete)),
-            *(str(n) for n in (one.stops, one.rejected, one.again)),
-        )
-        for one in material.taken
-    ]
-    return TableView(
-        "Passes and stops",
-        tuple(Column(head, place > 0) for place, head in enumerate(heads)),
-        tuple(rows),
-    )
+    table = new_table("Passes and stops", *heads)
+    for one in material.taken:
+        counts = (one.planned, one.measured, one.complete, one.stops, one.rejected, one.again)
+        table.add_row(one.name, *map(str, counts))
+    return table
 
 
 def _repeat_facts(material: Material) -> list[Fact]:

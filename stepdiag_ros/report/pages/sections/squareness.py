@@ -5,10 +5,10 @@ from typing import Any
 
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import squareness_table
+from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.squareness import LEAST_SQUARES_LINES, SIGN_DEFINITIONS
 
 
@@ -32,7 +32,7 @@ def _tell(material: Material) -> SectionContent | str:
     )
     return SectionContent(
         {
-            "tables": table_views([squareness_table(report, "rotation")]),
+            "tables": with_rows([squareness_table(report, "rotation")]),
             "sentences": [
                 f"Sign: {SIGN_DEFINITIONS['rotation']}. C0Y: Y to X, B0Z: Z to X, A0Z: Z to Y."
                 " ±: of the readings, of plausible rotations and of the laser's scale; the budget"

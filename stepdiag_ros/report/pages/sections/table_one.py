@@ -4,9 +4,9 @@ from typing import Any
 
 from stepdiag_ros.report.documents.experiment import experiment_document
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.experiment import table_one_table
+from stepdiag_ros.text.table import with_rows
 
 ABOUT = (
     "By the definitions of Ibaraki & Hata 2010, section 4.1: positioning is the error at the end of"
@@ -19,7 +19,7 @@ ABOUT = (
 def _tell(material: Material) -> SectionContent | str:
     if material.experiment is None:
         return material.why_not("experiment")
-    view = table_views([table_one_table(material.experiment)])
+    view = with_rows([table_one_table(material.experiment)])
     return SectionContent({"tables": view, "sentences": [ABOUT]})
 
 

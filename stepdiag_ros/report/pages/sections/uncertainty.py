@@ -6,11 +6,11 @@ from typing import Any
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.report.documents.budget import budget_document
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import TableView, table_view, table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.budget import budget_table, curves_table, sources_table
 from stepdiag_ros.text.numbers import UNKNOWN
+from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.budget import figure_groups
 
 
@@ -41,12 +41,12 @@ def _tell(material: Material) -> SectionContent | str:
         )
     return SectionContent(
         {
-            "sources": table_views([sources_table(budget)]),
+            "sources": with_rows([sources_table(budget)]),
             "tables": [
-                _without_idle_rows(table_view(budget_table(budget, title, rows)))
+                _without_idle_rows(budget_table(budget, title, rows))
                 for title, rows in groups.items()
             ],
-            "nodes": table_views(curves_table(budget)),
+            "nodes": with_rows(curves_table(budget)),
             "sentences": said,
             "remarks": list(budget.remarks),
         },
@@ -54,12 +54,12 @@ def _tell(material: Material) -> SectionContent | str:
     )
 
 
-def _without_idle_rows(view: TableView) -> TableView:
+def _without_idle_rows(view: Table) -> Table:
     """Return a table without the sources that are not known, or act on nothing in it."""
     idle = {UNKNOWN, "-"}
     kept = [number for number, row in enumerate(view.rows) if not set(row[1:]) <= idle]
-    ends = frozenset(place for place, number in enumerate(kept) if number in view.section_ends)
-    return replace(view, rows=tuple(view.rows[number] for number in kept), section_ends=ends)
+    ends = {place for place, number in enumerate(kept) if number in view.section_ends}
+    return replace(view, rows=[view.rows[number] for number in kept], section_ends=ends)
 
 
 def _document(material: Material) -> dict[str, Any] | None:

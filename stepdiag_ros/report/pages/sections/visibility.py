@@ -1,10 +1,10 @@
 """What these lines can tell of each of the 21 errors."""
 
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import table_views
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import visibility_sentences, visibility_table
+from stepdiag_ros.text.table import with_rows
 
 
 def _tell(material: Material) -> SectionContent | str:
@@ -14,7 +14,7 @@ def _tell(material: Material) -> SectionContent | str:
     drawing = Drawing("visibility", (found,), "What these lines tell of each error.", {"title": ""})
     return SectionContent(
         {
-            "tables": table_views([visibility_table(found)]),
+            "tables": with_rows([visibility_table(found)]),
             "sentences": visibility_sentences(found, material.report.ordered_results()),
         },
         {"visibility": drawing},

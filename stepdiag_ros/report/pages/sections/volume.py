@@ -11,11 +11,12 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.documents.volumetric import volumetric_json
 from stepdiag_ros.report.pages.material import Material
-from stepdiag_ros.report.pages.page import Fact, table_views
+from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.volumetric import accuracy_table
 from stepdiag_ros.text.numbers import plain, with_expanded
+from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.volumetric import DEFINITION
 
 
@@ -62,7 +63,7 @@ def _tell(material: Material) -> SectionContent | str:
             " marked.",
             {"title": ""},
         )
-    tables = table_views([accuracy_table(_volumetric(material))])
+    tables = with_rows([accuracy_table(_volumetric(material))])
     return SectionContent(
         {
             "facts": facts,
