@@ -18,6 +18,7 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.commands import info
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.messages import conversion
@@ -531,16 +532,16 @@ def test_ctrl_c_ends_with_130(monkeypatch, capsys):
     def interrupted(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stepdiag_ros.commands.info.run", interrupted)
+    monkeypatch.setattr(cli, "commands", lambda: [replace(info.COMMAND, run=interrupted)])
     code, out, err = stepdiag(capsys, "info", "x.mcap")
     assert (code, out, err) == (128 + signal.SIGINT, "", "stepdiag: stopped\n")
 
 
 def test_ctrl_c_while_commands_are_imported(monkeypatch, capsys):
-    def interrupted(_):
+    def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "import_module", interrupted)
+    monkeypatch.setattr(cli, "of_modules", interrupted)
     code, out, err = stepdiag(capsys, "info", "a.mcap")
     assert (code, out, err) == (128 + signal.SIGINT, "", "stepdiag: stopped\n")
 

@@ -26,9 +26,15 @@ def namespaces(folder=""):
     return found - {os.readlink("/proc/self/ns/pid")}  # noqa: PTH115
 
 
-def watch_closely(instance):
-    """Let the watchdog be as quick as the one that users get."""
+def watch_closely(instance, watched):
+    """Let the watchdog be as quick as the one that users get, from the next signs of life on."""
     instance.run("halcmd", "setp", "watchdog.timeout-0", "0.5")
+    for _ in range(5):
+        watched.position()
+
+
+def is_inhibited(instance):
+    return "TRUE" in instance.run("halcmd", "getp", "motion.feed-inhibit")
 
 
 def test_a_move_that_the_watchdog_has_held_is_a_fault_when_the_agent_goes_on(make_instance):
@@ -37,9 +43,9 @@ def test_a_move_that_the_watchdog_has_held_is_a_fault_when_the_agent_goes_on(mak
     watched.reset()
     watched.go(800.0, 0.0, 0.0)
     watched.until_moved()
-    watch_closely(instance)
+    watch_closely(instance, watched)
     instance.signal("STOP", "stepdiag_agent")
-    watched.until(lambda: "TRUE" in instance.run("halcmd", "getp", "motion.feed-inhibit"))
+    watched.until(lambda: is_inhibited(instance))
     instance.signal("CONT", "stepdiag_agent")
     fault = watched.until_state(CncState.FAULT, CncState.READY, CncState.STOPPED)
     assert fault.state is CncState.FAULT and "watchdog" in fault.reason
@@ -59,7 +65,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     watched.reset()
     watched.go(800.0, 0.0, 0.0)
     watched.until_moved()
-    watch_closely(instance)
+    watch_closely(instance, watched)
     instance.signal("STOP", "stepdiag_agent")
     with refused(OSError, None, "5", errno=errno.ETIMEDOUT):
         watched.wait(PATIENCE)
@@ -149,12 +155,15 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     here = 1e3 * watched.position()[0]
     watched.go(800.0, *(1e3 * value for value in watched.position()[1:]))
     watched.until_moved()
-    watch_closely(instance)
+    watch_closely(instance, watched)
     instance.signal("KILL", "stepdiag_agent")
     with refused(OSError, errno=errno.ECONNRESET):
         watched.wait(PATIENCE)
     watched.driver.close()
-    time.sleep(1.0)
+    end = time.monotonic() + PATIENCE
+    while not is_inhibited(instance):
+        assert time.monotonic() < end
+    time.sleep(0.3)
     first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
     time.sleep(0.2)
     assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < here + 300.0
