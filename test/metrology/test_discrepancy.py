@@ -19,7 +19,7 @@ from stepdiag_ros.metrology.discrepancy import (
     diagnose,
 )
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
-from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -41,7 +41,7 @@ class Creep(Effect):
 
     def change(self, setting, sizes, stops):
         along = stops.position[:, AXES.index(setting["axis"])]
-        return StopChange(reading=sizes["rate"] * along * np.sqrt(stops.time))
+        return Change(reading=sizes["rate"] * along * np.sqrt(stops.time))
 
 
 class Echo(Creep):
@@ -59,7 +59,7 @@ class AxisScale(Creep):
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = sizes["rate"] * stops.position[:, axis]
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 CATALOGUE = (BACKLASH, Creep())

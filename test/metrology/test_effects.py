@@ -12,7 +12,7 @@ from refused import a_fault, refused
 from stepdiag_ros.metrology import effects, registry
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.backlash import Backlash
-from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
@@ -455,7 +455,7 @@ class Foreign(Effect):
         yield {}
 
     def change(self, setting, sizes, stops):  # noqa: ARG002
-        return StopChange(reading=sizes["size"] * np.ones(len(stops.time)))
+        return Change(reading=sizes["size"] * np.ones(len(stops.time)))
 
 
 def offer(monkeypatch, **objects):

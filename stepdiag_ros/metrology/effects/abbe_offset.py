@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.passes import setup_index
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
@@ -37,12 +37,12 @@ class AbbeOffset(Effect):
                 if np.ptp(stops.position[stops.setup == index, axis]) > 0.0:
                     yield {"setup": setup, "axis": letter}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return linear·u + quadratic·u² on the setup, u = position / travel of the axis."""
         here = stops.setup == setup_index(setting, stops)
         share = stops.share[:, AXES.index(setting["axis"])]
         length = sizes["linear"] * share + sizes["quadratic"] * share**2
-        return StopChange(reading=np.where(here, length, 0.0))
+        return Change(reading=np.where(here, length, 0.0))
 
     def label(self, setting: Setting) -> str:
         """Say for example ``Abbe offset on ppp XYZ with turns of X``."""

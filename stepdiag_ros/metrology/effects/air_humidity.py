@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -22,9 +22,9 @@ class AirHumidity(Effect):
         if self.known(stops) and np.nanmax(np.abs(stops.relative_humidity - 0.5)) > 0.0:
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return per_unit·displacement·(humidity - 0.5)."""
-        return StopChange(reading=sizes["per_unit"] * stops.along * (stops.relative_humidity - 0.5))
+        return Change(reading=sizes["per_unit"] * stops.along * (stops.relative_humidity - 0.5))
 
 
 EFFECT = AirHumidity()

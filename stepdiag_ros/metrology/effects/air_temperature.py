@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -24,9 +24,9 @@ class AirTemperature(Effect):
         if self.known(stops) and np.nanmax(np.abs(stops.air_temperature - 20.0)) > 0.0:
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return per_K·displacement·(temperature - 20.0 degC)."""
-        return StopChange(reading=sizes["per_K"] * stops.along * (stops.air_temperature - 20.0))
+        return Change(reading=sizes["per_K"] * stops.along * (stops.air_temperature - 20.0))
 
 
 EFFECT = AirTemperature()

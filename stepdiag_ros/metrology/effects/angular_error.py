@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 
@@ -29,7 +29,7 @@ class AngularError(Effect):
             if AXES[moving_axis(error)] in stops.moving_axes:
                 yield {"error": error}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return the rotation linear·u + quadratic·u², u = position / travel of the axis."""
         axis = moving_axis(setting["error"])
         share = stops.share[:, axis]
@@ -37,7 +37,7 @@ class AngularError(Effect):
         rotation[:, "ABC".index(setting["error"][2])] = (
             sizes["linear"] * share + sizes["quadratic"] * share**2
         )
-        return StopChange(rotations={axis: rotation})
+        return Change(rotations={axis: rotation})
 
     def label(self, setting: Setting) -> str:
         """Say for example ``angular error E_CZ``."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -23,12 +23,12 @@ class AxisScale(Effect):
         for letter in stops.moving_axes:
             yield {"axis": letter}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return scale·position along the axis."""
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = sizes["scale"] * stops.position[:, axis]
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 EFFECT = AxisScale()

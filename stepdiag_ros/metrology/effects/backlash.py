@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
@@ -24,12 +24,12 @@ class Backlash(Effect):
             if {-1.0, 1.0} <= set(np.unique(stops.last_sense[:, axis])):
                 yield {"axis": letter}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return -lost_motion/2 along the axis, in the sense of its last move."""
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = -0.5 * sizes["lost_motion"] * stops.last_sense[:, axis]
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
         """Return a column for the stops of each setup before the axis's first move there.

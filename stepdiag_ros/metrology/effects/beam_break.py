@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.passes import PASS_KEYS, pass_rows, pass_setting, pass_words
 from stepdiag_ros.metrology.effects.stops import Stops
 
@@ -29,10 +29,10 @@ class BeamBreak(Effect):
                 for number in range(1, int(np.count_nonzero(stops.pass_index == index))):
                     yield pass_setting(line, number)
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return size at the stop and at all that are measured later in its pass."""
         here = pass_rows(setting, stops) & (stops.number >= setting["from_stop"])
-        return StopChange(reading=np.where(here, sizes["size"], 0.0))
+        return Change(reading=np.where(here, sizes["size"], 0.0))
 
     def label(self, setting: Setting) -> str:
         """Say for example ``beam-break jump on npp YZX forward, repeat 0, from stop 22``."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -23,10 +23,10 @@ class BeamWalk(Effect):
         if np.any(np.abs(stops.sideways) > 1e-9):
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return curvature·w²/2, w the way of the beam on the mirror from its centre."""
         square = np.sum(stops.sideways**2, axis=1)
-        return StopChange(reading=0.5 * sizes["curvature"] * square)
+        return Change(reading=0.5 * sizes["curvature"] * square)
 
 
 EFFECT = BeamWalk()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.passes import setup_index
 from stepdiag_ros.metrology.effects.stops import Stops
 
@@ -25,10 +25,10 @@ class CosineError(Effect):
         for setup in stops.setups:
             yield {"setup": setup}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return scale·displacement on the setup."""
         here = stops.setup == setup_index(setting, stops)
-        return StopChange(reading=np.where(here, sizes["scale"] * stops.along, 0.0))
+        return Change(reading=np.where(here, sizes["scale"] * stops.along, 0.0))
 
 
 EFFECT = CosineError()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -27,9 +27,9 @@ class DeadPath(Effect):
         ):
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return m_per_K·(temperature - 20.0)."""
-        return StopChange(reading=sizes["m_per_K"] * (stops.air_temperature - 20.0))
+        return Change(reading=sizes["m_per_K"] * (stops.air_temperature - 20.0))
 
 
 EFFECT = DeadPath()

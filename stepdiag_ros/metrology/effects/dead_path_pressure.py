@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -22,9 +22,9 @@ class DeadPathByPressure(Effect):
         if self.known(stops) and np.nanmax(stops.air_pressure) > np.nanmin(stops.air_pressure):
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return m_per_Pa·(pressure - 101325.0)."""
-        return StopChange(reading=sizes["m_per_Pa"] * (stops.air_pressure - 101325.0))
+        return Change(reading=sizes["m_per_Pa"] * (stops.air_pressure - 101325.0))
 
 
 EFFECT = DeadPathByPressure()

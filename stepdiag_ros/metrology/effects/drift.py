@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -31,14 +31,14 @@ class Drift(Effect):
                 yield {"along": letter}
         yield {"along": BEAM}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return m_per_s·time."""
         change = sizes["m_per_s"] * stops.time
         if setting["along"] == BEAM:
-            return StopChange(reading=change)
+            return Change(reading=change)
         translation = np.zeros_like(stops.position)
         translation[:, AXES.index(setting["along"])] = change
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``drift along X`` or ``drift of the reading``."""

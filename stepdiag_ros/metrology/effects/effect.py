@@ -47,7 +47,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class StopChange:
+class Change:
     """What an effect does at each stop.
 
     Attributes:
@@ -108,7 +108,7 @@ class Effect(ABC):
         """Yield every setting in which the effect could act in a run, to be tried one by one."""
 
     @abstractmethod
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return what the effect of these sizes does at each stop.
 
         Raises:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.passes import PASS_KEYS, pass_rows, pass_setting, pass_words
 from stepdiag_ros.metrology.effects.stops import Stops
 
@@ -30,12 +30,12 @@ class FringeSlip(Effect):
                 yield pass_setting(line, number)
             seen.add(setup)
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return size at the stop and at all that are measured later in its setup."""
         inside = pass_rows(setting, stops)
         moment = np.min(stops.time[inside & (stops.number >= setting["from_stop"])])
         here = (stops.setup == stops.setup[inside][0]) & (stops.time >= moment)
-        return StopChange(reading=np.where(here, sizes["size"], 0.0))
+        return Change(reading=np.where(here, sizes["size"], 0.0))
 
     def label(self, setting: Setting) -> str:
         """Say for example ``fringe slip on npp YZX forward, repeat 0, from stop 22``."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from stepdiag_ros.metrology.air import HELIUM_NEON_WAVELENGTH, refractive_index
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.passes import setup_index
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
@@ -38,12 +38,12 @@ class InterferometerNonlinearity(Effect):
                 for part in (2, 4, 8):
                     yield {"setup": setup, "period_m": HELIUM_NEON_WAVELENGTH / part}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return sine·sin + cosine·(cos - 1) of 2π·n·reading/period on the setup."""
         here = stops.setup == setup_index(setting, stops)
         phase = 2.0 * np.pi * _index(stops) * stops.displacement / setting["period_m"]
         swing = sizes["sine"] * np.sin(phase) + sizes["cosine"] * (np.cos(phase) - 1.0)
-        return StopChange(reading=np.where(here, swing, 0.0))
+        return Change(reading=np.where(here, swing, 0.0))
 
     def label(self, setting: Setting) -> str:
         """Say for example ``interferometer nonlinearity of ppp XYZ, period 316.5 nm``."""

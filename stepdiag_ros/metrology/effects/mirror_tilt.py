@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.passes import setup_index
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.forward import perpendiculars
@@ -29,13 +29,13 @@ class MirrorTilt(Effect):
             if np.any(walks[stops.setup == index]):
                 yield {"setup": setup}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return the tilt, grown in proportion along the line, times the way sideways."""
         here = stops.setup == setup_index(setting, stops)
         first, second = perpendiculars(stops.direction[here][0])
         tilt = sizes["first"] * first + sizes["second"] * second
         share = stops.along / np.max(np.abs(stops.along[here]))
-        return StopChange(reading=np.where(here, share * (stops.sideways @ tilt), 0.0))
+        return Change(reading=np.where(here, share * (stops.sideways @ tilt), 0.0))
 
     def label(self, setting: Setting) -> str:
         """Say for example ``mirror tilt under travel on ppp XYZ``."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -31,7 +31,7 @@ class PitchPeriodicError(Effect):
                 if np.ptp(stops.position[:, axis]) >= 2.0 * period:
                     yield {"axis": letter, "period_m": period}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return sine·sin + cosine·(cos - 1) of 2π·position/period along the axis."""
         axis = AXES.index(setting["axis"])
         phase = 2.0 * np.pi * stops.position[:, axis] / setting["period_m"]
@@ -39,7 +39,7 @@ class PitchPeriodicError(Effect):
         translation[:, axis] = sizes["sine"] * np.sin(phase) + sizes["cosine"] * (
             np.cos(phase) - 1.0
         )
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``pitch-periodic error of X, period 10 mm``."""

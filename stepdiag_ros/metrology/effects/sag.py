@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -30,14 +30,14 @@ class Sag(Effect):
                 ):
                     yield {"error": letter, "over": pair}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return corner·u·v along the axis, u and v the positions over the travels."""
         one, two = (AXES.index(letter) for letter in setting["over"])
         translation = np.zeros_like(stops.position)
         translation[:, AXES.index(setting["error"])] = (
             sizes["corner"] * stops.share[:, one] * stops.share[:, two]
         )
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``sag along Z over X and Y``."""

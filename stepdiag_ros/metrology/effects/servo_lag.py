@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -23,14 +23,14 @@ class ServoLag(Effect):
         if np.count_nonzero(np.any(stops.moved, axis=0)) > 1:
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return -short_by along the direction of the move that led to the stop."""
         length = np.linalg.norm(stops.way, axis=1, keepdims=True)
         moves = length > 0.0
         translation = np.where(
             moves, -sizes["short_by"] * stops.way / np.where(moves, length, 1.0), 0.0
         )
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 EFFECT = ServoLag()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -24,12 +24,12 @@ class Settling(Effect):
             if np.any(stops.moved[:, axis]):
                 yield {"axis": letter}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return -short_by along the axis, in the sense of the move that led to the stop."""
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = -sizes["short_by"] * stops.moved[:, axis]
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 EFFECT = Settling()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -22,10 +22,10 @@ class SeveralAngularErrors(Effect):
         if stops.chain:
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return no change: which way each axis turns, the size does not say."""
         del setting, sizes, stops
-        return StopChange()
+        return Change()
 
 
 EFFECT = SeveralAngularErrors()

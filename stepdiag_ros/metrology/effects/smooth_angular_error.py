@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 
@@ -32,7 +32,7 @@ class SmoothAngularError(Effect):
             if AXES[moving_axis(error)] in stops.moving_axes:
                 yield {"error": error}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return the rotation slope·u + Σ sine_w·sin(2πwu) + cosine_w·(cos(2πwu) - 1)."""
         axis = moving_axis(setting["error"])
         share = stops.share[:, axis]
@@ -43,7 +43,7 @@ class SmoothAngularError(Effect):
             angle = angle + sizes[f"cosine_{wave}"] * (np.cos(phase) - 1.0)
         rotation = np.zeros_like(stops.position)
         rotation[:, "ABC".index(setting["error"][2])] = angle
-        return StopChange(rotations={axis: rotation})
+        return Change(rotations={axis: rotation})
 
     def label(self, setting: Setting) -> str:
         """Say for example ``wavy angular error E_CZ``."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS
@@ -26,14 +26,14 @@ class SquarenessEffect(Effect):
             if np.ptp(stops.position[:, one]) > 0.0 and np.ptp(stops.position[:, two]) > 0.0:
                 yield {"angle": name}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return the slope of the curve of the later axis: E_XY, E_XZ or E_YZ."""
         factor, (first, second) = SQUARENESS_SLOPES[setting["angle"]]
         curve = first if first[3] == setting["angle"][2] else second
         error, axis = (AXES.index(letter) for letter in curve[2:])
         translation = np.zeros_like(stops.position)
         translation[:, error] = factor * sizes["turn"] * stops.position[:, axis]
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``squareness C0Y``."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
 
@@ -26,14 +26,14 @@ class ThermalGrowth(Effect):
         for letter in stops.moving_axes:
             yield {"axis": letter}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return per_K·position·(material temperature - 20 degC) along the axis."""
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = (
             sizes["per_K"] * stops.position[:, axis] * (stops.material_temperature - 20.0)
         )
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 EFFECT = ThermalGrowth()

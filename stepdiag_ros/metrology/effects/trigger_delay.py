@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -23,9 +23,9 @@ class TriggerDelay(Effect):
         if self.known(stops) and np.any(_velocity(stops)):
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return delay times the mean velocity along the beam on the way to the stop."""
-        return StopChange(reading=sizes["delay"] * _velocity(stops))
+        return Change(reading=sizes["delay"] * _velocity(stops))
 
 
 def _velocity(stops: Stops) -> Vector:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from stepdiag_ros.metrology.air import refractive_index
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -32,9 +32,9 @@ class UncompensatedAir(Effect):
         if self.known(stops) and changes:
             yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return missing·displacement·(n/n0 - 1), n0 that of air of 20 degC, 101325 Pa, 50 %."""
-        return StopChange(reading=sizes["missing"] * stops.along * _excess(stops))
+        return Change(reading=sizes["missing"] * stops.along * _excess(stops))
 
 
 def _excess(stops: Stops) -> Vector:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from stepdiag_ros.metrology.effects.drift import BEAM
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.effects.time_constants import time_constants, warmed
 from stepdiag_ros.metrology.geometry import AXES
@@ -30,14 +30,14 @@ class WarmUpDrift(Effect):
                 for constant in time_constants(stops):
                     yield {"along": along, "time_constant_s": constant}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return final·(1 - exp(-time / time constant))."""
         change = sizes["final"] * warmed(stops, setting["time_constant_s"])
         if setting["along"] == BEAM:
-            return StopChange(reading=change)
+            return Change(reading=change)
         translation = np.zeros_like(stops.position)
         translation[:, AXES.index(setting["along"])] = change
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``warm-up drift along X, time constant 600 s``."""

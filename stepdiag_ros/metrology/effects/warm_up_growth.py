@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Effect, Key, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.effects.time_constants import time_constants, warmed
 from stepdiag_ros.metrology.geometry import AXES
@@ -26,13 +26,13 @@ class WarmUpGrowth(Effect):
             for constant in time_constants(stops):
                 yield {"axis": letter, "time_constant_s": constant}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return final·position·(1 - exp(-time / time constant)) along the axis."""
         warm = warmed(stops, setting["time_constant_s"])
         axis = AXES.index(setting["axis"])
         translation = np.zeros_like(stops.position)
         translation[:, axis] = sizes["final"] * stops.position[:, axis] * warm
-        return StopChange(translation=translation)
+        return Change(translation=translation)
 
 
 EFFECT = WarmUpGrowth()

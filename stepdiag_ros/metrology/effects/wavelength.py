@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from stepdiag_ros.metrology.effects.effect import Effect, Setting, Size, StopChange
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 
 
@@ -20,9 +20,9 @@ class Wavelength(Effect):
         """Yield one setting."""
         yield {}
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> StopChange:  # noqa: ARG002
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:  # noqa: ARG002
         """Return scale·displacement."""
-        return StopChange(reading=sizes["scale"] * stops.along)
+        return Change(reading=sizes["scale"] * stops.along)
 
 
 EFFECT = Wavelength()
