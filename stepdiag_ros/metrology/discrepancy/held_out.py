@@ -275,12 +275,20 @@ class _Problem:
         return sign * gain, chance
 
     def both_tell(self, columns: Vector, held: Booleans) -> bool:
-        """Say whether both parts of a split tell something of every column."""
+        """Say whether both parts of a split show every column that the whole run shows.
+
+        A column that the baseline can follow entirely, such as a rotation that no line sees, leaves
+        only rounding, which differs between processors: no share is computed from that.
+        """
         if not np.any(held) or np.all(held):
             return False
-        whole, part = self._told(columns, held | ~held), self._told(columns, ~held)
-        share = part / np.where(whole > 0.0, whole, np.inf)
-        return bool(np.all((share >= _LEAST_SHARE) & (share <= 1.0 - _LEAST_SHARE)))
+        everything = held | ~held
+        whole, part = self._told(columns, everything), self._told(columns, ~held)
+        length = np.sum(self._white(columns, everything) ** 2, axis=0)
+        shown = whole > _RANK_LIMIT**2 * length
+        share = part[shown] / whole[shown]
+        within = (share >= _LEAST_SHARE) & (share <= 1.0 - _LEAST_SHARE)
+        return bool(np.any(shown) and np.all(within))
 
     def predict(self, held: Booleans, columns: Vector) -> Prediction:
         """Predict the held-out readings from the others, with these columns' sizes free too."""
