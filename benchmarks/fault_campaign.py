@@ -30,9 +30,9 @@ from fault_judging import DeviceLog, doubled, whole, wrong_lines
 from faulty_devices import install
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
+from stepdiag_ros.processes.cell import simulated_cell, twin_cell
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.cell import simulated_cell, twin_cell
-from stepdiag_ros.session.processes import NodeProcess, Processes
 
 CELL, MACHINE, PLAN = "demo", "demo", "quick"
 NODES = ("clock", "recorder", "assembler", "solver", "weather", "bridge", "interferometer")

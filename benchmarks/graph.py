@@ -29,9 +29,9 @@ from stepdiag_ros.messages.conversion import to_settled_stop
 from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.measurement import SettledStop
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.following import RunNews
-from stepdiag_ros.session.measure import MeasuringSession
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.following import RunNews
+from stepdiag_ros.processes.measure import MeasuringSession
 
 MOST_CORES = 2.0
 """That the nodes may take together."""

@@ -38,8 +38,8 @@ from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Environment, Reading, SettledStop
 from stepdiag_ros.nodes.operator import OperatorNode
-from stepdiag_ros.session.graph import in_graph
-from stepdiag_ros.session.processes import NodeProcess, Processes
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.viewers.page.access import make_access
 from stepdiag_ros.viewers.page.items import AxisPlace, RunBegin
 from stepdiag_ros.viewers.page.server import MonitorServer, Offer

@@ -30,9 +30,9 @@ from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.embedded import client
 from stepdiag_ros.messages.samples import to_sample_block
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.measure import MeasuringSession
-from stepdiag_ros.session.processes import NodeProcess
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.measure import MeasuringSession
+from stepdiag_ros.processes.node_process import NodeProcess
 
 SIMULATED = "use_sim_time"
 

@@ -7,8 +7,8 @@ be edited. The run begins with the service by_hand/start; nothing here moves the
 
 from launch import LaunchDescription
 
-from stepdiag_ros.session.cell import hand_cell
-from stepdiag_ros.session.launching import NAMESPACE, Argument, description, started
+from stepdiag_ros.processes.cell import hand_cell
+from stepdiag_ros.processes.launching import NAMESPACE, Argument, description, started
 
 ARGUMENTS = {
     "parameters": Argument("ROS 2 parameter file with the devices and parameters of the cell"),

@@ -7,8 +7,8 @@ service sequencer/start; devices are opened at once unless their parameter autos
 
 from launch import LaunchDescription
 
-from stepdiag_ros.session.cell import machine_cell
-from stepdiag_ros.session.launching import NAMESPACE, Argument, description, started
+from stepdiag_ros.processes.cell import machine_cell
+from stepdiag_ros.processes.launching import NAMESPACE, Argument, description, started
 
 ARGUMENTS = {
     "parameters": Argument("ROS 2 parameter file with the devices and parameters of the cell"),

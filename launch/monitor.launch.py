@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 
 from stepdiag_ros import resources, topics
 from stepdiag_ros.metrology.frames import MACHINE
-from stepdiag_ros.session.launching import (
+from stepdiag_ros.processes.launching import (
     NAMESPACE,
     TRUTHS,
     Argument,
@@ -18,7 +18,7 @@ from stepdiag_ros.session.launching import (
     number,
     started,
 )
-from stepdiag_ros.session.processes import NodeProcess
+from stepdiag_ros.processes.node_process import NodeProcess
 from stepdiag_ros.topics import TOPICS
 
 ARGUMENTS = {

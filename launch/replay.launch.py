@@ -8,8 +8,8 @@ from launch import LaunchDescription
 from launch.actions import ExecuteProcess
 from launch_ros.substitutions import ExecutableInPackage
 
-from stepdiag_ros.session.cell import evaluation
-from stepdiag_ros.session.launching import (
+from stepdiag_ros.processes.cell import evaluation
+from stepdiag_ros.processes.launching import (
     PACKAGE,
     Argument,
     description,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from launch import LaunchDescription
 
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.launching import Argument, description, number, started
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.launching import Argument, description, number, started
 
 ARGUMENTS = {
     "plan": Argument("test plan: YAML file, or a name in config/plans", "demo"),

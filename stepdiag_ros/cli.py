@@ -11,17 +11,21 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from functools import partial
+from itertools import groupby
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import wrap
 
-from stepdiag_ros.commands.arguments import Command, CommandParser
+from stepdiag_ros.commands.arguments import Command, CommandParser, Group, HintingParser
 from stepdiag_ros.metrology.registry import of_modules
 from stepdiag_ros.text.sentence import PREFIX, sentence
 
 _DESCRIPTION = """\
-Laser step-diagonal measurement of three-axis machine tools: positioning, straightness and
-squareness errors of all axes from one laser interferometer, along step diagonals and along the
-axes (diagonals alone do not tell positioning). A measurement is recorded in one
-file, a bag (.mcap), from which every result can be had again."""
+Measure the positioning, straightness and squareness errors of a three-axis
+machine tool with one laser interferometer, along step diagonals and along the
+axes. A measurement is recorded in one file, a bag (.mcap). Every result can be
+computed from that file again."""
 
 _COLLECTED_AT = 50_000
 """New objects after which Python looks for unused cycles.
@@ -29,6 +33,12 @@ _COLLECTED_AT = 50_000
 Nearly all that a command imports, reads and computes lives until it ends. At Python's own threshold
 (700 to 2,000 objects) looking through it again and again takes a tenth of a command's time.
 """
+_WIDEST = 100
+"""Columns of the widest help text, however wide the terminal is."""
+_FIRST_STEPS = (
+    "'stepdiag demo' measures a simulated machine, in one to two minutes.",
+    "'stepdiag COMMAND --help' explains a command, with an example.",
+)
 _EXIT_REFUSED = 1
 _EXIT_INTERRUPTED = 128 + signal.SIGINT
 _EXIT_BROKEN_PIPE = 141
@@ -37,17 +47,20 @@ _EXIT_BROKEN_PIPE = 141
 def commands() -> list[Command]:
     """Return all commands in the order in which the help lists them."""
     found: list[Command] = of_modules("stepdiag_ros.commands", "COMMAND")
-    return sorted(found, key=lambda one: one.order)
+    groups = list(Group)
+    return sorted(found, key=lambda one: (groups.index(one.group), one.order))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     from stepdiag_ros import __version__
 
-    parser = argparse.ArgumentParser(
+    known = commands()
+    parser = HintingParser(
         prog="stepdiag",
+        usage="stepdiag [--version] [--traceback] COMMAND ...",
         description=_DESCRIPTION,
-        epilog="'stepdiag COMMAND --help' explains a command, with an example.",
+        further_help=lambda: _listed(known),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"stepdiag {__version__}")
@@ -57,17 +70,34 @@ def make_parser() -> argparse.ArgumentParser:
         help="when a command fails, show where in the program (for a bug report)",
     )
     # The self-test runs other commands, as a user would.
-    parser.set_defaults(main=main)
+    parser.set_defaults(main=main, run=partial(_show_help, parser))
+    # The end of the help lists the commands by what they are for.
     subparsers = parser.add_subparsers(
-        title="commands",
-        metavar="COMMAND",
-        dest="command",
-        required=True,
-        parser_class=CommandParser,
+        prog="stepdiag", dest="command", help=argparse.SUPPRESS, parser_class=CommandParser
     )
-    for command in commands():
+    for command in known:
         command.add_parser(subparsers)
     return parser
+
+
+def _show_help(parser: argparse.ArgumentParser, _: argparse.Namespace) -> int:
+    """Print the help, for who gave no command; return the exit code."""
+    parser.print_help()
+    return 0
+
+
+def _listed(known: Sequence[Command]) -> str:
+    """Return the commands under the headings of their groups, and how to go on."""
+    column = max(len(command.name) for command in known) + 4
+    width = min(get_terminal_size().columns, _WIDEST) - 2
+    lines = []
+    for group, members in groupby(known, key=lambda command: command.group):
+        lines.append(f"{group.value}:")
+        for command in members:
+            start = f"  {command.name}".ljust(column)
+            lines += wrap(command.help, width, initial_indent=start, subsequent_indent=" " * column)
+        lines.append("")
+    return "\n".join(["", *lines, *_FIRST_STEPS, ""])
 
 
 def _leave_pipe() -> None:

@@ -7,6 +7,7 @@ text of a file is returned beside what was made from it, because a run records t
 import hashlib
 import re
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -71,8 +72,10 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
         packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
         if packaged.is_file():
             return packaged
+    near = get_close_matches(str(name_or_path), available(folder), n=1)
+    hint = f"did you mean {near[0]}? Give" if near else "give"
     raise Refusal(
-        f"there is no {what} '{name_or_path}': give the path of a YAML file"
+        f"there is no {what} '{name_or_path}': {hint} the path of a YAML file"
         f" or one of {', '.join(available(folder))}",
         fault="not_found",
     )

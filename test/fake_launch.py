@@ -35,7 +35,7 @@ def launched(path, **given):
     """Return the declared arguments of a launch file, and the actions for some values of them."""
     text = path.read_text()
     # Otherwise the classes of an earlier test would stay in it.
-    sys.modules.pop("stepdiag_ros.session.launching", None)
+    sys.modules.pop("stepdiag_ros.processes.launching", None)
     module = {"__name__": path.name}
     exec(compile(text, str(path), "exec"), module)
     *declared, function = module["generate_launch_description"]().arguments[0]

@@ -20,7 +20,7 @@ from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, Line, Plan
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.planning.moves import Point, passes_of
-from stepdiag_ros.planning.nc_program import Move
+from stepdiag_ros.planning.nc_writing import Move
 
 _REST = 30.0
 """Multiples of the lag and the settling time after which a drive has come to rest."""

@@ -32,7 +32,7 @@ def make_result(method="least_squares", shift=0.0, uncertainty=5e-8):
     ]
     return VolumetricErrors(
         method=method,
-        nodes=tuple(VOLUME.nodes(axis) for axis in range(3)),
+        nodes=VOLUME.all_nodes,
         curves={name: curve + moved for name, curve in true_curves().items()},
         standard_uncertainty={name: known.copy() for name in TRANSLATIONS},
         figures=tuple(figures),
@@ -116,7 +116,7 @@ def make_report(**changes):
         chain="YXZ",
         run_software_version="0.1.0",
         simulated=True,
-        truth=Truth(curves=true_curves(), figures=(Figure("C0Y", 1.2e-5, 0.0, "rad"),)),
+        truth=Truth(VOLUME.all_nodes, true_curves(), figures=(Figure("C0Y", 1.2e-5, 0.0, "rad"),)),
         equals_recorded={"least_squares": True},
     )
     return replace(report, **changes)

@@ -18,7 +18,7 @@ Every tick wakes ten nodes: at the default of 4 ms that is a third of what a run
 
 def nodes_of(folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK):
     """Return the nodes of a simulated cell, for a run that takes little of the processor."""
-    from stepdiag_ros.session.cell import simulated_cell
+    from stepdiag_ros.processes.cell import simulated_cell
 
     nodes = simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
     (clock,) = (node for node in nodes if node.name == "clock")
@@ -54,7 +54,7 @@ class RunningCell:
         import rclpy
 
         from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.processes import NodeProcess, Processes
+        from stepdiag_ros.processes.node_process import NodeProcess, Processes
 
         self.folder = folder
         more = [NodeProcess(name, {"use_sim_time": True, **given}) for name, given in shown]

@@ -16,7 +16,7 @@ FIGURES = ("benchmarks", "docs", "evaluation", "metrology", "plots", "report", "
 """What figures in documents are computed by, and where they stand."""
 EVERY = ("",)
 """For a test that judges every folder."""
-CELL = ("bags", "devices", "embedded", "messages", "nodes", "parameters", "run", "session")
+CELL = ("bags", "devices", "embedded", "messages", "nodes", "parameters", "processes", "run")
 """What a whole run on nodes goes through."""
 
 SLOW: dict[str, tuple[str, ...]] = {

@@ -19,7 +19,7 @@ from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.bags.table_writing import TABLE_NAME, WrittenTable, run_table_of
 from stepdiag_ros.bags.tracker_table import table_text
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary
-from stepdiag_ros.metrology.geometry import curve_unit, moving_axis
+from stepdiag_ros.metrology.geometry import curve_unit
 from stepdiag_ros.metrology.measurement import (
     BlockDisplacement,
     Reading,
@@ -276,7 +276,7 @@ def _results_table(latest: dict[str, Any]) -> ExportedTable:
             )
             for method, result in latest.items()
             for name in result.curves
-            for node, position in enumerate(result.nodes[moving_axis(name)])
+            for node, position in enumerate(result.nodes_of(name))
         ],
     )
 

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,7 +23,30 @@ class _HelpFormatter(argparse.HelpFormatter):
         return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
 
 
-class CommandParser(argparse.ArgumentParser):
+class HintingParser(argparse.ArgumentParser):
+    """Refuses a word that is not among the choices, and names the one that may have been meant."""
+
+    def __init__(self, *args: Any, further_help: Callable[[], str] | None = None, **more: Any):
+        """Make the parser; ``further_help`` returns the end of the help once it is asked for."""
+        super().__init__(*args, **more)
+        self._further_help = further_help
+
+    def format_help(self) -> str:
+        """Return the help, with what takes long to find out only here."""
+        return super().format_help() + (self._further_help() if self._further_help else "")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        known = [str(choice) for choice in action.choices]
+        near = get_close_matches(str(value), known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+        if isinstance(action, argparse._SubParsersAction):
+            raise argparse.ArgumentError(None, f"there is no command '{value}'; {hint}")
+        raise argparse.ArgumentError(action, f"there is no '{value}'; {hint}")
+
+
+class CommandParser(HintingParser):
     """The parser of one command.
 
     It takes options before, between and after files, since people type them in any order, and says
@@ -31,14 +55,9 @@ class CommandParser(argparse.ArgumentParser):
 
     _intermixed = False
 
-    def __init__(self, *args: Any, further_help: Callable[[], str] | None = None, **more: Any):
-        """Make the parser; ``further_help`` returns the end of the help once it is asked for."""
+    def __init__(self, *args: Any, **more: Any):
+        """Make the parser, with the layout that the examples need."""
         super().__init__(*args, **{"formatter_class": _HelpFormatter, **more})
-        self._further_help = further_help
-
-    def format_help(self) -> str:
-        """Return the help, with what takes long to find out only here."""
-        return super().format_help() + (self._further_help() if self._further_help else "")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -74,13 +93,25 @@ class CommandParser(argparse.ArgumentParser):
         self.error(f"there is no option {wrong}; {hint}")
 
 
+class Group(Enum):
+    """What a command is for; the help lists the groups in this order under these headings."""
+
+    MEASURE = "measure"
+    WATCH = "watch a live run, or a bag"
+    UNDERSTAND = "understand the result"
+    CORRECT = "correct the machine"
+    EXCHANGE = "exchange data"
+    LOOK_AFTER = "look after bags, nodes and this program"
+
+
 @dataclass(frozen=True)
 class Command:
     """A command of ``stepdiag``: all that is declared of it.
 
     Attributes:
         name: that the user types.
-        order: its place in the list of commands.
+        group: what it is for.
+        order: its place in its group.
         add_options: adds its arguments; of commands below it each sets its own ``run``.
         run: returns the exit code; None where there are commands below it.
         help: what it does, in the list of commands.
@@ -90,6 +121,7 @@ class Command:
     """
 
     name: str
+    group: Group
     order: int
     add_options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int] | None
@@ -160,6 +192,7 @@ def port(text: str) -> int:
 
 
 COMMON: dict[str, dict[str, Any]] = {
+    "details": {"action": "store_true", "help": "print all tables, as in report.txt"},
     "force": {"action": "store_true", "help": "overwrite files that are there"},
     "json": {"action": "store_true", "help": "print JSON in SI units"},
     "method": {"default": "", "help": "of the solver (default: the one to rely on)"},
@@ -169,7 +202,7 @@ COMMON: dict[str, dict[str, Any]] = {
         "metavar": "NS",
         "help": "of the nodes, such as /cell_1 (default: none)",
     },
-    "output": {"type": Path, "metavar": "FOLDER"},
+    "output": {"flags": ("-o",), "type": Path, "metavar": "FOLDER"},
     "pictures": {
         "choices": ("png", "svg", "pdf", "none"),
         "default": "png",
@@ -189,6 +222,43 @@ COMMON: dict[str, dict[str, Any]] = {
 """Options that several commands have: name → how argparse declares them."""
 
 
+_NEWEST = "\0"
+"""Stands for the bag that nobody named; no path holds this character."""
+RESULTS = Path("stepdiag_results")
+"""Folder in which runs are recorded where none was named."""
+
+
+def add_bag(parser: argparse.ArgumentParser, what: str = "the measurement (.mcap)") -> None:
+    """Add the argument that names a bag; if it is left out, the newest bag here is taken.
+
+    Args:
+        parser: of the command.
+        what: the argument may name, for the help.
+    """
+    help_text = f"{what} (default: the newest .mcap here or in {RESULTS})"
+    parser.add_argument("bag", type=_bag, nargs="?", default=_NEWEST, help=help_text)
+
+
+def _bag(text: str) -> Path:
+    from stepdiag_ros.commands.output import say
+
+    if text != _NEWEST:
+        return Path(text)
+    found = [path for folder in (Path(), RESULTS) for path in folder.glob("*.mcap")]
+    if not found:
+        raise argparse.ArgumentTypeError(f"no .mcap file is here or in {RESULTS}: name a bag")
+    newest = max(found, key=lambda path: path.stat().st_mtime_ns)
+    say(f"stepdiag: newest bag: {newest}")
+    return newest
+
+
+def results_folder(source: Path, what: str = "results") -> Path:
+    """Return the folder for the results of a bag or table: ``NAME_WHAT`` beside it."""
+    if source.name in ("", ".."):
+        source = source.resolve()
+    return source.parent / f"{source.stem}_{what}"
+
+
 def add_common(parser: argparse._ActionsContainer, name: str, **changes: Any) -> None:
     """Add an option that several commands have.
 
@@ -197,7 +267,8 @@ def add_common(parser: argparse._ActionsContainer, name: str, **changes: Any) ->
         name: of ``COMMON``.
         changes: what this command declares otherwise, mostly ``help``.
     """
-    parser.add_argument(f"--{name}", **{**COMMON[name], **changes})
+    declared = {**COMMON[name], **changes}
+    parser.add_argument(*declared.pop("flags", ()), f"--{name}", **declared)
 
 
 def picture_formats(arguments: argparse.Namespace) -> tuple[str, ...]:

@@ -3,11 +3,10 @@
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
@@ -25,7 +24,7 @@ _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_bag(parser)
     add_common(parser, "run")
     parser.add_argument(
         "--instrument",
@@ -98,7 +97,6 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
     from stepdiag_ros.plots.files.budget import draw_budget
     from stepdiag_ros.report.documents.budget import budget_json
-    from stepdiag_ros.report.publish import results_folder
     from stepdiag_ros.report.tables.budget import print_budget
 
     instrument = Instrument()
@@ -146,10 +144,11 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "budget",
-    110,
+    Group.UNDERSTAND,
+    60,
     _add_options,
     run,
-    help="uncertainty budget of a result by its sources, checked by Monte Carlo",
+    help="uncertainty budget by source, checked by Monte Carlo",
     description="Show for every result of a bag (squareness, positioning, straightness, the"
     " curves at every node) what each source adds to its uncertainty: laser, air, dead path,"
     " material, setup, repeatability, drift. Combined by the GUM with all correlations, and on"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import say, warn_of_undetermined
 
 if TYPE_CHECKING:
@@ -137,7 +137,8 @@ def _document(found: "HandRun", target: Path, run_id: str) -> "Document":
 
 COMMAND = Command(
     "by-hand",
-    230,
+    Group.MEASURE,
+    50,
     _add_options,
     run,
     help="find the stops of a plan in a recording of readings alone",

@@ -9,7 +9,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
@@ -208,7 +208,7 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
                 contents[f"{_NAME}.html"] = page.html().encode()
             if arguments.pdf:
                 contents[f"{_NAME}.pdf"] = pdf_of(page.html(for_print=True))
-        folder = arguments.output or arguments.after.parent / f"{arguments.after.stem}_{_NAME}"
+        folder = arguments.output or results_folder(arguments.after, _NAME)
         make_folder(folder)
         for name, content in contents.items():
             with whole_file(folder / name) as partial:
@@ -218,10 +218,11 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
 
 COMMAND = Command(
     _NAME,
-    180,
+    Group.UNDERSTAND,
+    80,
     _add_options,
     run,
-    help="what changed between two measurements of a machine, with E_n values",
+    help="what changed between two measurements, with E_n values",
     description="Compare two measurements of the same box, before and after compensation, or"
     " last year and now: positioning, straightness, squareness, the error vectors in the volume"
     " and every curve node by node, each with the uncertainty of its change and E_n; and say"

@@ -5,7 +5,14 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
+from stepdiag_ros.commands.arguments import (
+    Command,
+    Group,
+    add_bag,
+    add_common,
+    picture_formats,
+    results_folder,
+)
 from stepdiag_ros.commands.output import (
     add_result_options,
     progress_bar,
@@ -37,7 +44,7 @@ examples:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_bag(parser)
     add_common(parser, "run")
     parser.add_argument(
         "--measured",
@@ -75,7 +82,7 @@ def run(arguments: Namespace) -> int:
 
         return draw_experiment(experiment)
 
-    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_comparison"
+    folder = arguments.output or results_folder(arguments.bag, "comparison")
     formats = picture_formats(arguments)
     with progress_bar("writing results") as progress:
         files = write_results(folder, experiment_texts(experiment), draw, formats, progress)
@@ -89,10 +96,11 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "compare",
-    100,
+    Group.UNDERSTAND,
+    70,
     _add_options,
     run,
-    help="compare a result with directly measured straightness, squareness, ...",
+    help="compare a result with errors that were measured directly",
     description="Compare the errors identified from a bag with errors measured directly with"
     " an artefact or another instrument: Table 1 and Figures 7 to 10 of Ibaraki and Hata"
     " (2010), differences and normalised errors E_n, with pictures.",

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.arguments import Command, Controls, add_common
+from stepdiag_ros.commands.arguments import Command, Controls, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
 from stepdiag_ros.metrology.units import MILLI
@@ -354,10 +354,11 @@ def _write(
 
 COMMAND = Command(
     "compensate",
-    160,
+    Group.CORRECT,
+    10,
     _add_options,
     run,
-    help="write compensation tables for a control, and say what they leave uncorrected",
+    help="write compensation tables and state what they leave",
     description="Write the compensation tables of a control from a measurement: positioning,"
     " and where the control can, straightness and squareness. What remains of the errors is"
     " computed from the written files and shown, before and after.",

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.compensate import (
     add_despite_option,
     add_seal_option,
@@ -192,7 +192,7 @@ def _identified(path: Path, method: str, run_id: str | None) -> "Identified":
 
 
 def _settings(arguments: Namespace) -> "RewriteSettings":
-    from stepdiag_ros.compensation.nc_program import NcSettings
+    from stepdiag_ros.compensation.nc_reading import NcSettings
     from stepdiag_ros.compensation.nc_rewrite import RewriteSettings
 
     given: dict[str, Any] = {
@@ -232,10 +232,11 @@ def _write(target: Path, data: bytes) -> None:
 
 COMMAND = Command(
     "compensate-nc",
-    190,
+    Group.CORRECT,
+    20,
     _add_options,
     run,
-    help="rewrite an NC program for a machine with known errors, and prove what remains",
+    help="rewrite an NC program for the errors of a machine",
     description="Replace every target of an NC program by the one at which the tool of this"
     " machine comes to where the program wants it, divide feed moves so that the tool stays"
     " within a tolerance of its way, and run both programs through the model of the machine to"

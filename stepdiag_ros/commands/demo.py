@@ -2,7 +2,7 @@
 
 import argparse
 
-from stepdiag_ros.commands.arguments import Command
+from stepdiag_ros.commands.arguments import Command, Group
 from stepdiag_ros.commands.run import add_run_options, run
 
 FACTOR = 30.0
@@ -14,10 +14,11 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 COMMAND = Command(
     "demo",
+    Group.MEASURE,
     10,
     _add_options,
     run,
-    help="see it work: a whole simulated measurement, solved and drawn, in one to two minutes",
+    help="measure a simulated machine and show the result (about a minute)",
     description="Measure a simulated machine with three linear axes and four step diagonals of "
     "12 blocks of 10 mm, both ways, twice, faster than real time; then show what "
     "each method makes of it beside the truth.",

@@ -9,7 +9,14 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
+from stepdiag_ros.commands.arguments import (
+    Command,
+    Group,
+    add_bag,
+    add_common,
+    picture_formats,
+    results_folder,
+)
 from stepdiag_ros.commands.output import (
     Progress,
     progress_bar,
@@ -46,7 +53,7 @@ examples:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, metavar="BAG", help="bag (.mcap) or run table (.csv)")
+    add_bag(parser, "a bag (.mcap) or run table (.csv)")
     add_common(parser, "run")
     parser.add_argument(
         "further",
@@ -102,7 +109,7 @@ def run(arguments: Namespace) -> int:
         if path is not None and not path.parent.is_dir():
             raise ValueError(f"{path}: the folder {path.parent} does not exist")
     recorded = _loaded(arguments.bag, arguments.run_id)
-    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_diagnosis"
+    folder = arguments.output or results_folder(arguments.bag, "diagnosis")
     if recorded is not None and recorded.plan.tracker is not None:
         return _show_tracker(recorded, arguments, folder)
     report = report_of(arguments, recorded)
@@ -289,10 +296,11 @@ def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":
 
 COMMAND = Command(
     "diagnose",
-    120,
+    Group.UNDERSTAND,
+    20,
     _add_options,
     run,
-    help="compare a run with a model and name the effect that is missing",
+    help="compare a run with a model and name the missing effect",
     description="Compare a recorded run with a model of the machine: say whether they agree,"
     " and if not, where the gap is and which effect of the catalogue closes it, with size,"
     " uncertainty and proof on data that took no part in the fit. The noise is taken from the"

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import number, say
 from stepdiag_ros.metrology.units import MILLI
 
@@ -101,10 +101,11 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "direct",
-    220,
+    Group.EXCHANGE,
+    20,
     _add_options,
     run,
-    help="make a table of directly measured angles or straightness from .rta or .rts",
+    help="make a table of directly measured errors (.rta, .rts)",
     description="Make the table of direct measurements that 'stepdiag solve --direct' weighs in"
     " and 'stepdiag compare --measured' compares with, from a file of Renishaw's laser"
     " software: angles (.rta), straightness (.rts) or positioning (.rtl).",

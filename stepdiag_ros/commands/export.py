@@ -1,16 +1,15 @@
 """``stepdiag export``: tables from a bag."""
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.output import progress_bar, say
 from stepdiag_ros.text.intake import refusals_of
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_bag(parser)
     add_common(parser, "run")
     add_common(parser, "output", help="default: NAME_tables beside the bag")
     parser.add_argument(
@@ -35,7 +34,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.attachments import write_attachments
     from stepdiag_ros.bags.export import export_bag
 
-    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_tables"
+    folder = arguments.output or results_folder(arguments.bag, "tables")
     with progress_bar(f"exporting {arguments.bag.name}"), refusals_of(arguments.bag):
         report = export_bag(
             arguments.bag,
@@ -69,7 +68,8 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "export",
-    240,
+    Group.EXCHANGE,
+    30,
     _add_options,
     run,
     help="write the tables of a bag (CSV or Parquet)",

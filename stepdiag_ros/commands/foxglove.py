@@ -6,7 +6,7 @@ import threading
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import Command, add_common, port
+from stepdiag_ros.commands.arguments import Command, Group, add_common, port
 from stepdiag_ros.commands.onlooking import (
     refuse_what_does_not_fit,
     ros_arguments,
@@ -88,10 +88,11 @@ def _replay(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "foxglove",
-    70,
+    Group.WATCH,
+    30,
     _add_options,
     run,
-    help="show a run, or a bag as if it were one, in Foxglove",
+    help="in Foxglove",
     description="Serve what the nodes on this ROS domain publish, or a bag, to Foxglove and "
     "other viewers that speak its WebSocket protocol. Viewers look on; they control nothing "
     "but the playing of a bag. Load the layout config/foxglove/stepdiag.json there. It is "

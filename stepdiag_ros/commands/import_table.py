@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import number, say
 
 if TYPE_CHECKING:
@@ -282,10 +282,11 @@ def _options(arguments: Namespace) -> "ImportOptions":
 
 COMMAND = Command(
     "import",
-    210,
+    Group.EXCHANGE,
+    10,
     _add_options,
     run,
-    help="make a bag from a measurement that another program wrote",
+    help="make a bag from a measurement of another program",
     description="Make a bag from a run table, a file of another laser system or any table of"
     " text. The file goes into the bag byte for byte. What cannot be read, is incomplete or"
     " contradicts itself is refused with the row and the reason; what the file does not tell"

@@ -2,11 +2,10 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common
 from stepdiag_ros.commands.output import progress_bar
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ _MOST_GAPS = 10
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, help="the bag (.mcap), or a folder of 'ros2 bag record'")
+    add_bag(parser, "a bag (.mcap), or a folder of 'ros2 bag record'")
     add_common(parser, "run")
     add_common(parser, "json", help="print the summary as JSON")
 
@@ -167,7 +166,8 @@ def _topics(info: "BagInfo") -> "Table":
 
 COMMAND = Command(
     "info",
-    270,
+    Group.LOOK_AFTER,
+    10,
     _add_options,
     run,
     help="show what is in a bag, and whether it is whole",

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.output import (
     progress_bar,
     warn_of_flaws,
@@ -42,7 +42,7 @@ _UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    add_bag(parser, "a bag (.mcap), or a table (.csv)")
     add_common(parser, "run")
     parser.add_argument("--axis", default="", help="name of the axis in a table")
     parser.add_argument(
@@ -64,7 +64,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.tables.positioning import print_positioning
 
     report = report_of(
-        arguments.source,
+        arguments.bag,
         arguments.axis,
         arguments.uncertainty,
         arguments.published,
@@ -76,7 +76,7 @@ def run(arguments: Namespace) -> int:
         lambda console: print_positioning(report, console),
         lambda: draw_positioning(report),
         arguments,
-        arguments.source.parent / f"{arguments.source.stem}_iso230",
+        results_folder(arguments.bag, "iso230"),
     )
 
 
@@ -147,7 +147,8 @@ def _published(path: Path) -> "Published":
 
 COMMAND = Command(
     "iso230",
-    130,
+    Group.UNDERSTAND,
+    30,
     _add_options,
     run,
     help="positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)",

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import (
     progress_bar,
     say,
@@ -14,8 +14,8 @@ from stepdiag_ros.commands.output import (
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.lead import RunLead
+    from stepdiag_ros.processes.following import RunNews, RunOutcome
     from stepdiag_ros.run.sequence import State
-    from stepdiag_ros.session.following import RunNews, RunOutcome
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -29,8 +29,8 @@ def _add_options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Measure and say what came of it; see the module."""
     from stepdiag_ros import configuration
-    from stepdiag_ros.session.following import RunFailed
-    from stepdiag_ros.session.joining import JoinedRun
+    from stepdiag_ros.processes.following import RunFailed
+    from stepdiag_ros.processes.joining import JoinedRun
 
     # Read and checked here: what is executed is what the user sees, wherever the sequencer runs.
     text = ""
@@ -76,8 +76,8 @@ class _Attendant:
 
     def __call__(self, state: "State", text: str) -> bool:
         """Say why the run is held, and whether it is to go on."""
+        from stepdiag_ros.processes.following import RunFailed
         from stepdiag_ros.run.sequence import State
-        from stepdiag_ros.session.following import RunFailed
 
         attended = sys.stdin is not None and sys.stdin.isatty()
         if state is State.FAULT and not attended:
@@ -160,10 +160,11 @@ def _show(measured: "RunOutcome", as_json: bool) -> None:
 
 COMMAND = Command(
     "measure",
+    Group.MEASURE,
     40,
     _add_options,
     run,
-    help="measure on nodes that are there already, started by ros2 launch or one by one",
+    help="run a test plan on nodes that are already running",
     description="Start a run on the nodes that are in the ROS graph, by the sequencer's action,"
     " and follow it until it is recorded and evaluated. Where the run waits for a setup, or was"
     " stopped by a fault, it says so: Enter goes on once all is in order. Without a terminal a"

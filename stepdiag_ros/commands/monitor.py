@@ -6,7 +6,7 @@ import threading
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from stepdiag_ros.commands.arguments import Command, add_common, port
+from stepdiag_ros.commands.arguments import Command, Group, add_common, port
 from stepdiag_ros.commands.onlooking import (
     add_rate_option,
     rate_of,
@@ -80,10 +80,11 @@ def _replay(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "monitor",
-    50,
+    Group.WATCH,
+    10,
     _add_options,
     run,
-    help="show a run, or a bag as if it were one, as a live page in the browser",
+    help="in the browser, as a live page",
     description="Serve one page that shows where the run is, the beam, stops and blocks as they"
     " come, the error curves with their uncertainty, squareness, the gap to the model, the air"
     " and what is wrong. Without a bag it shows what runs on this ROS domain, and whoever has"

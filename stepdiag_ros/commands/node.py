@@ -4,7 +4,7 @@ import argparse
 import sys
 from importlib import import_module
 
-from stepdiag_ros.commands.arguments import Command
+from stepdiag_ros.commands.arguments import Command, Group
 
 NODES = (
     "assembler",
@@ -41,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 COMMAND = Command(
     "node",
-    310,
+    Group.LOOK_AFTER,
+    60,
     _add_options,
     run,
     help="start one node of a measurement",

@@ -61,7 +61,7 @@ def ros_arguments(command: str, enclave: str, namespace: str) -> list[str]:
         enclave: of its keys in a protected cell.
         namespace: such as ``/cell_1``; empty for none.
     """
-    from stepdiag_ros.session.processes import ENCLAVE
+    from stepdiag_ros.processes.node_process import ENCLAVE
 
     made = [command, "--ros-args", "--enclave", f"{ENCLAVE}/{enclave}"]
     made += ["-r", f"__node:={enclave}_{os.getpid()}"]

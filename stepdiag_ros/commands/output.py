@@ -153,20 +153,23 @@ def add_result_options(
     )
 
 
-def show_report(report: "Report", arguments: Namespace, default_folder: Path) -> int:
+def show_report(
+    report: "Report", arguments: Namespace, default_folder: Path, details: bool = True
+) -> int:
     """Write a report into its folder and print it as the user asked; return the exit code.
 
     Args:
         report: what is shown.
         arguments: parsed, with the options of ``add_result_options``.
         default_folder: where results go if the user named no folder.
+        details: print all tables, not just what fits a screen.
 
     Returns:
         0; 1 if the lines were not enough for any method, or a result differs from the recorded one.
     """
     from stepdiag_ros.report.documents.run import report_json
     from stepdiag_ros.report.publish import publish
-    from stepdiag_ros.report.tables.run import print_report
+    from stepdiag_ros.report.tables.run import print_report, print_summary
     from stepdiag_ros.text.console import make_console
 
     folder = arguments.output or default_folder
@@ -181,15 +184,23 @@ def show_report(report: "Report", arguments: Namespace, default_folder: Path) ->
         )
     if arguments.json:
         print(report_json(report))
-    else:
+    elif details:
         print_report(report, make_console(sys.stdout), arguments.squareness_sign)
+    else:
+        print_summary(report, make_console(sys.stdout))
     say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    if not (arguments.json or details):
+        say("all tables: --details, or report.txt")
     if not report.results:
         source = f"{report.bag}: " if report.bag is not None else ""
         raise ValueError(
             f"{source}the measured lines are not enough for any method; the reasons are above"
         )
-    differing = [method for method, same in report.equals_recorded.items() if not same]
+    differing = [
+        method
+        for method, same in report.equals_recorded.items()
+        if not same and method not in report.rounded
+    ]
     if differing:
         warn(
             f"{', '.join(differing)}: not the same numbers as the result that"

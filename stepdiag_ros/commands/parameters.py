@@ -3,7 +3,7 @@
 import sys
 from argparse import ArgumentParser, Namespace
 
-from stepdiag_ros.commands.arguments import Command
+from stepdiag_ros.commands.arguments import Command, Group
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 
@@ -73,10 +73,11 @@ def _print(nodes: list[DeclaredNode]) -> None:
 
 COMMAND = Command(
     "parameters",
-    300,
+    Group.LOOK_AFTER,
+    50,
     _add_options,
     run,
-    help="show what can be set on the nodes: unit, range, default, meaning",
+    help="list the parameters of the nodes: unit, range, default",
     description="Show the parameters of the nodes with unit, range, default and meaning, or"
     " print a ROS 2 parameter file in which they are explained.",
     epilog=_EXAMPLES,

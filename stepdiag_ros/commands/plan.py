@@ -4,7 +4,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import number, say, warn
 
 if TYPE_CHECKING:
@@ -314,7 +314,7 @@ def _files(
 ) -> "dict[Path, bytes]":
     """Return the content of every file that is to be written."""
     from stepdiag_ros.planning.moves import program_of
-    from stepdiag_ros.planning.nc_program import Dialect
+    from stepdiag_ros.planning.nc_writing import Dialect
     from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.report.plan_files import picture_bytes
     from stepdiag_ros.report.tables.plan import head_of_plan
@@ -343,10 +343,11 @@ def _files(
 
 COMMAND = Command(
     "plan",
+    Group.MEASURE,
     20,
     _add_options,
     run,
-    help="propose a test plan for a machine, or check one, before anything moves",
+    help="propose a test plan for a machine, or check a plan",
     description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
     " move orders, repeats. Shows duration, alignments, what every error's visibility and"
     " uncertainty will be, and what the plan will not tell; writes the plan (YAML, as"

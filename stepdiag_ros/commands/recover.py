@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say
 
 
@@ -51,7 +51,8 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "recover",
-    250,
+    Group.LOOK_AFTER,
+    20,
     _add_options,
     run,
     help="make a clean bag from one that was cut off or damaged",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import number, progress_bar, say
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def _rate(text: str) -> float:
 def run(arguments: argparse.Namespace) -> int:
     """Replay, and compare if asked."""
     from stepdiag_ros.bags.folder import open_bag
-    from stepdiag_ros.session.replay import replay
+    from stepdiag_ros.processes.replay import replay
 
     with open_bag(arguments.bag) as bag, progress_bar("replaying") as progress:
         played = replay(
@@ -85,7 +85,8 @@ def _document(bag: Path, played: "Played") -> "Document":
 
 COMMAND = Command(
     "replay",
-    80,
+    Group.WATCH,
+    40,
     _add_options,
     run,
     help="publish a recorded run to live nodes, with its clock",

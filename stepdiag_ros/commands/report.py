@@ -7,7 +7,14 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, Controls, add_common
+from stepdiag_ros.commands.arguments import (
+    Command,
+    Controls,
+    Group,
+    add_bag,
+    add_common,
+    results_folder,
+)
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     Progress,
@@ -33,7 +40,7 @@ _PIECES = 20
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, help="the measurement (.mcap)")
+    add_bag(parser)
     add_common(parser, "run")
     for name, what in (
         ("html", "write report.html, one file with everything in it"),
@@ -89,7 +96,7 @@ def run(arguments: Namespace) -> int:
     # Those of other packages may be broken: better refused than found out after all work is done.
     sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
-    folder = arguments.output or arguments.bag.parent / f"{arguments.bag.stem}_report"
+    folder = arguments.output or results_folder(arguments.bag, "report")
     given = _given(arguments)
     with ExitStack() as stack:
         atelier = None
@@ -203,10 +210,11 @@ def _given(arguments: Namespace) -> "Given":
 
 COMMAND = Command(
     "report",
-    170,
+    Group.UNDERSTAND,
+    90,
     _add_options,
     run,
-    help="the whole measurement as one page to hand over: HTML, PDF and JSON",
+    help="write the report of a measurement: HTML, PDF and JSON",
     description="Write the report of a measurement: in plain words whether the machine is good,"
     " its worst error and where, how sure that is and what to do; then machine, instrument,"
     " plan and weather, readings, error curves by all methods, Table 1, squareness, ISO 230-2"

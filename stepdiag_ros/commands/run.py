@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import AS_MEASURED
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
 from stepdiag_ros.commands.output import (
     add_result_options,
     number,
@@ -17,9 +17,8 @@ from stepdiag_ros.commands.output import (
 from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
-    from stepdiag_ros.session.following import RunNews
-
-DEFAULT_FOLDER = Path("stepdiag_results")
+    from stepdiag_ros.processes.following import RunNews
+    from stepdiag_ros.processes.node_process import NodeProcess
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +26,18 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -> None:
-    """Add the options of a command that measures, with its defaults."""
+    """Add the options of a command that measures in the simulated cell, with its defaults."""
+    add_cell_options(parser, plan, factor)
+    add_result_options(
+        parser,
+        str(RESULTS),
+        "the bag RUN.mcap and, in RUN_results inside it, pictures, results.json and report.txt",
+    )
+    add_common(parser, "details")
+
+
+def add_cell_options(parser: argparse.ArgumentParser, plan: str, factor: float) -> None:
+    """Add the options that describe a simulated cell, with their defaults."""
     parser.add_argument("--plan", default=plan, help=f"YAML file, or a name (default: {plan})")
     parser.add_argument("--machine", default="demo", help="YAML file, or a name (default: demo)")
     parser.add_argument(
@@ -59,11 +69,6 @@ def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -
         " --for generic' (default: targets are sent as they are)",
     )
     add_common(parser, "seed", help="of the noise of the readings")
-    add_result_options(
-        parser,
-        str(DEFAULT_FOLDER),
-        "the bag RUN.mcap and, in RUN_results inside it, pictures, results.json and report.txt",
-    )
 
 
 def _factor(text: str) -> float:
@@ -76,46 +81,10 @@ def _reading_rate(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, solve, show."""
-    from stepdiag_ros import configuration
     from stepdiag_ros.commands import solve
-    from stepdiag_ros.compensation.generic import correction_from_file
-    from stepdiag_ros.metrology.live_effects import check_measurable
-    from stepdiag_ros.report.publish import make_folder
-    from stepdiag_ros.run.feasibility import beyond_machine
-    from stepdiag_ros.session.cell import simulated_cell
-    from stepdiag_ros.session.measure import MeasuringSession
+    from stepdiag_ros.processes.measure import MeasuringSession
 
-    # Refused here, before any process is started.
-    plan = str(configuration.find(arguments.plan, "plans"))
-    machine = str(configuration.find(arguments.machine, "machines"))
-    cell = str(configuration.find(arguments.cell, "cells"))
-    compared = str(configuration.find(arguments.model, "models"))
-    configuration.load_model(compared)
-    test_plan, _ = configuration.load_plan(plan)
-    truth, _ = configuration.load_cell(cell)
-    model, _ = configuration.load_machine(machine)
-    beyond = beyond_machine(test_plan, model)
-    if beyond:
-        raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
-    check_measurable(test_plan, truth)
-    warn_of_undetermined(test_plan)
-    correction = ""
-    if arguments.correction is not None:
-        correction = str(arguments.correction.resolve())
-        # What is no map is refused here; how large a correction may be, the bridge judges.
-        correction_from_file(arguments.correction, math.inf)
-    folder = make_folder((arguments.output or DEFAULT_FOLDER).resolve())
-    nodes = simulated_cell(
-        plan,
-        machine,
-        cell,
-        folder,
-        arguments.factor,
-        arguments.rate,
-        arguments.seed,
-        compared,
-        correction,
-    )
+    nodes, folder = cell_nodes(arguments)
     with progress_bar("measuring") as progress:
 
         def tell(told: "RunNews") -> None:
@@ -144,12 +113,60 @@ def run(arguments: argparse.Namespace) -> int:
     return solve.run(argparse.Namespace(**shown))
 
 
+def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
+    """Return the nodes of the simulated cell that was asked for, and the folder of its bags.
+
+    Raises:
+        ValueError: a file cannot be used, or machine or cell cannot execute the plan; nothing has
+            been started.
+    """
+    from stepdiag_ros import configuration
+    from stepdiag_ros.compensation.generic import correction_from_file
+    from stepdiag_ros.metrology.live_effects import check_measurable
+    from stepdiag_ros.processes.cell import simulated_cell
+    from stepdiag_ros.report.publish import make_folder
+    from stepdiag_ros.run.feasibility import beyond_machine
+
+    plan = str(configuration.find(arguments.plan, "plans"))
+    machine = str(configuration.find(arguments.machine, "machines"))
+    cell = str(configuration.find(arguments.cell, "cells"))
+    compared = str(configuration.find(arguments.model, "models"))
+    configuration.load_model(compared)
+    test_plan, _ = configuration.load_plan(plan)
+    truth, _ = configuration.load_cell(cell)
+    model, _ = configuration.load_machine(machine)
+    beyond = beyond_machine(test_plan, model)
+    if beyond:
+        raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
+    check_measurable(test_plan, truth)
+    warn_of_undetermined(test_plan)
+    correction = ""
+    if arguments.correction is not None:
+        correction = str(arguments.correction.resolve())
+        # What is no map is refused here; how large a correction may be, the bridge judges.
+        correction_from_file(arguments.correction, math.inf)
+    folder = make_folder((arguments.output or RESULTS).resolve())
+    nodes = simulated_cell(
+        plan,
+        machine,
+        cell,
+        folder,
+        arguments.factor,
+        arguments.rate,
+        arguments.seed,
+        compared,
+        correction,
+    )
+    return nodes, folder
+
+
 COMMAND = Command(
     "run",
+    Group.MEASURE,
     30,
     _add_options,
     run,
-    help="measure: start all nodes, execute a test plan, solve and show the result",
+    help="start all nodes, run a test plan, solve and show the result",
     description="Execute a test plan in the simulated cell: starts every node as a process of "
     "its own, runs the plan, records it into a bag, solves the bag and shows the "
     "result, with what the diagnosis beside the run has found. A pause for a setup is "

@@ -4,7 +4,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command
+from stepdiag_ros.commands.arguments import Command, Group
 
 _EXAMPLES = """\
 examples:
@@ -31,10 +31,11 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "schema",
-    280,
+    Group.EXCHANGE,
+    40,
     _add_options,
     run,
-    help="print the schema of a JSON document: every field with meaning and unit",
+    help="print the schema of a JSON document",
     description="Print the JSON Schema (2020-12) of a document that another command prints"
     " with --json. The document names its schema in its field 'schema'.",
     epilog=_EXAMPLES,

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say
 
 
@@ -51,7 +51,8 @@ def run(arguments: Namespace) -> int:
 
 COMMAND = Command(
     "seal",
-    260,
+    Group.LOOK_AFTER,
+    30,
     _add_options,
     run,
     help="sign a recording, or check its signature",

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from stepdiag_ros.commands.arguments import Command, add_common, whole
+from stepdiag_ros.commands.arguments import Command, Group, add_common, whole
 from stepdiag_ros.commands.output import progress_bar, say
 
 _DEFAULT_PROBLEMS = 14
@@ -105,10 +105,11 @@ def _command(main: Callable[[Sequence[str]], int], *words: str) -> str:
 
 COMMAND = Command(
     "selftest",
-    290,
+    Group.LOOK_AFTER,
+    40,
     _add_options,
     run,
-    help="solve random reference problems with known answers, and record how well",
+    help="solve random reference problems with known answers",
     description="Draw random machines, setups and noise, simulate their readings by rigid"
     " bodies, and solve them the way a user does: a run table on the disk, imported, solved."
     " Every result is compared with the known answer; the limit and the reason for it stand"

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "bag", type=Path, help="the measurement: a bag (.mcap), or a folder of 'ros2 bag record'"
-    )
+    add_bag(parser, "a bag (.mcap), or a folder of 'ros2 bag record'")
     add_common(parser, "run")
     parser.add_argument(
         "--recorded-lines",
@@ -55,6 +53,7 @@ def _add_options(parser: ArgumentParser) -> None:
     add_air_options(parser)
     add_correction_options(parser)
     add_result_options(parser, "NAME_results beside the bag")
+    add_common(parser, "details")
 
 
 def rotation_size(text: str) -> float:
@@ -73,7 +72,6 @@ def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
-    from stepdiag_ros.report.publish import results_folder
 
     folder = results_folder(arguments.bag)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
@@ -96,7 +94,8 @@ def run(arguments: Namespace) -> int:
         from stepdiag_ros.commands.tracker_evaluate import show_run
 
         return show_run(recorded, arguments, folder)
-    return show_report(report, arguments, folder)
+    details = arguments.details or arguments.visibility
+    return show_report(report, arguments, folder, details)
 
 
 def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = None) -> "Report":
@@ -125,7 +124,8 @@ def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = Non
 
 COMMAND = Command(
     "solve",
-    90,
+    Group.UNDERSTAND,
+    10,
     _add_options,
     run,
     help="compute the volumetric errors of a recorded measurement",

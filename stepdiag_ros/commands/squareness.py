@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.output import (
     progress_bar,
     warn_of_flaws,
@@ -32,7 +32,7 @@ examples:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument("source", type=Path, help="a measurement (.mcap), or a table (.csv)")
+    add_bag(parser, "a bag (.mcap), or a table (.csv)")
     add_common(parser, "run")
     add_output_options(parser, "NAME_squareness beside the source")
 
@@ -43,14 +43,14 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.squareness import squareness_json
     from stepdiag_ros.report.tables.diagonal_squareness import print_squareness
 
-    report = report_of(arguments.source, arguments.run_id)
+    report = report_of(arguments.bag, arguments.run_id)
     return show(
         "squareness",
         squareness_json(report),
         lambda console: print_squareness(report, console),
         draw_squareness,
         arguments,
-        arguments.source.parent / f"{arguments.source.stem}_squareness",
+        results_folder(arguments.bag, "squareness"),
     )
 
 
@@ -93,7 +93,8 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
 
 COMMAND = Command(
     "squareness",
-    140,
+    Group.UNDERSTAND,
+    40,
     _add_options,
     run,
     help="squareness of the axes from face and body diagonals",

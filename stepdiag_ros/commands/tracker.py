@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
-from stepdiag_ros.commands.arguments import Command, add_common, picture_formats
+from stepdiag_ros.commands.arguments import Command, Group, add_common, picture_formats
 from stepdiag_ros.commands.output import (
     add_result_options,
     number,
@@ -399,10 +399,11 @@ def _box(arguments: Namespace) -> "Box":
 
 COMMAND = Command(
     "tracker",
-    200,
+    Group.MEASURE,
+    60,
     _add_options,
     None,
-    help="measure with an autotracking laser interferometer (seven lines, multilateration)",
+    help="measure with an autotracking laser interferometer",
     description="Seven-line test and multilateration with a tracking interferometer: plan the"
     " places and the NC program, find where the tracker stands, tell positioning from"
     " squareness, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and error"

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag_ros.commands.arguments import results_folder
 from stepdiag_ros.commands.output import progress_bar, show_report, warn
 from stepdiag_ros.commands.standard_tests import is_bag, show
 
@@ -22,7 +23,9 @@ def run_locate(arguments: Namespace) -> int:
 def run_evaluate(arguments: Namespace) -> int:
     """Evaluate a seven-line test; see the module."""
     if is_bag(arguments.table):
-        return show_run(_loaded(arguments.table), arguments, _folder(arguments, "evaluate"))
+        return show_run(
+            _loaded(arguments.table), arguments, results_folder(arguments.table, "evaluate")
+        )
     return _show_station(arguments, "evaluate")
 
 
@@ -57,13 +60,8 @@ def _show_station(arguments: Namespace, what: str) -> int:
         lambda console: print_tracker(report, console),
         lambda: draw_tracker(report),
         arguments,
-        _folder(arguments, what),
+        results_folder(arguments.table, what),
     )
-
-
-def _folder(arguments: Namespace, what: str) -> Path:
-    table: Path = arguments.table
-    return table.parent / f"{table.stem}_{what}"
 
 
 def _loaded(bag: Path) -> "RecordedRun":
@@ -154,7 +152,7 @@ def run_points(arguments: Namespace) -> int:
         truth=truth,
         remarks=(f"{len(points.commanded)} points from {len(points.stations)} stations",),
     )
-    folder = arguments.table.parent / f"{arguments.table.stem}_multilaterate"
+    folder = results_folder(arguments.table, "multilaterate")
     return show_report(report, arguments, folder)
 
 

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common, results_folder
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def run(arguments: Namespace) -> int:
     report = report_of(arguments.bag, arguments.run_id)
     folder = Path("volumetric_examples")
     if arguments.bag is not None:
-        folder = arguments.bag.parent / f"{arguments.bag.stem}_volumetric"
+        folder = results_folder(arguments.bag, "volumetric")
     return show(
         "volumetric",
         volumetric_json(report),
@@ -66,7 +66,8 @@ def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport"
 
 COMMAND = Command(
     "volumetric",
-    150,
+    Group.UNDERSTAND,
+    50,
     _add_options,
     run,
     help="volumetric accuracy: the longest error vector in the volume",

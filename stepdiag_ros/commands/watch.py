@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.onlooking import (
     add_rate_option,
     rate_of,
@@ -225,10 +225,11 @@ class _Once:
 
 COMMAND = Command(
     "watch",
-    60,
+    Group.WATCH,
+    20,
     _add_options,
     run,
-    help="show a run, or a bag as if it were one, in the terminal (over ssh)",
+    help="in the terminal, also over ssh",
     description="Show where the run is, what is wrong, the beam, the last stop and blocks, the"
     " largest errors with their uncertainty, squareness, the gap to the model and the air, in a"
     " terminal of 80 x 24 or more. It looks on and controls nothing. Where the output is no"

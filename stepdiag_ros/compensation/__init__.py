@@ -9,11 +9,10 @@ A control is found, not listed: a module here holds it as ``CONTROL``, another p
 an entry point of the group ``stepdiag_ros.controls``.
 """
 
-import re
 from functools import cache
 
 from stepdiag_ros.compensation.control import Control
-from stepdiag_ros.metrology.registry import of_modules, with_added
+from stepdiag_ros.metrology.registry import of_modules, record_fault, with_added
 
 ENTRY_POINTS = "stepdiag_ros.controls"
 """Group of entry points by which another package adds controls; each names a ``Control``."""
@@ -43,9 +42,4 @@ def control(name: str) -> Control:
 
 
 def _fault(found: object) -> str:
-    """Return what keeps an object from being a control; empty if nothing does."""
-    if not isinstance(found, Control):
-        return "is no Control"
-    if not re.fullmatch("[a-z][a-z0-9_]*", found.name):
-        return "has a name that is not of small letters, digits and underscores"
-    return ""
+    return record_fault(found, Control)

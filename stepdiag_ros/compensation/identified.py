@@ -12,7 +12,7 @@ import numpy as np
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
-from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector, moving_axis
+from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.refusal import Refusal
@@ -348,6 +348,6 @@ def curve_at(identified: Identified, name: str, positions: Vector) -> Vector:
         name: of the curve, such as E_YX.
         positions: m, shape (n,).
     """
-    nodes = identified.error_map.nodes[moving_axis(name)]
+    nodes = identified.error_map.nodes_of(name)
     values: Vector = np.interp(positions, nodes, identified.error_map.curves[name])
     return values

@@ -15,7 +15,7 @@ import numpy as np
 
 from stepdiag_ros.compensation.nc_division import Division
 from stepdiag_ros.compensation.nc_motion import RAPID, Motion
-from stepdiag_ros.compensation.nc_program import NcSettings, steps_of
+from stepdiag_ros.compensation.nc_reading import NcSettings, steps_of
 from stepdiag_ros.compensation.nc_rewrite import Rewritten
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.target_correction import held_errors, place_of

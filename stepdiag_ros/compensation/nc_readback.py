@@ -8,7 +8,7 @@ in the line that it comes from.
 import re
 from collections import Counter
 
-from stepdiag_ros.compensation.nc_program import MOTIONS
+from stepdiag_ros.compensation.nc_reading import MOTIONS
 from stepdiag_ros.compensation.nc_rewrite import COMMENT, Rewritten
 from stepdiag_ros.compensation.nc_words import Block, NcError, blocks_of, refusal
 from stepdiag_ros.metrology.refusal import Fault

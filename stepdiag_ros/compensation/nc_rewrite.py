@@ -20,7 +20,7 @@ import numpy as np
 
 from stepdiag_ros.compensation.nc_division import Division, Pieces
 from stepdiag_ros.compensation.nc_motion import ARC, RAPID, Motion
-from stepdiag_ros.compensation.nc_program import MOTIONS, BlockAction, NcSettings, steps_of
+from stepdiag_ros.compensation.nc_reading import MOTIONS, BlockAction, NcSettings, steps_of
 from stepdiag_ros.compensation.nc_words import Block, NcError, Word, refusal
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Fault, Refusal

@@ -8,7 +8,12 @@ import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
-from stepdiag_ros.evaluation.report import Report, Truth, same_to_the_last_bit
+from stepdiag_ros.evaluation.report import (
+    Report,
+    Truth,
+    same_but_for_rounding,
+    same_to_the_last_bit,
+)
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
@@ -67,7 +72,9 @@ def truth_from_curves(
         unseen=np.empty((values.size, 0)),
         names=names,
     )
-    return Truth(curves=known, figures=common_figures(volume, exact, lines, chain))
+    return Truth(
+        nodes=volume.all_nodes, curves=known, figures=common_figures(volume, exact, lines, chain)
+    )
 
 
 def build_report(
@@ -140,6 +147,11 @@ def build_report(
         measurement=measurement,
         visibility=measured_visibility(measurement) if with_visibility else None,
         equals_recorded=equal,
+        rounded=frozenset(
+            method
+            for method, same in equal.items()
+            if not same and same_but_for_rounding(results[method], last[method])
+        ),
         remarks=(*remarks, *more),
         verdict=verdict or Verdict(),
         passes=passes,

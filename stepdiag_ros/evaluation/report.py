@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.metrology.curve_set import CurveSet
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -19,6 +20,9 @@ from stepdiag_ros.metrology.visibility import Visibility
 
 ZERO_BY_DEFINITION = 1e-15
 """Below this standard uncertainty, m, a value is fixed by the frame; what is left is rounding."""
+ROUNDING = 1e-6
+"""Part of a standard uncertainty. A processor of another kind, whose linear algebra adds in another
+order, changes a result by less."""
 
 
 def method_title(method: str) -> str:
@@ -42,16 +46,15 @@ def robust_to_setup(results: Iterable[VolumetricErrors]) -> list[VolumetricError
 
 
 @dataclass(frozen=True)
-class Truth:
-    """The error curves that a simulated cell was built with.
+class Truth(CurveSet):
+    """The error curves that a simulated cell was built with, in the frame of the results.
+
+    It has the nine translations, or all eighteen.
 
     Attributes:
-        curves: ISO 230-1 name → errors at the nodes, m or rad, in the frame of the results: the
-            nine translations, or all eighteen.
         figures: squareness, straightness and positioning of these curves.
     """
 
-    curves: Mapping[str, Vector]
     figures: tuple[Figure, ...] = ()
 
 
@@ -100,6 +103,7 @@ class Report:
         visibility: what these lines can tell of each error; None if it was not asked for.
         equals_recorded: method → whether the result equals the one in the bag to the last bit;
             methods without a recorded result are not there.
+        rounded: methods whose result differs from the recorded one by rounding alone.
         remarks: about the run as a whole, in words.
         verdict: of a diagnosis of these lines, or why there is none.
         passes: how much of the plan was measured; None if that is not known.
@@ -119,6 +123,7 @@ class Report:
     measurement: Measurement | None = None
     visibility: Visibility | None = None
     equals_recorded: Mapping[str, bool] = field(default_factory=dict)
+    rounded: frozenset[str] = frozenset()
     remarks: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
     passes: Completeness | None = None
@@ -219,6 +224,44 @@ def same_to_the_last_bit(first: VolumetricErrors, second: VolumetricErrors) -> b
         if not same:
             return False
     return True
+
+
+def same_but_for_rounding(first: VolumetricErrors, second: VolumetricErrors) -> bool:
+    """Say whether two results differ by no more than processors of different kinds round.
+
+    No value differs by more than ``ROUNDING`` times its standard uncertainty (times itself where
+    that is unknown), and no uncertainty and no χ² by more than ``ROUNDING`` times itself.
+    """
+    names = [
+        (tuple(one.curves), tuple((figure.name, figure.unit) for figure in one.figures))
+        for one in (first, second)
+    ]
+    if names[0] != names[1]:
+        return False
+    (values, uncertainty), (others, other_uncertainty) = _numbers(first), _numbers(second)
+    if values.shape != others.shape:
+        return False
+    scale = np.where(uncertainty > ZERO_BY_DEFINITION, uncertainty, np.abs(values))
+    near = np.abs(values - others) <= ROUNDING * scale + ZERO_BY_DEFINITION
+    return bool(
+        np.all(near | (np.isnan(values) & np.isnan(others)))
+        and _near(uncertainty, other_uncertainty)
+        and _near(np.array(first.chi_squared), np.array(second.chi_squared))
+    )
+
+
+def _near(first: Vector, second: Vector) -> bool:
+    return np.allclose(first, second, ROUNDING, ZERO_BY_DEFINITION, equal_nan=True)
+
+
+def _numbers(result: VolumetricErrors) -> tuple[Vector, Vector]:
+    """Return all values of a result, and their standard uncertainties in the same order."""
+    values = [*result.curves.values(), np.array([one.value for one in result.figures])]
+    uncertainty = [
+        *(result.standard_uncertainty[name] for name in result.curves),
+        np.array([one.standard_uncertainty for one in result.figures]),
+    ]
+    return np.concatenate(values), np.concatenate(uncertainty)
 
 
 def _same_figure(first: Figure, second: Figure) -> bool:

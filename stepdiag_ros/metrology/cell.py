@@ -296,7 +296,7 @@ class SimulatedCell:
         Raises:
             ValueError: the volume is larger than the travel of which errors are given.
         """
-        nodes = [volume.nodes(axis) for axis in range(3)]
+        nodes = volume.all_nodes
         ends = np.array([[axis_nodes[0], axis_nodes[-1]] for axis_nodes in nodes]).T
         self.require(ends, "the truth of the measured box")
         offset = np.asarray(self.mirror_offset)

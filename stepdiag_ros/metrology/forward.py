@@ -22,14 +22,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.metrology.curve_set import require_curve, require_nodes
 from stepdiag_ros.metrology.geometry import (
     AXES,
     CHAINS,
-    ROTATIONS,
     TRANSLATIONS,
     Vector,
     cross,
     inner,
+    moving_axis,
 )
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -71,11 +72,8 @@ class ErrorCurves:
     values: tuple[Vector, Vector, Vector]
 
     def __post_init__(self) -> None:
+        require_nodes(self.nodes)
         for axis, nodes, values in zip(AXES, self.nodes, self.values, strict=True):
-            if nodes.ndim != 1 or len(nodes) < 2 or not np.all(np.diff(nodes) > 0):
-                raise Refusal(
-                    f"nodes of axis {axis}: expected two or more, ascending", fault="out_of_order"
-                )
             if values.shape != (len(nodes), 6) or not np.all(np.isfinite(values)):
                 raise Refusal(
                     f"errors of axis {axis}: expected 6 finite values at each node",
@@ -96,18 +94,8 @@ class ErrorCurves:
         x, y, z = (np.asarray(axis_nodes, dtype=np.float64) for axis_nodes in nodes)
         values = tuple(np.zeros((len(axis_nodes), 6)) for axis_nodes in (x, y, z))
         for name, curve in curves.items():
-            if name not in TRANSLATIONS and name not in ROTATIONS:
-                raise Refusal(
-                    f"'{name}' is no error curve; use names such as E_XX, E_YX or E_AX",
-                    fault="unknown",
-                )
-            axis = AXES.index(name[3])
-            if np.shape(curve) != (len(values[axis]),):
-                raise Refusal(
-                    f"{name}: {np.size(curve)} values for {len(values[axis])} nodes of {name[3]}",
-                    fault="mismatch",
-                )
-            values[axis][:, "XYZABC".index(name[2])] = curve
+            require_curve(name, curve, (x, y, z))
+            values[moving_axis(name)][:, "XYZABC".index(name[2])] = curve
         return cls((x, y, z), (values[0], values[1], values[2]))
 
     @property

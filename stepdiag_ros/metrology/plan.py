@@ -84,6 +84,11 @@ class Volume:
         """Return the machine coordinates of an axis's nodes in m, shape (blocks + 1,)."""
         return self.origin[axis] + self.step[axis] * np.arange(self.blocks + 1, dtype=np.float64)
 
+    @property
+    def all_nodes(self) -> tuple[Vector, Vector, Vector]:
+        """Return the nodes of X, Y and Z; see ``nodes``."""
+        return self.nodes(0), self.nodes(1), self.nodes(2)
+
 
 @dataclass(frozen=True)
 class Line:

@@ -1,5 +1,6 @@
 """What is found rather than listed: one thing a module, and those that other packages add."""
 
+import re
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import import_module
@@ -33,6 +34,23 @@ def of_modules(package: str, attribute: str) -> list[Any]:
     modules = sorted(one.name for one in iter_modules(import_module(package).__path__))
     found = (getattr(import_module(f"{package}.{name}"), attribute, None) for name in modules)
     return [one for one in found if one is not None]
+
+
+def record_fault(found: object, kind: type, told: Iterable[str] = ()) -> str:
+    """Return what keeps an object from being a record of a kind; empty if nothing does.
+
+    Args:
+        found: what an entry point names.
+        kind: of the records, each with a ``name`` that people type.
+        told: attributes that must not be empty.
+    """
+    if not isinstance(found, kind):
+        return f"is no {kind.__name__}"
+    name: str = getattr(found, "name")  # noqa: B009 - of a kind that is known to the caller alone
+    if not re.fullmatch("[a-z][a-z0-9_]*", name):
+        return "has a name that is not of small letters, digits and underscores"
+    missing = [one for one in told if not getattr(found, one)]
+    return f"does not tell its '{missing[0]}'" if missing else ""
 
 
 def installed_points(group: str) -> Iterable["EntryPoint"]:

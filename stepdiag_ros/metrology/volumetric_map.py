@@ -20,6 +20,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag_ros.metrology.curve_set import CurveSet, require_curve, require_nodes
 from stepdiag_ros.metrology.forward import ErrorCurves, levers, tool_point
 from stepdiag_ros.metrology.geometry import (
     AXES,
@@ -41,14 +42,12 @@ EDGE = 1e-9
 
 
 @dataclass(frozen=True)
-class VolumetricMap:
-    """Errors of a machine in a box.
+class VolumetricMap(CurveSet):
+    """Errors of a machine in the box that reaches from the first to the last nodes.
+
+    It has all nine translations, and rotations or none.
 
     Attributes:
-        nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that
-            axis,); the box reaches from the first to the last ones.
-        curves: ISO 230-1 name → errors at the nodes of its axis, m (translations) or rad
-            (rotations); NaN where not determined. All nine translations, and rotations or none.
         standard_uncertainty: of some or all of the curves, same shapes; NaN where not known.
         chain: order of the axes from workpiece to tool; empty if not known.
         frame: of the curves, in words.
@@ -63,8 +62,6 @@ class VolumetricMap:
             rotations without a chain.
     """
 
-    nodes: tuple[Vector, Vector, Vector]
-    curves: Mapping[str, Vector]
     standard_uncertainty: Mapping[str, Vector] = field(default_factory=dict)
     chain: str = ""
     frame: str = FRAME
@@ -76,25 +73,9 @@ class VolumetricMap:
     plausible: Plausible = ORDINARY
 
     def __post_init__(self) -> None:
-        for letter, nodes in zip(AXES, self.nodes, strict=True):
-            ascending = nodes.ndim == 1 and len(nodes) >= 2 and bool(np.all(np.diff(nodes) > 0))
-            if not ascending or not np.all(np.isfinite(nodes)):
-                raise Refusal(
-                    f"nodes of axis {letter}: expected two or more, ascending", fault="out_of_order"
-                )
+        require_nodes(self.nodes)
         for name, values in (*self.curves.items(), *self.standard_uncertainty.items()):
-            if name not in CURVES:
-                raise Refusal(
-                    f"'{name}' is no error curve; use names such as E_XX or E_AX",
-                    fault="unknown",
-                    aspect="curve",
-                )
-            nodes = self.nodes[moving_axis(name)]
-            if values.shape != nodes.shape:
-                raise Refusal(
-                    f"{name}: {values.size} values for {len(nodes)} nodes of {name[3]}",
-                    fault="mismatch",
-                )
+            require_curve(name, values, self.nodes)
         missing = [name for name in TRANSLATIONS if name not in self.curves]
         if missing:
             raise Refusal(
@@ -231,7 +212,7 @@ class VolumetricMap:
 
     def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
-        size, count = weights.shape[-1], sum(len(self.nodes[moving_axis(c)]) for c in CURVES)
+        size, count = weights.shape[-1], sum(len(self.nodes_of(c)) for c in CURVES)
         told = len(self.turned_factor) == count and len(self.left_out) == 9
         if told and self.chain:
             turning = self._rotation_weights(positions, self.chain)

@@ -226,12 +226,15 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
 
     def _note_zero(self, readings: list[Reading]) -> None:
         """Say that the beam stands, once a good reading of its setup has come."""
+        if not self._aligned:
+            return
         for reading in readings:
-            if self._aligned and reading.time > self._aligned and reading.status == STATUS_OK:
+            if reading.time > self._aligned and reading.status == STATUS_OK:
                 self._aligned = 0
                 self._count_check.begin(self._line_beam, reading.time)
                 self.facts["beam"] = fact_of_run(self.run_id, self._setup)
                 self.beat()
+                return
 
     def _look_at(self, readings: list[Reading]) -> None:
         real = self.real_time()

@@ -13,8 +13,9 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
 
-SERVICE_LIMIT = 5.0
-"""Real seconds that a service, or the action for a new goal, may take to answer."""
+SERVICE_LIMIT = 20.0
+"""Real seconds that a service, or the action for a new goal, may take to answer: a busy computer
+takes several, and who has asked to abort needs the answer."""
 
 
 class OperatorNode(StepdiagNode):

@@ -165,16 +165,19 @@ class PlayerNode(StepdiagNode):
         self._tick(end)
         return Played(count, pace.span(end), self.real_time() - began)
 
-    def compare(self, played: Played, quiet: float) -> Played:
-        """Wait until the live nodes are done and compare their messages with the recorded ones."""
+    def compare(self, played: Played, quiet: float, patience: float) -> Played:
+        """Wait until the live nodes are done and compare their messages with the recorded ones.
+
+        Args:
+            played: what was published.
+            quiet: real seconds without a new message after which the nodes are taken to be done.
+            patience: the same while messages are missing: the computer may be busy.
+        """
+        recorded = self._recorded()
         self._last_heard = self.real_time()
-        while self.watch.workers(self.real_time()) or self.real_time() - self._last_heard < quiet:
+        while not self._all_has_come(recorded, quiet, patience):
             rclpy.spin_once(self, timeout_sec=0.1)
-        recorded: dict[str, list[bytes]] = {name: [] for name in self._heard}
-        for record, _ in records_of(self._bag, self._run, self._heard.keys()):
-            recorded[record.topic].append(record.data)
         heard = {name: self._conclusive(name, found) for name, found in self._heard.items()}
-        recorded = {name: self._conclusive(name, found) for name, found in recorded.items()}
         for name in recorded:
             if recorded[name] != heard[name]:
                 recorded[name] = self._normal(name, recorded[name])
@@ -187,6 +190,24 @@ class PlayerNode(StepdiagNode):
                 for name in recorded
                 if recorded[name] != heard[name]
             },
+        )
+
+    def _recorded(self) -> dict[str, list[bytes]]:
+        """Return the recorded messages to compare with, by topic."""
+        found: dict[str, list[bytes]] = {name: [] for name in self._heard}
+        for record, _ in records_of(self._bag, self._run, self._heard.keys()):
+            found[record.topic].append(record.data)
+        return {name: self._conclusive(name, messages) for name, messages in found.items()}
+
+    def _all_has_come(
+        self, recorded: dict[str, list[bytes]], quiet: float, patience: float
+    ) -> bool:
+        silence = self.real_time() - self._last_heard
+        if silence < quiet or self.watch.workers(self.real_time()):
+            return False
+        return silence >= patience or all(
+            len(self._conclusive(name, self._heard[name])) >= len(messages)
+            for name, messages in recorded.items()
         )
 
     def _normal(self, name: str, messages: list[bytes]) -> list[bytes]:

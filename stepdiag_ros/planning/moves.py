@@ -7,7 +7,7 @@ from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.planning.nc_program import Dialect, Move, nc_program
+from stepdiag_ros.planning.nc_writing import Dialect, Move, nc_program
 from stepdiag_ros.run.feasibility import beyond_machine
 
 Point = tuple[float, float, float]

@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading
 from stepdiag_ros.planning.duration import Assumptions, MoveTimes
-from stepdiag_ros.planning.nc_program import Move
+from stepdiag_ros.planning.nc_writing import Move
 from stepdiag_ros.planning.tracker_program import tracker_moves
 
 STATION_SETUP = 1200.0

@@ -10,7 +10,7 @@ from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.readings import SEVEN_LINES, TrackerReading, points_of
 from stepdiag_ros.metrology.tracker.route import TrackerRoute
-from stepdiag_ros.planning.nc_program import Dialect, Move, nc_program
+from stepdiag_ros.planning.nc_writing import Dialect, Move, nc_program
 
 
 def tracker_moves(

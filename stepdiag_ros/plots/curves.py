@@ -13,14 +13,13 @@ from stepdiag_ros.evaluation.report import (
     frame_sentences,
     method_title,
 )
+from stepdiag_ros.metrology.curve_set import require_names
 from stepdiag_ros.metrology.geometry import (
     AXES,
-    CURVES,
     ROTATIONS,
     TRANSLATIONS,
     Vector,
     curve_unit,
-    moving_axis,
 )
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
@@ -68,11 +67,7 @@ def grid_of(names: Sequence[str]) -> list[str]:
     Raises:
         ValueError: a name is that of no curve.
     """
-    for name in names:
-        if name not in CURVES:
-            raise Refusal(
-                f"'{name}' is no error curve; use names such as E_XX or E_AX", fault="unknown"
-            )
+    require_names(names)
     for nine in (TRANSLATIONS, ROTATIONS):
         if set(names) == set(nine):
             return [nine[3 * axis + error] for error in range(3) for axis in range(3)]
@@ -129,7 +124,7 @@ def error_curves(
         if not any(known):
             say_unknown(panel)
         if truth is not None and drawn and name in truth.curves:
-            nodes = drawn[-1].nodes[moving_axis(name)] * IN_MILLI
+            nodes = drawn[-1].nodes_of(name) * IN_MILLI
             curve(panel, nodes, np.asarray(truth.curves[name]) * IN_MICRO, TRUTH, TRUTH_TITLE)
     if title is None:
         kinds = {curve_unit(name) for name in shown}
@@ -148,7 +143,7 @@ def draw_curve(
     """
     if name not in result.curves:
         return False
-    nodes: Vector = result.nodes[moving_axis(name)] * IN_MILLI
+    nodes: Vector = result.nodes_of(name) * IN_MILLI
     values = result.curves[name] * IN_MICRO
     uncertainty = result.standard_uncertainty[name]
     # What the frame fixes, such as the zero at the first node, says nothing about the machine.

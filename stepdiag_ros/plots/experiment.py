@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.evaluation.report import frame_sentences, method_title, robust_to_setup
 from stepdiag_ros.metrology.comparison import CurveComparison, DirectComparison, in_result_frame
-from stepdiag_ros.metrology.geometry import AXES, Vector, moving_axis, translation
+from stepdiag_ros.metrology.geometry import AXES, Vector, translation
 from stepdiag_ros.metrology.repeats import RepeatSpread
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -134,7 +134,7 @@ def angles_with_repeats(
     style = style_of("soons")
     truth = experiment.report.truth
     for panel, name in zip(sheet.panels, result.curves, strict=False):
-        nodes = result.nodes[moving_axis(name)]
+        nodes = result.nodes_of(name)
         values = result.curves[name] * IN_MICRO
         band(panel, nodes * IN_MILLI, values, result.standard_uncertainty[name] * IN_MICRO, style)
         spread = experiment.repeats["soons"].spread(name)

@@ -23,11 +23,6 @@ _ELSEWHERE = "name another one with --output FOLDER"
 PICTURE_FORMATS = ("png", "svg", "pdf")
 
 
-def results_folder(bag: Path) -> Path:
-    """Return the folder for the results of a bag: ``NAME_results`` beside it."""
-    return bag.parent / f"{bag.stem}_results"
-
-
 def make_folder(folder: Path) -> Path:
     """Make sure that a folder for results is there, and return it.
 

@@ -44,7 +44,7 @@ class ChangesVerdict:
     """What has become of the machine.
 
     Attributes:
-        kind: ``better``, ``worse``, ``same`` (no change that these measurements can tell),
+        kind: ``better``, ``worse``, ``same`` (no significant change),
             ``other`` (changed, but the volume as a whole neither better nor worse) or ``unknown``.
         headline: a few words.
         sentence: of the volume.
@@ -69,14 +69,14 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
         if changed:
             return ChangesVerdict(
                 OTHER,
-                "Changed; how much better or worse the volume is cannot be told",
-                f"{told} With an unknown uncertainty nobody can tell whether that is a change."
-                " Something else has changed.",
+                "Changed; the change in the volume is not known",
+                f"{told} Without their uncertainty this is not known to be a change."
+                " Other figures have changed.",
             )
         return ChangesVerdict(
             OPEN,
-            "Whether the machine has changed cannot be told: no uncertainty",
-            f"{told} With an unknown uncertainty nobody can tell whether that is a change.",
+            "Not known whether the machine has changed: no uncertainty",
+            f"{told} Without their uncertainty this is not known to be a change.",
         )
     if not rms.changed:
         chance_has_it = (
@@ -85,18 +85,17 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
             else f"; one of {changes.judgement.numbers} numbers may be beyond 1 by chance"
         )
         same = (
-            f"{before} and is {after}: no more of a change than these measurements can tell"
-            f" (E_n = {plain(value)}{chance_has_it})."
+            f"{before} and is {after}: no significant change (E_n = {plain(value)}{chance_has_it})."
         )
         if changed:
             return ChangesVerdict(
                 OTHER,
-                "Changed, but neither better nor worse in the volume",
-                f"The volume's rms error was {same} Something else has changed.",
+                "Changed, but the volume is neither better nor worse",
+                f"The volume's rms error was {same} Other figures have changed.",
             )
         return ChangesVerdict(
             SAME,
-            "No change that these measurements can tell",
+            "No significant change",
             f"The volume's rms error was {same}",
         )
     went = f"The volume's rms error went from {before} to {after}"
@@ -106,8 +105,8 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
         return ChangesVerdict(
             BETTER,
             f"At least {least} times better",
-            f"{went} (E_n = {plain(value)}), which is no more than this measurement can tell from"
-            f" nothing ({plain(limit * IN_MICRO, 3)} µm): at least {least} times better.",
+            f"{went} (E_n = {plain(value)}), which is within the noise of this measurement"
+            f" ({plain(limit * IN_MICRO, 3)} µm): at least {least} times better.",
         )
     better = value < 0.0
     factor = ratio(rms.factor if better else 1.0 / rms.factor)
@@ -120,16 +119,16 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
 
 
 def _without_volume(changes: MachineChanges) -> ChangesVerdict:
-    """Return what is told where the error in the volume is not known."""
+    """Return the verdict where the error in the volume is not known."""
     told = (
-        "How much better or worse the volume is cannot be told: not all of its error curves are"
-        " determined by both measurements."
+        "The change in the volume is not known: not all of its error curves are determined by both"
+        " measurements."
     )
     if changes.judgement.significant:
-        return ChangesVerdict(OTHER, "Changed; how much in the volume is not known", told)
+        return ChangesVerdict(OTHER, "Changed; the change in the volume is not known", told)
     if changes.joint.known:
-        return ChangesVerdict(SAME, "No change that these measurements can tell", told)
-    return ChangesVerdict(OPEN, "Whether the machine has changed cannot be told", told)
+        return ChangesVerdict(SAME, "No significant change", told)
+    return ChangesVerdict(OPEN, "Not known whether the machine has changed", told)
 
 
 def joint_words(changes: MachineChanges) -> str:
@@ -270,9 +269,9 @@ def method_words(changes: MachineChanges, instruments: tuple[str, str]) -> list[
     """
     if not any(instruments):
         return [
-            "U holds what the readings tell, and what is plausible of angular errors and of the"
-            " laser's scale and alignment. What is known of laser, air, sensors and material counts"
-            " with --instrument.",
+            "U includes the scatter of the readings and plausible sizes of angular errors and of"
+            " the laser's scale and alignment. Give --instrument to include the known uncertainty"
+            " of laser, air, sensors and material.",
             *_shared_words(changes),
         ]
     names = dict.fromkeys(instruments)

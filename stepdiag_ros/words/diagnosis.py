@@ -1,4 +1,4 @@
-"""How the figures of a diagnosis are written, and what its verdicts mean."""
+"""How the figures of a diagnosis are written, and the meaning of its verdicts."""
 
 import math
 
@@ -26,18 +26,18 @@ _READABLE = {
     "s": ("ms", IN_MILLI),
 }
 MEANING = {
-    CONSISTENT: "The model explains this run to within its noise. Below is how large each effect"
-    " would have had to be to show.",
-    NAMED: "The run shows more than the model explains, and the effects named here, and no others"
-    " of the catalogue, close the gap.",
+    CONSISTENT: "The model explains this run to within its noise. The table lists how large each"
+    " effect would have to be to show.",
+    NAMED: "The run shows more than the model explains. Of all effects in the catalogue, only those"
+    " named here close the gap.",
     AMBIGUOUS: "The run shows more than the model explains. Several effects would close the gap,"
-    " and this run alone does not tell which of them it is.",
+    " and this run alone does not show which one acts.",
     UNEXPLAINED: "The run shows more than the model explains, and no effect of the catalogue"
-    " closes the gap. Do not correct the machine by this run before the cause is found.",
-    NOT_TESTABLE: "This run has nothing that could contradict the model. That is neither a"
-    " confirmation nor a fault: to be tested, the machine must be measured differently.",
+    " closes the gap. Find the cause before you correct the machine by this run.",
+    NOT_TESTABLE: "No reading of this run could contradict the model. That is neither a"
+    " confirmation nor a fault. To test the model, measure the machine differently.",
 }
-"""What a verdict means, for somebody who has read nothing else."""
+"""The meaning of a verdict, for a reader of nothing else."""
 
 
 def readable(size: Size) -> tuple[str, float]:

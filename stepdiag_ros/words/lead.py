@@ -21,15 +21,15 @@ from stepdiag_ros.text.numbers import plain, with_expanded
 
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
-_REPORT = ("report {}", "the whole measurement as one page to hand over")
+_REPORT = ("report {}", "the report to hand over: HTML, PDF, JSON")
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
-_MONITOR = ("monitor {}", "the run as it was, in a browser")
+_MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
     CONSISTENT: "",
-    NOT_TESTABLE: " Nothing in the run could contradict the errors below: they are untested.",
+    NOT_TESTABLE: " No reading of this run could contradict the errors below; they are not tested.",
     NOT_DIAGNOSED: "",
 }
-_NOT_CONTAINED = " The errors below do not contain that."
+_NOT_CONTAINED = " The errors below do not include this effect."
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def sentences_of(lead: RunLead) -> list[str]:
 
 
 def deciding_sentences(lead: RunLead) -> list[str]:
-    """Say what decides whether errors may be used: recording, run, verdict, misfit, unknown."""
+    """Say what decides whether errors may be used: recording, run, verdict, fit, unknown errors."""
     said = [flaw.sentence for flaw in lead.recording]
     said += [] if lead.passes is None else incomplete_sentences(lead.passes)
     said.append(_verdict(lead))
@@ -64,12 +64,8 @@ def size_sentences(lead: RunLead) -> list[str]:
         return [_noise(lead, lead.volume), *_taken_as_zero(lead)]
     said = [] if lead.volume is None else [_worst(lead.volume, lead.expanded_uncertainty)]
     if lead.errors:
-        # Next to what is not known, nothing is the largest.
-        what = (
-            "Of the single errors that are known, the largest"
-            if lead.unknown
-            else ("The largest single errors")
-        )
+        # An unknown error may be larger than all known ones.
+        what = "Largest known single errors" if lead.unknown else "Largest single errors"
         words = "; ".join(
             f"{one.words} {with_expanded(one.value, one.expanded_uncertainty, IN_MICRO)} µm over"
             f" {one.travel * IN_MILLI:.0f} mm"
@@ -130,28 +126,28 @@ def _misfit(lead: RunLead) -> list[str]:
     ratio = plain(lead.reduced_chi_squared, 1)
     if lead.misfit is Misfit.SHOWN:
         return [
-            f"These errors do not explain the readings (χ²/dof = {ratio}, and the readings repeat"
-            " better than that): something acts that they do not contain, and no ± covers it."
+            f"These errors do not explain the readings: χ²/dof = {ratio}, and the readings repeat"
+            " better than that. Another effect acts on the machine, and no ± below covers it."
         ]
     return [
-        f"The readings disagree with these errors (χ²/dof = {ratio}): either they repeat worse than"
-        " their windows tell, which every ± has in it, or something acts that these errors do not"
-        " contain, which none has; passes that are repeated would tell."
+        f"The readings disagree with these errors: χ²/dof = {ratio}. Either they repeat worse than"
+        " the noise at each stop suggests, which every ± includes, or another effect acts, which no"
+        " ± includes. Repeated passes show which."
     ]
 
 
 def _unknown(lead: RunLead) -> list[str]:
     if not lead.unknown:
         return []
-    told = f"; {lead.remedy}, measured as well, would tell them" if lead.remedy else ""
-    what = ", ".join(lead.unknown) if lead.solved else "all errors, no method could be used"
-    return [f"Unknown, because the measured lines do not tell them: {what}{told}."]
+    remedy = f" To determine them, measure {lead.remedy} as well." if lead.remedy else ""
+    what = ", ".join(lead.unknown) if lead.solved else "all errors (no method could be used)"
+    return [f"Unknown, because the measured lines do not determine them: {what}.{remedy}"]
 
 
 def _directions(lead: RunLead) -> str:
     """Say in which directions of the lines errors were measured; nothing where it is not known."""
     if len(lead.directions) == 1:
-        return f", {lead.directions[0]} alone (no reversal in them)"
+        return f", {lead.directions[0]} only (without reversal error)"
     return ", mean of both directions" if lead.directions else ""
 
 
@@ -159,7 +155,7 @@ def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
     return (
         "No error of this machine stands out from the noise of this"
         f" measurement{_directions(lead)}: the largest error vector found,"
-        f" {plain(volume.value * IN_MICRO, 3)} µm, is no more than noise makes."
+        f" {plain(volume.value * IN_MICRO, 3)} µm, is within the noise."
     )
 
 
@@ -174,8 +170,8 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
     )
     size = with_expanded(accuracy.value, expanded_uncertainty, IN_MICRO)
     return (
-        f"At its worst place in the measured box, {place} mm, the tool stands {size} µm from where"
-        f" it should ({vector} µm, counted from the box's first corner)."
+        f"Largest error in the measured volume: {size} µm at {place} mm"
+        f" ({vector} µm, relative to the first corner of the volume)."
     )
 
 
@@ -183,13 +179,13 @@ def _taken_as_zero(lead: RunLead) -> list[str]:
     if not lead.as_zero:
         return []
     missing = [name for name in lead.as_zero if name not in lead.told_elsewhere]
-    words = "the measured lines cannot tell them"
+    words = "the measured lines do not determine them"
     if not missing:
-        words = "another method tells them from these lines, see its tables"
+        words = "another method determines them from these lines, see its tables"
     elif lead.told_elsewhere:
         words = (
-            f"another method tells {', '.join(lead.told_elsewhere)} from these lines, see its"
-            f" tables; the lines cannot tell {', '.join(missing)}"
+            f"another method determines {', '.join(lead.told_elsewhere)} from these lines, see its"
+            f" tables; the lines do not determine {', '.join(missing)}"
         )
     return [f"Not in these values, but in their ±: pitch, yaw and roll of all axes; {words}."]
 
@@ -204,27 +200,25 @@ def _after_verdict(lead: RunLead) -> list[tuple[str, str]]:
     if lead.tracked:
         plan = "tracker plan --machine MACHINE --station X Y Z"
     asked: dict[str, list[tuple[str, str]]] = {
-        CONSISTENT: [("diagnose {}", "how large an effect would have to be to show")],
+        CONSISTENT: [("diagnose {}", "the smallest effect that this run would have shown")],
         NAMED: [
-            ("diagnose {} --extend MODEL.yaml", "what acts, how large, and the errors without it")
+            ("diagnose {} --extend MODEL.yaml", "the effect, its size, and the errors without it")
         ],
-        AMBIGUOUS: [
-            ("diagnose {} --propose MORE.yaml", "what to measure to tell the causes apart")
-        ],
+        AMBIGUOUS: [("diagnose {} --propose MORE.yaml", "what to measure to separate the causes")],
         UNEXPLAINED: [("diagnose {}", "where the gap is, and what to measure to find its cause")],
         NOT_TESTABLE: [
             ("diagnose {}", "why nothing could contradict these errors"),
             (plan, "a plan whose lines test each other"),
         ],
     }
-    otherwise = [("diagnose {}", "whether anything acts that these errors do not contain")]
+    otherwise = [("diagnose {}", "does another effect act on the machine?")]
     return asked.get(lead.verdict.name, otherwise)
 
 
 def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:
     if not lead.remedy:
         return []
-    return [("", f"Measure {lead.remedy} as well: they tell {', '.join(lead.unknown)}.")]
+    return [("", f"Measure {lead.remedy} as well, to determine {', '.join(lead.unknown)}.")]
 
 
 def _compensation(lead: RunLead) -> list[tuple[str, str]]:
@@ -242,5 +236,5 @@ def _compensation(lead: RunLead) -> list[tuple[str, str]]:
         return [("compensate {} --for generic", "tables; --for names the control")]
     if lead.verdict.name == NAMED and held_by_any(lead.verdict):
         what = ", ".join(lead.verdict.effects)
-        return [("compensate {} --for linuxcnc", f"tables; this control's hold {what}")]
+        return [("compensate {} --for linuxcnc", f"tables; this control can hold {what}")]
     return []

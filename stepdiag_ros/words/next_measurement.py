@@ -1,4 +1,4 @@
-"""What to measure next where a gap is unexplained, by what the gap looks like."""
+"""What to measure next where a gap is unexplained, by the look of the gap."""
 
 from collections.abc import Iterable, Sequence
 
@@ -7,59 +7,59 @@ from stepdiag_ros.metrology.discrepancy.findings import UNEXPLAINED, Diagnosis, 
 _ADVICE = (
     (
         "the same in every pass",
-        "It repeats, so more repeats tell nothing new. Align laser and mirror anew and measure"
+        "It repeats, so more repeats show nothing new. Align laser and mirror again and measure"
         " {lines} once more: what changes was the alignment, what stays is in the machine. Then"
-        " measure lines beside {them}, through other places of the box (offset_m in the plan):"
-        " they tell whether it belongs to one axis or depends on where the others stand.",
+        " measure lines parallel to {them}, elsewhere in the volume (offset_m in the plan): they"
+        " show whether it belongs to one axis or depends on where the others stand.",
     ),
     (
         "opposite forward and backward",
-        "Measure {lines} at half the feed, with twice the dwell, and with overrun_m: a lag and"
-        " what settles change with them, lost motion of a drive stays.",
+        "Measure {lines} at half the feed, with twice the dwell, and with overrun_m: lag and"
+        " settling change with them, backlash of a drive stays.",
     ),
     (
         "growing with time",
         "Measure {lines} again when the machine has run for some hours, and in the opposite order:"
-        " what is gone then was warming up or drift, what moves with the order goes with the clock"
-        " and not with the line.",
+        " what has gone was warm-up or drift; what moves with the order depends on time and not on"
+        " the line.",
     ),
     (
         "temperature",
         "Measure {lines} again at another temperature, at least as different as it was over this"
-        " run, with further sensors at scale, column and laser: what goes with one of them shows"
+        " run, with further sensors at scale, column and laser: the sensor that it follows shows"
         " its source.",
     ),
     (
         "growing with the place of",
         "Measure {lines} again on parallel lines, at two other places of the axis that it grows"
         " with (offset_m in the plan), with twice as many blocks: that shows the shape, and whether"
-        " it is a turn of that axis, which an autocollimator or a level would confirm.",
+        " it is an angular error of that axis, which an autocollimator or a level would confirm.",
     ),
     (
         "different from repeat to repeat",
-        "Measure {lines} with five repeats or more: that tells a drift from jumps, and gives each"
-        " jump its time.",
+        "Measure {lines} with five repeats or more: that separates drift from jumps, and gives the"
+        " time of each jump.",
     ),
     (
         "swinging",
         "Let the machine stand and record the laser over three of these periods, with cooling,"
-        " heating and spindle first on, then off: what switches with the period is the cause.",
+        " heating and spindle first on, then off: the one that starts and stops it is the cause.",
     ),
     (
         "jump",
         "Measure that setup again without touching anything: a jump that does not come back was a"
-        " break of the beam, a slip or a touched mirror; one that does is in the machine.",
+        " broken beam, a slip or a touched mirror; a jump that comes back is in the machine.",
     ),
 )
-"""Words of what a pattern goes with → what to measure; the first that fits counts."""
+"""Words in the description of a pattern → what to measure; the first match counts."""
 _SETTLING = (
-    "Measure with twice the dwell and with a longer settle_s: what is still moving when it is read"
-    " becomes smaller."
+    "Measure with twice the dwell and with a longer settle_s: motion that is still settling when"
+    " the laser is read becomes smaller."
 )
 _NO_PATTERN = (
-    "Nothing of the run stands out. Measure all lines once more with twice the repeats, with laser"
-    " and mirror aligned anew: what comes back at the same stops is in the machine, what does not"
-    " was this run."
+    "No part of the run stands out. Measure all lines once more with twice the repeats, with laser"
+    " and mirror aligned again: what comes back at the same stops is in the machine, the rest"
+    " belonged to this run."
 )
 
 

@@ -90,23 +90,23 @@ def sentences_of(report: TrackerReport) -> list[str]:
 
 def _joint_sentences(joint: JointEstimate) -> list[str]:
     said = [
-        f"U: 95 %, with what the machine's curves may do; {joint.machine.place}.",
-        f"Frame of the tracker's place: {joint.machine.frame}.",
-        "Sizes of what repeats and of what differs between passes, as the readings tell them with"
-        " what is usual: "
+        f"U: 95 %, including plausible error curves of the machine; {joint.machine.place}.",
+        f"Frame of the tracker's position: {joint.machine.frame}.",
+        "Sizes of the errors that repeat and of those that differ between passes, from the readings"
+        " and from usual values: "
         + "; ".join(f"{name}: {size:.2g}" for name, size in joint.sizes.items())
         + ".",
     ]
     if not joint.machine.chain:
         said.append(
-            "U is unknown, because the order of the machine's axes was not told (--chain): through"
-            " which levers angular errors act depends on it."
+            "U is unknown, because the order of the machine's axes is not known (--chain): the"
+            " levers of the angular errors depend on it."
         )
     return said + [f"Warning, joint estimate: {text}" for text in joint.warnings]
 
 
 def lead_sentences(report: TrackerReport) -> list[str]:
-    """Return what is said first: whether the readings agree, and the errors that they tell."""
+    """Return the first sentences: whether the readings agree, and the errors they determine."""
     if report.result is None:
         return []
     said = [f"{report.verdict.name}: {report.verdict.sentence}"]

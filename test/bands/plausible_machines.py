@@ -340,7 +340,7 @@ class Truth:
     @cached_property
     def error_map(self):
         """The machine's error vectors in the box."""
-        nodes = (self.volume.nodes(0), self.volume.nodes(1), self.volume.nodes(2))
+        nodes = self.volume.all_nodes
         return VolumetricMap(nodes, self.curves, chain=self.machine.chain)
 
     def tilts(self, setup, line, day=0):

@@ -128,7 +128,7 @@ def test_better_worse_and_no_change_are_told_apart(capsys, tmp_path, before, aft
     assert "E_XY changed most: -" in out and "squareness C0Y" in out and "arcsec" in out
     again = write(tmp_path / "again.mcap", 3, seed=9)
     code, out, _ = stepdiag(capsys, "changes", before, again)
-    assert "no more of a change than these measurements can tell" in out
+    assert "no significant change" in out
     assert "as chance has it" in out and "changed most:" not in out
     assert "no proof of a change" in out
 
@@ -152,14 +152,16 @@ def test_a_reversal_that_changed_is_told_in_every_sentence(capsys, tmp_path, mon
         loose = write(tmp_path / "loose.mcap", 8, seed=9)
     code, out, _ = stepdiag(capsys, "changes", before, loose)
     assert code == 0 and "no proof of a change" not in out
-    assert "The volume's rms error was" in out and "Something else has changed." in out
+    assert "The volume's rms error was" in out and "Other figures have changed." in out
     assert "chance does not explain that: the machine has changed" in out
     [told] = [line for line in out.splitlines() if line.startswith("Changed: reversal of X, from ")]
     assert " to -1.0" in told and told.endswith(").") and "µm (E_n = -" in told
     assert "Changed: the curves" not in out and "changed most: " not in out
     report = compared(before, loose)
     found = verdict(report.changes)
-    assert found.kind == "other" and found.headline.startswith("Changed, but neither better nor")
+    assert found.kind == "other" and found.headline.startswith(
+        "Changed, but the volume is neither better nor"
+    )
     monkeypatch.setattr(changes_page, "_pictures", lambda _: {})
     html = unescape(changes_page.ChangesPage(report).html())
     # Beside the headline, and where it is told what changed.
@@ -180,7 +182,7 @@ def test_what_is_left_may_be_nothing(tmp_path, monkeypatch, before):
     monkeypatch.setattr(standard_runs, "cell", perfect)
     found = verdict(compared(before, write(tmp_path / "perfect.mcap", 4)).changes)
     assert found.kind == "better" and found.headline.startswith("At least ")
-    assert "no more than this measurement can tell from nothing" in found.sentence
+    assert "within the noise of this measurement" in found.sentence
 
 
 def test_the_text_writes_every_figure_with_its_uncertainty(report):

@@ -14,7 +14,7 @@ from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.session.following import Outcome, RunOutcome
+from stepdiag_ros.processes.following import Outcome, RunOutcome
 from stepdiag_ros.words.lead import next_steps
 
 SERVED = {

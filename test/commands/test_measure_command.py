@@ -13,9 +13,9 @@ from refused import refused
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands import measure
 from stepdiag_ros.commands.measure import _Attendant
+from stepdiag_ros.processes.following import RunFailed, RunOutcome, _told
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.following import RunFailed, RunOutcome, _told
 
 SETUP = "align laser and mirror for ppp XYZ, then resume"
 

@@ -5,7 +5,7 @@ import pytest
 from stepdiag_ros import cli, commands
 
 MODULE = """
-from stepdiag_ros.commands.arguments import Command, add_common
+from stepdiag_ros.commands.arguments import Command, Group, add_common
 
 
 def _add_options(parser):
@@ -21,6 +21,7 @@ def run(arguments):
 
 COMMAND = Command(
     "count-up",
+    Group.MEASURE,
     15,
     _add_options,
     run,
@@ -49,7 +50,7 @@ def _printed(capsys, *arguments):
 def test_it_stands_in_its_place_in_the_list(capsys):
     _, said = _printed(capsys, "--help")
     assert "count from one" in said.out
-    places = [said.out.index(f"\n    {name} ") for name in ("demo", "count-up", "plan")]
+    places = [said.out.index(f"\n  {name} ") for name in ("demo", "count-up", "plan")]
     assert places == sorted(places)
 
 
@@ -85,5 +86,6 @@ def test_it_is_gone_with_its_module(capsys):
 
 def test_our_own_are_told_apart():
     own = cli.commands()
-    for attribute in ("name", "order", "help"):
-        assert len({getattr(one, attribute) for one in own}) == len(own)
+    for told in ([one.name for one in own], [one.help for one in own]):
+        assert len(set(told)) == len(own)
+    assert len({(one.group, one.order) for one in own}) == len(own)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag_ros.compensation.nc_program import NcSettings
+from stepdiag_ros.compensation.nc_reading import NcSettings
 from stepdiag_ros.compensation.nc_rewrite import RewriteSettings
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, moving_axis
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap

@@ -26,7 +26,7 @@ from stepdiag_ros.compensation.nc_readback import refuse_foreign_words
 from stepdiag_ros.compensation.nc_rewrite import RewriteSettings, rewrite
 from stepdiag_ros.compensation.nc_words import NcError
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.planning.nc_program import Move, nc_program
+from stepdiag_ros.planning.nc_writing import Move, nc_program
 from stepdiag_ros.text.controls import Comment, one_line, refuse_foreign
 
 BREAKS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nc_examples import PROGRAM, machine, settings
 
-from stepdiag_ros.compensation.nc_program import NcSettings, steps_of
+from stepdiag_ros.compensation.nc_reading import NcSettings, steps_of
 from stepdiag_ros.compensation.nc_rewrite import rewrite
 
 pytestmark = pytest.mark.skipif(shutil.which("rs274") is None, reason="LinuxCNC is not installed")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from nc_examples import MILLING, OFFSET, PROGRAM, machine, settings
 from refused import a_fault, refused
 
-from stepdiag_ros.compensation.nc_program import NcSettings, steps_of
 from stepdiag_ros.compensation.nc_proof import prove
+from stepdiag_ros.compensation.nc_reading import NcSettings, steps_of
 from stepdiag_ros.compensation.nc_rewrite import HOLD, rewrite
 from stepdiag_ros.compensation.nc_words import NcError
 from stepdiag_ros.metrology.plausible import NOTHING

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from results_by_hand import make_report, make_result, with_unknown
 
-from stepdiag_ros.evaluation.report import same_to_the_last_bit
+from stepdiag_ros.evaluation.report import same_but_for_rounding, same_to_the_last_bit
 from stepdiag_ros.metrology.solvers.result import Figure
 
 
@@ -43,6 +43,30 @@ def _last_bit(values):
 )
 def test_the_smallest_difference_is_found(changes):
     assert not same_to_the_last_bit(make_result(), replace(make_result(), **changes))
+
+
+def _scaled(name, factor):
+    result = make_result()
+    return {"curves": {**result.curves, name: result.curves[name] * factor}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "same"),
+    [
+        (_scaled("E_YX", 1.0 + 1e-14), True),
+        (_scaled("E_YX", 1.0 + 1e-4), False),
+        ({"chi_squared": 42.0 * (1.0 + 1e-14)}, True),
+        ({"chi_squared": 42.1}, False),
+        ({"figures": make_result().figures[:-1]}, False),
+        ({"figures": (Figure("C0Y", 1.0, 0.0, "rad"), *make_result().figures[1:])}, False),
+        ({"curves": with_unknown(make_result()).curves}, False),
+        ({"standard_uncertainty": with_unknown(make_result()).standard_uncertainty}, False),
+    ],
+)
+def test_what_processors_round_otherwise_is_no_other_result(changes, same):
+    for first in (make_result(), with_unknown(make_result())):
+        assert same_but_for_rounding(first, first)
+    assert same_but_for_rounding(make_result(), replace(make_result(), **changes)) is same
 
 
 def test_minus_zero_is_not_zero():

@@ -149,7 +149,7 @@ def test_the_example_is_clean(tmp_path):
 
 
 def _result(method):
-    return VolumetricErrors(method, ((), (), ()), {}, {}, (), 0, float("nan"), 0)
+    return VolumetricErrors(((), (), ()), {}, method, {}, (), 0, float("nan"), 0)
 
 
 def test_a_result_is_preferred_by_its_methods_reliance_and_by_nothing_else(monkeypatch):

@@ -1,6 +1,7 @@
 """The driver of LinuxCNC, polled as the bridge does it."""
 
 import errno
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncEvent, CncState, PositionSample, StateChange
 from stepdiag_ros.devices.cnc.linuxcnc import LinuxCnc
+from stepdiag_ros.devices.cnc.linuxcnc_instance import LinuxCncInstance
 
 
 class Watched:
@@ -93,3 +95,14 @@ class Watched:
     def position(self) -> tuple[float, float, float]:
         told = len(self.samples())
         return self.until(lambda: len(self.samples()) > told).samples()[-1].position
+
+
+def at_rest(instance: LinuxCncInstance) -> float:
+    """Return where X stands, mm, by LinuxCNC's own word; waits until it does."""
+    end = time.monotonic() + PATIENCE
+    places = [math.nan, math.inf]
+    while places[-1] != places[-2]:
+        assert time.monotonic() < end, "X does not come to rest"
+        time.sleep(0.1)
+        places.append(float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")))
+    return places[-1]

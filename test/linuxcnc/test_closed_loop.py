@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from closed_loop import compensate, files_of, stood
 
-from stepdiag_ros.session.cell import twin_cell
-from stepdiag_ros.session.measure import MeasuringSession
+from stepdiag_ros.processes.cell import twin_cell
+from stepdiag_ros.processes.measure import MeasuringSession
 
 
 def measured(machine, folder: Path, whole: bool = True, **bridge) -> Path:

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from linuxcnc_watched import Watched
+from linuxcnc_watched import Watched, at_rest
 from patience import PATIENCE
 from refused import refused
 
@@ -70,10 +70,9 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     with refused(OSError, None, "5", errno=errno.ETIMEDOUT):
         watched.wait(PATIENCE)
     watched.driver.close()
-    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
-    time.sleep(0.2)
     # The watchdog in HAL: 0.5 s at 0.1 m/s and the braking.
-    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 90.0
+    first = at_rest(instance)
+    assert first < 90.0
     with refused(OSError, errno=errno.ETIMEDOUT):
         Watched(instance.socket, silence=0.5)
     instance.run("halcmd", "setp", "watchdog.timeout-0", "10")
@@ -91,10 +90,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     instance.signal("KILL", "milltask -ini")
     fault = again.until_state(CncState.FAULT)
     assert "milltask has died" in fault.reason
-    again.wait(0.3)
-    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
-    time.sleep(0.2)
-    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 100.0
+    assert at_rest(instance) < 100.0
     with refused(MoveRefused, "rejected", "milltask"):
         again.driver.reset(time.time_ns())
     again.driver.close()
@@ -163,10 +159,7 @@ def test_an_agent_that_dies_beside_another_display_inhibits_the_feed(make_instan
     end = time.monotonic() + PATIENCE
     while not is_inhibited(instance):
         assert time.monotonic() < end
-    time.sleep(0.3)
-    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
-    time.sleep(0.2)
-    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < here + 300.0
+    assert at_rest(instance) < here + 300.0
     agent = str(instance.socket.parent / "linuxcnc_agent" / "stepdiag_agent.py")
     with refused(OSError, None, "stepdiag"):
         instance.run(agent, "-ini", "machine.ini")

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cnc_conformance import CHECKS, Rig
-from linuxcnc_watched import Watched
+from linuxcnc_watched import Watched, at_rest
 from patience import PATIENCE
 from refused import a_fault, refused
 
@@ -276,21 +276,20 @@ def test_silence_of_the_client_brakes_the_machine(machine_tool, watched):
     watched.go(800.0, 0.0, 0.0)
     watched.until_moved()
     begun = watched.samples()[-1].position[0]
-    time.sleep(1.0)  # nobody polls: the bridge hangs
+    # Nobody polls: the bridge hangs.
+    place = at_rest(machine_tool)
     watched.until(lambda: watched.driver.state is CncState.STOPPED)
-    stopped = watched.states()[-1]
-    assert "the client was silent for 0.5" in stopped.reason
-    # 0.5 s at 0.1 m/s, and the way of the braking; without the dead-man it were 100 mm.
-    assert 0.03 < stopped.position[0] - begun < 0.075
-    assert float(machine_tool.run("halcmd", "getp", "joint.0.motor-pos-fb")) < 100.0
+    assert "the client was silent for 0.5" in watched.states()[-1].reason
+    # 0.5 s at 0.1 m/s and the braking, and 2 s more on a busy computer: the agent is no real-time
+    # program. The move is of 800 mm.
+    assert 30.0 < place - 1e3 * begun < 250.0
 
 
 def test_a_connection_that_ends_brakes_the_machine_and_no_move_is_repeated(machine_tool, watched):
     watched.go(800.0, 0.0, 0.0)
     watched.until_moved()
     watched.driver.close()
-    time.sleep(0.2)
-    first = float(machine_tool.run("halcmd", "getp", "joint.0.motor-pos-fb"))
+    first = at_rest(machine_tool)
     again = Watched(machine_tool.socket)
     again.until(lambda: again.driver.state is CncState.STOPPED)
     assert "the connection of the client has ended" in again.states()[-1].reason

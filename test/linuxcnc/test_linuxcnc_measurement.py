@@ -12,11 +12,11 @@ from patience import PATIENCE
 
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.processes.cell import twin_cell
+from stepdiag_ros.processes.following import FollowedRun
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import Processes
 from stepdiag_ros.run.sequence import Answer, State
-from stepdiag_ros.session.cell import twin_cell
-from stepdiag_ros.session.following import FollowedRun
-from stepdiag_ros.session.graph import in_graph
-from stepdiag_ros.session.processes import Processes
 
 PLAN = Path(__file__).parent / "measured_on_linuxcnc.yaml"
 pytestmark = pytest.mark.timeout(2 * PATIENCE)

@@ -59,7 +59,7 @@ def test_the_way_to_the_mirror_is_what_the_forward_model_reads(name):
     order = "YZX" if name in BODY_DIAGONALS else ""
     line = line_of(name, order)
     laser, _ = frames.setup_placements(line, VOLUME, DISTANCE, OFFSET)
-    perfect = ErrorCurves.from_curves([VOLUME.nodes(axis) for axis in range(3)], {})
+    perfect = ErrorCurves.from_curves(VOLUME.all_nodes, {})
     beam = beam_direction(name, np.array(VOLUME.step))
     alignment = Alignment(beam, beam, np.array(laser.translation))
     stops = line.stops(VOLUME)

@@ -18,8 +18,8 @@ from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.planning.moves import moves_of
 from stepdiag_ros.planning.plan_text import plan_text
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.processes import NodeProcess, Processes
 
 
 @pytest.fixture

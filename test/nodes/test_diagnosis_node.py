@@ -75,7 +75,7 @@ class Bench:
 
     def __init__(self, folder: Path, **parameters: object) -> None:
         from stepdiag_ros.nodes.operator import OperatorNode
-        from stepdiag_ros.session.processes import NodeProcess, Processes
+        from stepdiag_ros.processes.node_process import NodeProcess, Processes
 
         self.processes = Processes([NodeProcess("diagnosis", parameters)], folder / "logs")
         rclpy.init(args=[])

@@ -34,7 +34,7 @@ lines:
 def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
     from stepdiag_ros.configuration import load_cell
     from stepdiag_ros.nodes.operator import OperatorNode
-    from stepdiag_ros.session.processes import NodeProcess, Processes
+    from stepdiag_ros.processes.node_process import NodeProcess, Processes
 
     plan = plan_from_text(PLAN, "test plan")
     measurement = simulate(plan, load_cell("demo")[0])

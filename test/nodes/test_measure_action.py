@@ -396,7 +396,7 @@ def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
 
 
 def test_without_nodes_there_is_nothing_to_measure_on(monkeypatch, capsys):
-    monkeypatch.setattr("stepdiag_ros.session.joining.LOOK_LIMIT", 0.3)
+    monkeypatch.setattr("stepdiag_ros.processes.joining.LOOK_LIMIT", 0.3)
     assert main(["measure", "--plan", "quick", "--namespace", "/cell_1"]) == 1
     said = capsys.readouterr().err
     assert "there is no sequencer in namespace /cell_1 on ROS domain" in said

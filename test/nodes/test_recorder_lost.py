@@ -10,10 +10,10 @@ from collections.abc import Callable
 import pytest
 from running_cell import TWO_LINES, nodes_of
 
+from stepdiag_ros.processes.following import RunFailed
+from stepdiag_ros.processes.measure import MeasuringSession
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.following import RunFailed
-from stepdiag_ros.session.measure import MeasuringSession
-from stepdiag_ros.session.processes import NodeProcess, Processes
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ class Viewer:
 
 def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
     from stepdiag_ros.nodes.operator import OperatorNode
-    from stepdiag_ros.session.processes import NodeProcess, Processes
+    from stepdiag_ros.processes.node_process import NodeProcess, Processes
 
     plan = plan_from_text(PLAN, "test plan")
     measurement = simulate(plan, load_cell("demo")[0])
@@ -187,8 +187,8 @@ def filled_parameter(name, text):
 
 
 def test_a_scene_may_be_there_before_a_measurement():
+    from stepdiag_ros.processes.measure import MeasuringSession, RunFailed
     from stepdiag_ros.run.supervision import Peer, Watch
-    from stepdiag_ros.session.measure import MeasuringSession, RunFailed
 
     operator = SimpleNamespace(watch=Watch(), spin_until=lambda condition, _limit: condition())
     session = MeasuringSession([], Path(), lambda _told: None)

@@ -21,8 +21,8 @@ from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.foxglove_server import STREAMS
 from stepdiag_ros.nodes.onlooker import ViewerNode
 from stepdiag_ros.nodes.operator import OperatorNode
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.processes import OVERRIDE, NodeProcess, Processes
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.node_process import OVERRIDE, NodeProcess, Processes
 from stepdiag_ros.viewers.page.state import PageState as MonitorState
 
 FOLDER = Path(__file__).parents[2] / "config" / "security"

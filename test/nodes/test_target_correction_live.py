@@ -6,9 +6,9 @@ from closed_loop import compensate, files_of, stood
 from refused import refused
 
 from stepdiag_ros.commands.solve import report_of
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.following import RunFailed
-from stepdiag_ros.session.measure import MeasuringSession
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.following import RunFailed
+from stepdiag_ros.processes.measure import MeasuringSession
 
 FACTOR = 4.0
 

@@ -22,8 +22,8 @@ from stepdiag_ros.parameters.declaration import (
 )
 from stepdiag_ros.parameters.documents import markdown, parameter_file
 from stepdiag_ros.parameters.nodes import NODES, declared_node
-from stepdiag_ros.session.cell import simulated_cell
-from stepdiag_ros.session.processes import NodeProcess
+from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.node_process import NodeProcess
 
 ROOT = Path(__file__).parents[2]
 EVERY = [(node.name, one) for node in NODES for one in node.parameters]

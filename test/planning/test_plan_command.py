@@ -11,7 +11,7 @@ from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.metrology.geometry import CHAINS
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import PURPOSES
-from stepdiag_ros.planning.nc_program import DWELL_FORMS
+from stepdiag_ros.planning.nc_writing import DWELL_FORMS
 from stepdiag_ros.run.feasibility import beyond_machine
 
 PNG = b"\x89PNG\r\n\x1a\n"

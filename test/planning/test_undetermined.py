@@ -148,7 +148,7 @@ def test_import_says_so_of_a_measurement_made_elsewhere(tmp_path, capsys):
 
 
 def test_a_run_warns_before_any_node_is_started(diagonals, tmp_path, capsys, monkeypatch):
-    from stepdiag_ros.session import measure
+    from stepdiag_ros.processes import measure
 
     def none_started(*_):
         raise ValueError("no node is started here")
@@ -164,7 +164,7 @@ def test_a_run_warns_before_any_node_is_started(diagonals, tmp_path, capsys, mon
 
 
 def test_measure_warns_before_it_asks_for_the_run(diagonals, capsys, monkeypatch):
-    from stepdiag_ros.session import joining
+    from stepdiag_ros.processes import joining
 
     class Joined:
         measured = None

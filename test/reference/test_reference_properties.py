@@ -48,7 +48,7 @@ def machine(seed, blocks=3, rotation=0.0, noise=1e-7, tilt=1e-4, size=2e-6):
     step = tuple(float(s) for s in rng.integers(10, 60, 3) * 1e-3)
     origin = tuple(float(o) for o in rng.integers(-500, 500, 3) * 1e-3)
     volume = Volume(origin, step, blocks)
-    nodes = [volume.nodes(axis) for axis in range(3)]
+    nodes = volume.all_nodes
     curves = {name: size * rng.standard_normal(blocks + 1) for name in TRANSLATIONS}
     curves.update({name: rotation * rng.standard_normal(blocks + 1) for name in ROTATIONS})
     cell = SimulatedCell(
@@ -206,7 +206,7 @@ def test_the_machines_zero_and_the_lasers_zero_do_not_matter(method, seed, shift
 def test_a_machine_that_is_turned_as_a_whole_gives_the_same_curves(method, seed, theta):
     """A rigid rotation θ adds θ × (q ê_i) to the curves of axis i: no error of the machine."""
     volume, cell = machine(seed, noise=0.0, tilt=0.0, size=1e-7)
-    nodes = [volume.nodes(axis) for axis in range(3)]
+    nodes = volume.all_nodes
     turned = {}
     for axis, letter in enumerate(AXES):
         values = cell.errors.values[axis]

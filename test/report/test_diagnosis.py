@@ -172,7 +172,7 @@ def test_ambiguous_names_the_group():
         FOUND, group=("sag of XY",), runners_up=(replace(FOUND.runners_up[0], ambiguous=True),)
     )
     text = _text(_report(_diagnosis(AMBIGUOUS, (found,))))
-    assert "'backlash of X' cannot be told from 'sag of XY' and 'backlash of <Y>'" in text
+    assert "'backlash of X' cannot be distinguished from 'sag of XY' and 'backlash of <Y>'" in text
     assert "NOT RULED OUT" in text
 
 

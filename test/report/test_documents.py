@@ -87,7 +87,7 @@ def test_comparison_with_truth_counts_rms_and_coverage():
 def test_truth_of_another_grid_is_refused():
     curves = {**true_curves(), "E_ZX": np.zeros(BLOCKS)}
     with refused(Refusal, "mismatch", "E_ZX", "3", "4"):
-        report_document(make_report(truth=Truth(curves)))
+        report_document(make_report(truth=Truth(VOLUME.all_nodes, curves)))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_the_schema_refuses_what_is_no_number_or_not_known(validator):
 
 
 def test_rotations_are_beside_translations_and_compared_by_themselves():
-    truth = Truth(curves={**true_curves(), **true_rotations()})
+    truth = Truth(nodes=VOLUME.all_nodes, curves={**true_curves(), **true_rotations()})
     result = with_rotations(make_result("least_squares", shift=1e-7), shift=3e-6)
     method = report_document(make_report(results=(result,), truth=truth))["methods"]["rigid_body"]
     assert list(method["curves"]) == list(CURVES)

@@ -54,7 +54,7 @@ def test_lines_are_named_and_advice_is_given_once():
     same = "the same in every pass"
     found = _Found(UNEXPLAINED, look(same, ("x", "ppp", "npp")), look("growing with time", ()))
     first, second = next_sentences(found)
-    assert "measure x, ppp and npp once more" in first and "beside them" in first
+    assert "measure x, ppp and npp once more" in first and "parallel to them" in first
     assert second.startswith("Measure all lines again")
     (said,) = next_sentences(_Found(UNEXPLAINED, look(same), look(same, ("x", "y"))))
     assert "measure x and y once more" in said

@@ -56,7 +56,7 @@ class Heard:
     Attributes:
         time: ns; of a report, when it was made, between query and arrival.
         said: what.
-        answers: the line that an ``LineAnswer`` answers; empty if none was sent.
+        answers: the line that a ``LineAnswer`` answers; empty if none was sent.
     """
 
     time: int

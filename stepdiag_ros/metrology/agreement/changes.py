@@ -34,7 +34,7 @@ from stepdiag_ros.metrology.agreement.shared import cross_covariance, shared_sou
 from stepdiag_ros.metrology.agreement.values import FigureChange, PlaceChange, chance_of
 from stepdiag_ros.metrology.agreement.volume import volume_changes
 from stepdiag_ros.metrology.comparison import normalised_error
-from stepdiag_ros.metrology.geometry import Vector, curve_unit, moving_axis
+from stepdiag_ros.metrology.geometry import Vector, curve_unit
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 
@@ -213,7 +213,7 @@ def _curves(both: ResultPair, combined: Vector) -> tuple[tuple[CurveChange, ...]
         CurveChange(
             name=name,
             unit=curve_unit(name),
-            positions=both.before.nodes[moving_axis(name)],
+            positions=both.before.nodes_of(name),
             before=both.before.curves[name],
             before_uncertainty=both.before.standard_uncertainty[name],
             after=both.after.curves[name],

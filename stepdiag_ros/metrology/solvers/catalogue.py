@@ -1,11 +1,10 @@
 """All methods: those of this package, and those that other packages add."""
 
-import re
 from collections.abc import Iterable
 from functools import cache
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.registry import of_modules, with_added
+from stepdiag_ros.metrology.registry import of_modules, record_fault, with_added
 from stepdiag_ros.metrology.solvers.method import Method, Solver
 from stepdiag_ros.metrology.solvers.tracker_methods import MULTILATERATION, SEVEN_LINES
 
@@ -75,12 +74,4 @@ def require_to_rely_on(names: Iterable[str], where: str) -> str:
 
 
 def _fault(method: object) -> str:
-    """Return what keeps an object from being a method; empty if nothing does."""
-    if not isinstance(method, Method):
-        return "is no Method"
-    if not re.fullmatch("[a-z][a-z0-9_]*", method.name):
-        return "has a name that is not of small letters, digits and underscores"
-    for name in ("title", "summary", "needs", "source"):
-        if not getattr(method, name):
-            return f"does not tell its '{name}'"
-    return ""
+    return record_fault(method, Method, ("title", "summary", "needs", "source"))

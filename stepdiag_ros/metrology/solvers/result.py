@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag_ros.metrology.curve_set import CurveSet
 from stepdiag_ros.metrology.geometry import FRAME, Vector
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -30,16 +31,14 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class VolumetricErrors:
+class VolumetricErrors(CurveSet):
     """Error curves with their uncertainty, and what follows from them.
+
+    Each curve has N + 1 nodes and is zero at the first. A method holds the curves that it estimates
+    in the order of ``geometry.CURVES``: the nine translations, all eighteen, or some.
 
     Attributes:
         method: name of the solver.
-        nodes: machine coordinates of the nodes of X, Y, Z, m, each shape (N + 1,).
-        curves: ISO 230-1 name → errors at the nodes, m (translations) or rad (rotations), shape
-            (N + 1,); zero at the first node; NaN where not determined. A method holds the curves
-            that it estimates, in the order of ``geometry.CURVES``: the nine translations, all
-            eighteen, or some.
         standard_uncertainty: ISO 230-1 name → standard uncertainties, m or rad, same names and
             shape; NaN where not known.
         figures: squareness, straightness, positioning, setup errors.
@@ -61,8 +60,6 @@ class VolumetricErrors:
     """
 
     method: str
-    nodes: tuple[Vector, Vector, Vector]
-    curves: dict[str, Vector]
     standard_uncertainty: dict[str, Vector]
     figures: tuple[Figure, ...]
     lines: int

@@ -335,7 +335,7 @@ def _result(
         )
         values, uncertainty = np.full_like(values, np.nan), np.full_like(uncertainty, np.nan)
         covariance = np.full_like(covariance, np.nan)
-    nodes = (volume.nodes(0), volume.nodes(1), volume.nodes(2))
+    nodes = volume.all_nodes
     return VolumetricErrors(
         method="soons",
         nodes=nodes,

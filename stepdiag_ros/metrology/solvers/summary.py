@@ -167,7 +167,7 @@ def functionals(
 
     A range is that between the two nodes at which the estimate is largest and smallest.
     """
-    nodes = [volume.nodes(axis) for axis in range(3)]
+    nodes = volume.all_nodes
     slopes = [slope_weights(axis_nodes) for axis_nodes in nodes]
     flatten = [deviations_from_line(axis_nodes) for axis_nodes in nodes]
     made: list[Functional] = []
@@ -321,7 +321,7 @@ def make_result(
     place = {name: estimate.place(name) for name in estimate.names}
     return VolumetricErrors(
         method=method,
-        nodes=(volume.nodes(0), volume.nodes(1), volume.nodes(2)),
+        nodes=volume.all_nodes,
         curves={name: values[place[name]] for name in place},
         standard_uncertainty={name: uncertainty[place[name]] for name in place},
         figures=(*figures, *setup_figures),

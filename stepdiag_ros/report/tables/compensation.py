@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     pass
 
 NOT_INSTALLED = (
-    "Nothing was installed: load the files by hand, measure again, and keep what was there before."
+    "Nothing was installed. Keep the present tables, load the files by hand, and measure again."
 )
 
 
@@ -25,7 +25,7 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     overruled = report.identified.origin.despite_verdict
     if overruled:
         console.sentence(
-            f"Made despite the verdict {overruled}. What acts stays, and part of it is in these"
+            f"Made despite the verdict {overruled}. The effect stays, and part of it is in these"
             " tables."
         )
     for line in report.identified.origin.lines():

@@ -49,8 +49,8 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.partial:
         left = rms_and_largest(diagnosis.residual_after)[0]
         said.append(
-            f"Effects that close a part of it leave {two_digits(left * IN_MICRO)} µm (rms); as long"
-            " as that has no cause, they may only look like the cause."
+            f"Effects that close a part of it leave {two_digits(left * IN_MICRO)} µm (rms). Until"
+            " the rest has a cause, they may only resemble the true one."
         )
     return said
 
@@ -207,7 +207,7 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
         text += f", correlation of neighbouring stops {diagnosis.noise_correlation:.2f}"
     if diagnosis.loose.zero > 0.0:
         text += (
-            ". Beside it the zero scatters from pass to pass by"
+            ". In addition, the zero scatters from pass to pass by"
             f" {two_digits(diagnosis.loose.zero * IN_MICRO)} µm (standard deviation, estimated from"
             " passes over the same places)"
         )
@@ -220,7 +220,8 @@ def group_sentences(findings: Sequence[Finding]) -> list[str]:
     for finding in findings:
         if finding.ambiguous:
             sentences.append(
-                f"'{finding.label}' cannot be told from {_listed(finding.ambiguous)} by this run."
+                f"'{finding.label}' cannot be distinguished from {_listed(finding.ambiguous)}"
+                " by this run."
             )
     return sentences
 

@@ -63,7 +63,7 @@ def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
             plus_minus(result.mean_length_error, result.mean_length_uncertainty, IN_MICRO),
         )
         check.add_row(
-            "the same less that of the linear tests",
+            "the same minus that of the linear tests",
             "µm",
             plus_minus(result.closure, result.closure_uncertainty, IN_MICRO),
         )
@@ -79,8 +79,8 @@ def print_squareness(report: SquarenessReport, console: PlainConsole) -> None:
         console.sentence(closure_sentence(result))
     elif math.isfinite(result.mean_length_error):
         console.sentence(
-            "Four body diagonals tell three angles and the mean length: nothing checks them as long"
-            " as the linear tests of X, Y and Z are missing."
+            "Four body diagonals determine three angles and the mean length. Without linear tests"
+            " of X, Y and Z nothing checks them."
         )
     for remark in result.remarks:
         console.sentence(f"{remark}.")

@@ -226,9 +226,9 @@ def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:
         "is smaller than 90°.",
         *(f"Sign '{name}': {text}." for name, text in SIGN_DEFINITIONS.items()),
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the "
-        "readings' noise; that of the conventional formulation holds no setup errors.",
-        "Setup errors: to first order a reading shows the tilt of the mirror's normal alone; the "
-        "beam's own tilt is a scale of the second order, which these figures do not tell. Angle 1 "
+        "readings' noise; for the conventional formulation it excludes setup errors.",
+        "Setup errors: to first order a reading depends on the tilt of the mirror's normal only; "
+        "the beam's own tilt is a second-order scale, which these figures do not show. Angle 1 "
         "lies in the XY plane; both are in the frame of the results.",
     ]
     count = len(next(iter(experiment.repeats.values())).results) if experiment.repeats else 0

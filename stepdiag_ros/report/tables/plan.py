@@ -62,8 +62,7 @@ def _minutes(seconds: float) -> str:
 def uncertainty_table(assessment: Assessment) -> Table:
     """Return the expected expanded uncertainties, without and with rotations in the model."""
     table = new_table(
-        "Expected uncertainty U (95 %) by the readings' noise; what rotations do that no line tells"
-        " comes on top",
+        "Expected uncertainty U (95 %) from the readings' noise, without undetermined rotations",
         *("", "unit", "least_squares", "rigid_body"),
     )
     plain_model, rotating = assessment.expectation, assessment.rotating

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag_ros.evaluation.lead import lead_of
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.report import (
     Report,
     TruthComparison,
@@ -34,7 +34,7 @@ from stepdiag_ros.words.squareness import (
 )
 
 _MOST_REASONS = 6
-"""A method that cannot tell more than this is not explained line by line."""
+"""With more undetermined errors than this, a method is not explained line by line."""
 _MICRO_UNITS = {"m": "µm", "rad": "µrad"}
 
 
@@ -212,7 +212,7 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
 
 
 def visibility_table(visibility: Visibility) -> Table:
-    """Return what can be told of each error and how well, with expanded uncertainties."""
+    """Return which errors are determined and how well, with expanded uncertainties."""
     table = new_table(
         f"Visibility, {visibility.readings} stops: {visibility.rank} of {visibility.unknowns} free"
         f" values determined, condition number {visibility.condition_number:.2g}",
@@ -260,19 +260,19 @@ def visibility_sentences(
         results: of the same lines, in the order in which they are shown.
     """
     chain = (
-        f"Visibility for the chain {visibility.chain}, every error free at every node."
+        f"Visibility for the chain {visibility.chain}: all errors are free at all nodes."
         if visibility.chain
-        else "Visibility of translations only, as if no axis turned: the chain is not known."
+        else "Visibility of translations only, without angular errors: the chain is not known."
     )
     noise = (
         " U: expected expanded uncertainty (95 %) for"
         f" {visibility.stop_uncertainty * IN_MICRO:.2g} µm (standard uncertainty) a stop."
         if math.isfinite(visibility.stop_uncertainty)
-        else " The readings' uncertainty is not known, and so is no expected one."
+        else " The uncertainty of the readings is unknown, and so is the expected uncertainty."
     )
     return [
         chain + noise,
-        "Inflation: how many times less certain an error is than if all others were known.",
+        "Inflation: uncertainty of an error, divided by its uncertainty if all others were known.",
         *_given_all_the_same(visibility, results),
     ]
 
@@ -300,14 +300,14 @@ def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErro
         f"{', '.join(titles)}: {', '.join(names)}" for names, titles in given.items()
     )
     besides = (
-        ", the conventional one with the setup taken as perfect besides"
+        "; the conventional method takes the setup as perfect, too"
         if len(robust_to_setup(results)) < len(results)
         else ""
     )
     return [
-        "The table holds with all angular errors free. Methods that take them as zero give what is"
-        f" not determined here all the same ({methods}){besides}. That is right as far as no axis"
-        " turns; what turning does stands in these curves and figures."
+        "The table assumes that all angular errors are free. Methods that take them as zero still"
+        f" give errors that are not determined here ({methods}{besides}). These are right only if"
+        " no axis rotates; otherwise they include the effect of the rotations."
     ]
 
 
@@ -335,7 +335,7 @@ def fit_table(report: Report) -> Table:
         table.add_row(
             "same bits as recorded",
             "",
-            *(_equality(report.equals_recorded.get(r.method)) for r in results),
+            *(_equality(report, r.method) for r in results),
         )
     return table
 
@@ -352,10 +352,12 @@ def _inside(comparison: TruthComparison) -> str:
     return f"{comparison.points_inside} of {comparison.points_with_uncertainty}"
 
 
-def _equality(same: bool | None) -> str:
-    if same is None:
+def _equality(report: Report, method: str) -> str:
+    if method not in report.equals_recorded:
         return "none recorded"
-    return "yes" if same else "NO, DIFFERS"
+    if report.equals_recorded[method]:
+        return "yes"
+    return "to rounding" if method in report.rounded else "NO, DIFFERS"
 
 
 def _sentences(report: Report, definition: SignDefinition) -> list[str]:
@@ -365,7 +367,7 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}. {LEAST_SQUARES_LINES}")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the"
-        " readings, of plausible rotations and of the laser's scale; stepdiag budget takes laser,"
+        " readings, of plausible rotations and of the laser's scale; stepdiag budget lists laser,"
         " air and setup one by one."
         " Errors are motions of the tool relative to the workpiece."
     )
@@ -381,11 +383,11 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
 
 
 def _shortened(result: VolumetricErrors) -> list[str]:
-    """Return what a method cannot tell; only the names where the reasons would fill a page."""
+    """Return what a method does not determine; only names where reasons would fill a page."""
     if len(result.not_determined) <= _MOST_REASONS:
         return list(result.not_determined)
     names = ", ".join(text.split(":")[0] for text in result.not_determined)
-    return [f"{names}, at least in part. --visibility and results.json tell why."]
+    return [f"{names}, at least in part. --visibility and results.json give the reasons."]
 
 
 def _heading(report: Report) -> list[str]:
@@ -443,3 +445,26 @@ def print_report(
     console.print()
     for line in ("In short:", *sentences_of(lead), *next_lines(lead)):
         console.sentence(line)
+
+
+def print_summary(report: Report, console: PlainConsole) -> None:
+    """Print what fits a screen: the lead, the determined errors, and the commands to run next."""
+    lead = lead_of(report)
+    summary = [*_heading(report), "", *sentences_of(lead), *_determined(report, lead)]
+    summary += [f"Run: {remark}" for remark in report.remarks]
+    for line in (*summary, "", *next_lines(lead)):
+        console.sentence(line)
+
+
+def _determined(report: Report, lead: RunLead) -> list[str]:
+    """Return which errors are determined, and how many of them contain the true value."""
+    preferred = report.preferred()
+    if preferred is None:
+        return []
+    names = [name for name in (*TRANSLATIONS, *SQUARENESS) if name not in lead.unknown]
+    by = method_title(preferred.method)
+    said = [f"Determined, by {by}: {', '.join(names)}."] if names else []
+    if report.truth is not None:
+        inside = _inside(compare_with_truth(preferred, report.truth))
+        said.append(f"Values whose ± contains the true error of the simulated machine: {inside}.")
+    return said

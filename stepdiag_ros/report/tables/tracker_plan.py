@@ -83,7 +83,7 @@ def duration_sentences(duration: SevenLineDuration | str) -> list[str]:
         return [f"Duration: unknown, {duration}."]
     return [
         f"Duration: {hours(duration.tracker)} with the tracker, {hours(duration.setting_up)} of it"
-        f" to set it up; {hours(duration.laser)} with a conventional laser that is aligned anew for"
+        f" to set it up; {hours(duration.laser)} with a conventional laser, aligned again for"
         f" each of {duration.lines} lines, {hours(duration.laser_aligning)} of it to align:"
         f" {duration.laser / duration.tracker:.1f} times as long (ATLI: 2 to 3"
         " times).",

@@ -117,7 +117,7 @@ class CurveSection(_ResultSection):
         earlier = None if before is None else _farthest(before, name)
         # Of a curve that is known in part, the farthest may be where nothing is known.
         whole = _is_whole(result, name) and before is not None and _is_whole(before, name)
-        place = float(result.nodes[moving_axis(name)][worst.node])
+        place = float(result.nodes_of(name)[worst.node])
         return {
             "text": micrometres(worst.value, worst.standard_uncertainty),
             "at": drawn(place, IN_MILLI),

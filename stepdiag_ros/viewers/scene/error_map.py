@@ -5,6 +5,7 @@ corner of the first nodes. It is computed as ``metrology.forward`` reads positio
 drawn and what was measured have the same signs.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -88,7 +89,7 @@ def extremes(result: VolumetricErrors, chain: str) -> Extremes:
     picked = [spread(len(nodes), MOST_NODES) for nodes in result.nodes]
     x, y, z = (nodes[pick] for nodes, pick in zip(result.nodes, picked, strict=True))
 
-    def thin(curves: dict[str, Vector]) -> dict[str, Vector]:
+    def thin(curves: Mapping[str, Vector]) -> dict[str, Vector]:
         return {name: curve[picked[AXES.index(name[3])]] for name, curve in curves.items()}
 
     thinned = replace(

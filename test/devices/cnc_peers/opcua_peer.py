@@ -37,6 +37,7 @@ class OpcUaPeer:
         override: part of the feed that somebody at the machine has set, above 0.
         halfway: number of an order, from 1 → what happens, once, when half of its way is done.
         watchdog_limit: s without a count after which it brakes.
+        counts: how often the client has counted the watchdog.
         braked_by_watchdog: times of that, by ``time.monotonic``.
     """
 
@@ -49,6 +50,7 @@ class OpcUaPeer:
         self.override = 1.0
         self.halfway = {}
         self.watchdog_limit = watchdog_limit
+        self.counts = 0
         self.fault, self.fault_text, self.ready = 0, "", True
         self.stopped = False
         self.acknowledged = self.done = 0
@@ -127,6 +129,7 @@ class OpcUaPeer:
                     inputs[name] = await self.nodes[name].read_value()
                 if inputs["Watchdog"] != self._inputs.get("Watchdog"):
                     self._counted = now
+                    self.counts += 1
                 self._inputs = inputs
                 if inputs["Stop"]:
                     self.stopped = True

@@ -18,11 +18,11 @@ from stepdiag_ros.evaluation.recorded_run import measurement_of
 from stepdiag_ros.evaluation.report import same_to_the_last_bit
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.simulation import read_again
+from stepdiag_ros.processes.cell import twin_cell
+from stepdiag_ros.processes.following import FollowedRun, RunFailed
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import Processes
 from stepdiag_ros.run.sequence import Answer, State
-from stepdiag_ros.session.cell import twin_cell
-from stepdiag_ros.session.following import FollowedRun, RunFailed
-from stepdiag_ros.session.graph import in_graph
-from stepdiag_ros.session.processes import Processes
 
 PLAN = """\
 name: small cube, in a quarter of a minute of real time

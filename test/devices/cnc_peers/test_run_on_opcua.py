@@ -1,10 +1,12 @@
 """A whole measurement through the OPC UA driver, with a network that is silent in a move."""
 
 import threading
+import time
 
 import pytest
 from cable import Cable
 from opcua_rig import OpcUaPeer, settings
+from patience import PATIENCE
 from peer_run import PeerRun, answers_of, check_commands, check_displacements, check_result
 
 from stepdiag_ros.bags.run import load_run
@@ -15,6 +17,8 @@ SILENT_IN = 25
 """Number of the order, in the second step diagonal."""
 SLOW = 0.002
 """Part of the feed with which the axes would still move when the silence is noticed."""
+KNOWN = 4
+"""Counts of the watchdog after which the driver has read that the order was taken."""
 
 
 class SilentNetwork:
@@ -31,13 +35,21 @@ class SilentNetwork:
 
     def _slow_down(self):
         self.peer.override = SLOW
-        # The order is known to be taken by then.
-        threading.Timer(0.3, self._cut).start()
+        threading.Thread(target=self._cut, args=(self.peer.counts + KNOWN,), daemon=True).start()
 
-    def _cut(self):
+    def _cut(self, counts):
+        self._wait(lambda: self.peer.counts >= counts)
         self.cable.silent = True
 
+    def _wait(self, condition):
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
     def mend(self):
+        # Nobody mends before the PLC has noticed the silence too, however busy this computer is.
+        self._wait(lambda: not self.cable.silent or self.peer.braked_by_watchdog)
         self.where_held.append((tuple(self.peer.position), len(self.peer.orders)))
         self.cable.silent, self.peer.override = False, 1.0
 

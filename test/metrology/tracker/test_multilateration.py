@@ -139,7 +139,7 @@ def test_too_little_is_refused_in_words():
 @pytest.mark.parametrize("chain", CHAINS)
 def test_the_design_is_the_exact_model_to_first_order(chain):
     volume = grid_of(GRID)
-    nodes = [volume.nodes(axis) for axis in range(3)]
+    nodes = volume.all_nodes
     design = displacement_design(GRID, volume, chain).reshape(len(GRID), 3, len(CURVES), -1)
     for index, name in enumerate(CURVES):
         values = np.array([0.0, 1e-7, -2e-7])

@@ -180,7 +180,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, IN_MICRO)
     assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
-    assert f"the tool stands {size} µm from where it should" in page.text
+    assert f"Largest error in the measured volume: {size} µm at" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "What to do: compensation could bring the largest error" in page.text
     assert document["summary"]["lower_bound"] is False
@@ -196,7 +196,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
     found = single_errors(solved.preferred(), budget)
     largest = max(found, key=lambda one: one.value)
     size = with_expanded(largest.value, largest.expanded_uncertainty, IN_MICRO)
-    said = page.text.split("The largest single errors")[1]
+    said = page.text.split("Largest single errors")[1]
     assert said.split(": ", 1)[1].startswith(f"{largest.words} {size} µm over")
     for name in ("E_XX", "E_YY", "E_ZZ"):
         (one,) = [one for one in found if one.name == name]

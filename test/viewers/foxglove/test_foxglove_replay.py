@@ -220,7 +220,7 @@ def test_the_command_serves_a_bag_until_it_is_told_to_end(bag):
 def test_the_server_is_launched_where_it_is_asked_for(monkeypatch):
     for name, module in fake_launch.modules().items():
         monkeypatch.setitem(sys.modules, name, module)
-    sys.modules.pop("stepdiag_ros.session.launching", None)
+    sys.modules.pop("stepdiag_ros.processes.launching", None)
     file = ROOT / "launch" / "monitor.launch.py"
     given = {"foxglove": "true", "foxglove_address": "192.0.2.1", "use_sim_time": "true"}
     try:
@@ -234,7 +234,7 @@ def test_the_server_is_launched_where_it_is_asked_for(monkeypatch):
         with refused(Refusal, "malformed", "x", "foxglove_port"):
             fake_launch.launched(file, foxglove="true", foxglove_port="x")
     finally:
-        sys.modules.pop("stepdiag_ros.session.launching", None)
+        sys.modules.pop("stepdiag_ros.processes.launching", None)
 
 
 def test_a_port_in_use_is_refused_in_one_sentence(capsys):

@@ -14,10 +14,10 @@ from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.metrology.frames import LASER, MIRROR, TOOL, WORKPIECE
 from stepdiag_ros.nodes.foxglove_server import SHOWN, STREAMS, FoxgloveServerNode
+from stepdiag_ros.processes.following import FollowedRun
+from stepdiag_ros.processes.node_process import NodeProcess
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS
-from stepdiag_ros.session.following import FollowedRun
-from stepdiag_ros.session.processes import NodeProcess
 
 LAYOUT = Path(__file__).parents[3] / "config" / "foxglove" / "stepdiag.json"
 SETTLED = tuple(one for one in SHOWN if one.recorded and one not in (*STREAMS, topics.DIAGNOSTICS))

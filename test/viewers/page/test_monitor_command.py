@@ -14,6 +14,7 @@ from stepdiag_ros.bags.errors import BagError
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.nodes.operator import SERVICE_LIMIT
 from stepdiag_ros.viewers.page.control import RequestAnswer
 from stepdiag_ros.viewers.page.replay import Replay
 from stepdiag_ros.viewers.page.state import PageState
@@ -78,7 +79,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
 def test_the_page_is_launched_where_it_is_asked_for(monkeypatch):
     for name, module in fake_launch.modules().items():
         monkeypatch.setitem(sys.modules, name, module)
-    sys.modules.pop("stepdiag_ros.session.launching", None)
+    sys.modules.pop("stepdiag_ros.processes.launching", None)
     file = ROOT / "launch" / "monitor.launch.py"
     try:
         _, actions = fake_launch.launched(file, page="true", page_port="0", use_sim_time="true")
@@ -86,7 +87,7 @@ def test_the_page_is_launched_where_it_is_asked_for(monkeypatch):
         with refused(Refusal, "malformed", "x", "page_port"):
             fake_launch.launched(file, page="true", page_port="x")
     finally:
-        sys.modules.pop("stepdiag_ros.session.launching", None)
+        sys.modules.pop("stepdiag_ros.processes.launching", None)
 
 
 class Client:
@@ -161,7 +162,7 @@ def test_nobody_there_and_nobody_who_answers_are_said(led):
     node.clients["sequencer/abort"].ready = True
     answer = control.ask("abort")
     control.work()
-    node.time = 10.0
+    node.time = SERVICE_LIMIT + 1.0
     control.work()
     assert not answer.result(0).done
     assert "whether abort was done is not known" in answer.result(0).text

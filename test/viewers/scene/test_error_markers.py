@@ -30,7 +30,7 @@ from stepdiag_ros.viewers.scene.shapes import Kind, ramp, round_below, spread
 
 VOLUME = Volume((-0.1, 0.02, 0.3), (0.02, 0.01, 0.015), 10)
 PLAN = replace(load_plan("demo")[0], volume=VOLUME)
-NODES = tuple(VOLUME.nodes(axis) for axis in range(3))
+NODES = VOLUME.all_nodes
 WAYS = [nodes - nodes[0] for nodes in NODES]
 CHAIN = "YXZ"
 
@@ -303,7 +303,7 @@ def test_the_preferred_result_is_the_one_to_rely_on():
 def test_a_box_of_very_many_nodes_is_looked_at_in_some():
     blocks = 500
     volume = Volume((0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3), blocks)
-    nodes = tuple(volume.nodes(axis) for axis in range(3))
+    nodes = volume.all_nodes
     curves = dict.fromkeys(TRANSLATIONS, 1e-05 * nodes[0])
     result = replace(
         result_of(curves),

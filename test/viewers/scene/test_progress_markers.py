@@ -82,10 +82,10 @@ def test_laser_beam_and_mirror_are_there_while_a_line_is_measured():
 
 @pytest.fixture
 def array():
-    nodes = tuple(PLAN.volume.nodes(axis) for axis in range(3))
+    nodes = PLAN.volume.all_nodes
     curves = {name: np.linspace(0.0, 1e-5, 13) for name in TRANSLATIONS}
     result = VolumetricErrors(
-        "least_squares", nodes, curves, {name: np.zeros(13) for name in curves}, (), 28, np.nan, 0
+        nodes, curves, "least_squares", {name: np.zeros(13) for name in curves}, (), 28, np.nan, 0
     )
     shapes = [
         *picture((result,), PLAN),

@@ -120,29 +120,15 @@ class Controller:
     def trouble(self) -> str:
         """Say why the machine cannot move, whoever asks; empty if it can."""
         state = self.stat.task_state
-        if state == linuxcnc.STATE_ESTOP or not self._enabled():
+        # HAL knows of an open e-stop chain first; without iocontrol only the task's state does.
+        if state == linuxcnc.STATE_ESTOP or not _bit(ESTOP_CHAIN, unknown=True):
             return "e-stop"
         if state != linuxcnc.STATE_ON:
             return "the machine is switched off"
-        if self._bitten():
+        # The watchdog, if there is one, found this process stopped or starved.
+        if _bit(WATCHDOG_BIT, unknown=False):
             return "the agent was silent for too long, and the watchdog has inhibited the feed"
         return self._slow
-
-    def _enabled(self) -> bool:
-        """Say whether the e-stop chain is closed: HAL knows it before the task's state tells."""
-        try:
-            return bool(hal.get_value(ESTOP_CHAIN))
-        except (RuntimeError, hal.error):
-            # A machine without iocontrol: the state alone tells.
-            return True
-
-    def _bitten(self) -> bool:
-        """Say whether the watchdog inhibits the feed: this process was stopped or starved."""
-        try:
-            return bool(hal.get_value(WATCHDOG_BIT))
-        except (RuntimeError, hal.error):
-            # A machine without the watchdog.
-            return False
 
     def hindrance(self) -> str:
         """Say why the state of the interpreter does not allow moves; empty if it does."""
@@ -274,6 +260,14 @@ class Controller:
             if not joint["homed"]:
                 return f"joint {number} is not homed"
         return ""
+
+
+def _bit(name: str, unknown: bool) -> bool:
+    """Return a pin or signal of HAL; ``unknown`` on a machine without it."""
+    try:
+        return bool(hal.get_value(name))
+    except (RuntimeError, hal.error):
+        return unknown
 
 
 def _lives(number: int) -> bool:

@@ -3,10 +3,9 @@
 Another package adds one by an entry point; ``docs/report.md`` has an example.
 """
 
-import re
 from functools import cache
 
-from stepdiag_ros.metrology.registry import of_modules, with_added
+from stepdiag_ros.metrology.registry import of_modules, record_fault, with_added
 from stepdiag_ros.report.pages.section import ReportSection
 
 ENTRY_POINTS = "stepdiag_ros.sections"
@@ -26,9 +25,4 @@ def sections() -> tuple[ReportSection, ...]:
 
 
 def _fault(section: object) -> str:
-    """Return what keeps an object from being a section; empty if nothing does."""
-    if not isinstance(section, ReportSection):
-        return "is no ReportSection"
-    if not re.fullmatch("[a-z][a-z0-9_]*", section.name):
-        return "has a name that is not of small letters, digits and underscores"
-    return "" if section.title else "does not tell its 'title'"
+    return record_fault(section, ReportSection, ("title",))

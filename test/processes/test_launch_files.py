@@ -12,7 +12,7 @@ from refused import a_fault, refused
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.documents import parameter_file
 from stepdiag_ros.parameters.nodes import NODES, declared_node
-from stepdiag_ros.session.cell_file import check_cell_file
+from stepdiag_ros.processes.cell_file import check_cell_file
 
 ROOT = Path(__file__).parents[2]
 FILES = {path.name.removesuffix(".launch.py"): path for path in (ROOT / "launch").iterdir()}
@@ -25,7 +25,7 @@ def launched(monkeypatch):
     for name, module in fake_launch.modules().items():
         monkeypatch.setitem(sys.modules, name, module)
     yield lambda name, **values: fake_launch.launched(FILES[name], **values)
-    sys.modules.pop("stepdiag_ros.session.launching", None)
+    sys.modules.pop("stepdiag_ros.processes.launching", None)
 
 
 @pytest.fixture

@@ -1,18 +1,19 @@
 """One measurement from the command line: start the nodes, start the run, follow it to its end."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from stepdiag_ros.parameters.nodes import declared_node
+from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import ONLOOKERS
 from stepdiag_ros.run.taking_up import Patience, starting_words
-from stepdiag_ros.session.following import FollowedRun, RunFailed, RunNews
-from stepdiag_ros.session.graph import in_graph
-from stepdiag_ros.session.processes import NodeProcess, Processes
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode
@@ -27,7 +28,7 @@ LOOK_PERIOD = 0.5
 
 
 class MeasuringSession:
-    """Runs one plan on nodes that it starts and ends.
+    """Runs one plan on nodes that it starts and ends, or keeps these nodes up for others.
 
     Args:
         nodes: to be started.
@@ -54,6 +55,29 @@ class MeasuringSession:
             ValueError: the ROS graph cannot be joined.
             KeyboardInterrupt: as asked; the machine stands still and the bag is closed.
         """
+        with self._started() as (operator, processes):
+            return self._measure(operator, processes)
+
+    def keep_up(self, ready: Callable[[], None]) -> NoReturn:
+        """Keep the nodes up, for runs that others start, until this process is interrupted.
+
+        Args:
+            ready: called once all nodes are up.
+
+        Raises:
+            RunFailed: another measurement is there, or a node has ended.
+            ValueError: the ROS graph cannot be joined.
+            KeyboardInterrupt: as asked; the machine stands still.
+        """
+        with self._started() as (operator, processes):
+            self._wait_for_nodes(operator, processes)
+            ready()
+            while True:
+                operator.spin_until(lambda: False, LOOK_PERIOD)
+                self._check(None, processes)
+
+    @contextmanager
+    def _started(self) -> "Iterator[tuple[OperatorNode, Processes]]":
         from stepdiag_ros.nodes.operator import OperatorNode
 
         with in_graph():
@@ -61,7 +85,7 @@ class MeasuringSession:
             self._tell(RunNews("looking for other measurements"))
             self._refuse_company(operator)
             with Processes(self._nodes, self._folder / "logs") as processes:
-                return self._measure(operator, processes)
+                yield operator, processes
 
     def _refuse_company(self, operator: "OperatorNode") -> None:
         operator.spin_until(lambda: bool(_of_a_measurement(operator)), LOOK_AROUND)

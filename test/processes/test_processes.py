@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import stepdiag_ros
-from stepdiag_ros.session.processes import environment
+from stepdiag_ros.processes.node_process import environment
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks where it stands")

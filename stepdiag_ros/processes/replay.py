@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros import topics
-from stepdiag_ros.session.graph import in_graph
-from stepdiag_ros.session.processes import NodeProcess, Processes
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import NodeProcess, Processes
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.bag import Bag
@@ -23,6 +23,8 @@ LIVE = ("cnc_bridge", "sequencer")
 """Roles of nodes beside which no run is replayed: what is recorded would be taken for real."""
 QUIET = 2.0
 """Real seconds without a new message after which the nodes that evaluate are taken to be done."""
+PATIENCE = 20.0
+"""The same while a message is missing: a busy computer lets nodes wait."""
 
 _FROM_LINES = (topics.VOLUMETRIC_ERRORS, topics.POSITIONING_TEST, topics.DIAGNOSIS)
 _FROM_READINGS = (topics.STOP, topics.BLOCK, topics.LINE, *_FROM_LINES)
@@ -91,7 +93,7 @@ def replay(
         if listeners:
             player.wait_for(listeners, LISTENERS_LIMIT, lambda: "")
         played = player.play(rate, progress)
-        return player.compare(played, QUIET) if check else played
+        return player.compare(played, QUIET, PATIENCE) if check else played
 
 
 def _is_late(bag: "Bag", run: "FoundRun") -> bool:

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from stepdiag_ros.processes.following import SETTLE_LIMIT, FollowedRun, RunFailed
 from stepdiag_ros.run.taking_up import HELD_LIMIT
-from stepdiag_ros.session.following import SETTLE_LIMIT, FollowedRun, RunFailed
 
 ASKING = 10.0
 """Seconds that the sequencer takes to refuse a start: it waits for nodes that may be starting."""

@@ -11,7 +11,7 @@ from stepdiag_ros.configuration import available, load_machine, load_plan
 from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan, Volume
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.moves import moves_of, passes_of, program_of
-from stepdiag_ros.planning.nc_program import DWELL_FORMS, Dialect, Move, nc_program
+from stepdiag_ros.planning.nc_writing import DWELL_FORMS, Dialect, Move, nc_program
 from stepdiag_ros.run.sequence import Answer, Sequence, State
 
 MOVES = [

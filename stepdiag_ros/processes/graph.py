@@ -4,7 +4,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from stepdiag_ros.session.processes import ENCLAVE
+from stepdiag_ros.processes.node_process import ENCLAVE
 
 
 @contextmanager

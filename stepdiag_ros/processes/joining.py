@@ -3,9 +3,9 @@
 import os
 from collections.abc import Callable
 
+from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews, RunOutcome
+from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.session.following import FollowedRun, RunFailed, RunNews, RunOutcome
-from stepdiag_ros.session.graph import in_graph
 
 LOOK_LIMIT = 5.0
 """Real seconds within which a sequencer that is there must have been heard."""

@@ -3,7 +3,7 @@
 Wall time of the whole command in a fresh process (its drawing runs in a second one), median of
 several; and the processor time of its parts in one process, one after another.
 
-    python benchmarks/report.py RUN.mcap [--runs 5]
+    python benchmarks/report_stages.py RUN.mcap [--runs 5]
 
 The bar is 10 s for the run of ``stepdiag demo`` (748 stops) on two cores that do nothing else.
 """

@@ -3,8 +3,8 @@
 import time
 from pathlib import Path
 
-from stepdiag_ros.session.cell_file import check_cell_file
-from stepdiag_ros.session.processes import NodeProcess
+from stepdiag_ros.processes.cell_file import check_cell_file
+from stepdiag_ros.processes.node_process import NodeProcess
 
 
 def evaluation(model: str = "free") -> list[NodeProcess]:
