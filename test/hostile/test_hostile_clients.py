@@ -32,6 +32,8 @@ MUCH = 1600
 """Pieces, 100 MB."""
 END = b"\x88"
 """With which a frame begins that ends the connection."""
+GOING_AWAY = END + b"\x02\x03\xe9"
+"""Close code 1001 (RFC 6455, 7.4.1)."""
 LINES = 200
 """That hold, so that whoever subscribes is sent them."""
 ROOM = 60_000_000
@@ -172,6 +174,20 @@ def test_a_request_that_makes_no_sense_is_refused(page, request_, capfd):
     assert len(page.log) <= 1
     assert all(one.isprintable() and len(one) < 400 for one in page.log)
     assert capfd.readouterr().err == ""
+
+
+def test_a_page_that_ends_bids_its_viewers_farewell(page):
+    with websocket(page.port, "/live") as line:
+        line.sendall(frame(b'{"token":""}'))
+        seen = line.recv(2**20)
+        ending = threading.Thread(target=page.server.close)
+        ending.start()
+        while not seen.endswith(GOING_AWAY):
+            line.sendall(frame(b"1"))
+            more = line.recv(2**20)
+            assert more, "it is cut off"
+            seen += more
+    ending.join()
 
 
 def test_who_connects_to_the_page_and_asks_for_nothing_is_cut_off(page):

@@ -111,6 +111,7 @@ class MonitorServer:
         self._refused = Sparing(offer.log)
         # Connections on which something was asked for.
         self._asked: set[Any] = set()
+        self._viewing: set[web.WebSocketResponse] = set()
         self.port = 0
         self.viewers = 0
         self._files = _read_page()
@@ -174,7 +175,7 @@ class MonitorServer:
             begun.set_exception(error)
 
     async def _serve(self, begun: "Future[int]") -> None:
-        from aiohttp import web
+        from aiohttp import WSCloseCode, web
 
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         application = web.Application(middlewares=[self._guard], client_max_size=_LONGEST_MESSAGE)
@@ -195,6 +196,10 @@ class MonitorServer:
             await self._end.wait()
             looking.cancel()
             door.close()
+            await asyncio.gather(
+                *(one.close(code=WSCloseCode.GOING_AWAY) for one in self._viewing),
+                return_exceptions=True,
+            )
             await served.shutdown(CLOSING)
         finally:
             await runner.cleanup()
@@ -281,8 +286,10 @@ class MonitorServer:
         self.viewers += 1
         try:
             await socket.prepare(request)
+            self._viewing.add(socket)
             await self._show(request, socket)
         finally:
+            self._viewing.discard(socket)
             self.viewers -= 1
         return socket
 
@@ -313,7 +320,7 @@ class MonitorServer:
             if isinstance(error, _TooTalkative):
                 self._refused(f"{request.remote} talks too much, and is cut off")
             # Closing in order would wait for the viewer, which does not listen.
-            if request.transport is not None:
+            if request.transport is not None and not socket.closed:
                 request.transport.abort()
         finally:
             listening.cancel()
