@@ -115,6 +115,19 @@ def test_the_chi_squared_is_that_of_the_whole_covariance(run, split):
             assert np.max(np.abs(found.residual[held] - left)) < 1e-3 * NOISE
 
 
+def test_what_no_reading_shows_does_not_keep_a_split_from_being_a_proof(run):
+    _, stops, baseline = run
+    problem = _Problem(baseline, _diagnosis(stops))
+    shown = EFFECT.columns({"axis": "X"}, stops)[baseline.good]
+    # The baseline follows these entirely: what is left of them is rounding.
+    weights = np.random.default_rng(1).standard_normal((baseline.matrix.shape[1], 40))
+    unseen = baseline.matrix @ weights
+    for _, held in list(_splits(stops))[:2]:
+        assert problem.both_tell(shown, held)
+        assert problem.both_tell(np.column_stack([shown, unseen]), held)
+        assert not problem.both_tell(unseen, held)
+
+
 def test_the_effect_predicts_what_it_has_not_seen(run):
     measurement, stops, baseline = run
     asked = []
