@@ -89,7 +89,7 @@ setup(
             "foxglove-sdk>=0.30,<0.31",
             "hypothesis>=6,<7",
             "ipykernel>=6,<8",
-            "jsonschema>=4,<5",
+            "jsonschema-rs>=0.61,<1",
             "mcap-ros2-support>=0.5.5,<1",
             "mpmath>=1.3,<2",
             "mypy>=1.11,<3",

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from unittest import mock
 
-import jsonschema
+import jsonschema_rs
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
 import slow
@@ -179,7 +179,7 @@ def process_as_before():
 def validators():
     """Return a validator for each schema, by its identifier."""
     return {
-        schemas.identifier(name): jsonschema.Draft202012Validator(schemas.schema(name))
+        schemas.identifier(name): jsonschema_rs.Draft202012Validator(schemas.schema(name))
         for name in schemas.VERSIONS
     }
 
@@ -191,7 +191,7 @@ def every_document_fits_its_schema(validators, monkeypatch):
 
     def checked(made):
         errors = validators[made["schema"]].iter_errors(made)
-        faults = [f"{error.json_path}: {error.message[:200]}" for error in errors]
+        faults = [f"{error.instance_path}: {error.message[:200]}" for error in errors]
         assert not faults, "\n".join(faults[:10])
         return written(made)
 

@@ -7,7 +7,7 @@ import json
 import re
 from dataclasses import replace
 
-import jsonschema
+import jsonschema_rs
 import pytest
 from other_package import ROOT, install, python, stepdiag
 
@@ -78,11 +78,11 @@ def test_the_schema_knows_it_while_it_is_installed(site, solved):
     document, _ = solved
     for where, fits in ((site, True), (None, False)):
         schema = json.loads(stepdiag("schema", "result", site=where).stdout)
-        assert jsonschema.Draft202012Validator(schema).is_valid(document) is fits
+        assert jsonschema_rs.Draft202012Validator(schema).is_valid(document) is fits
     lacking = json.loads(json.dumps(document))
     del lacking["methods"][NAME]["curves"]["E_XX"]
     schema = json.loads(stepdiag("schema", "result", site=site).stdout)
-    assert not jsonschema.Draft202012Validator(schema).is_valid(lacking)
+    assert not jsonschema_rs.Draft202012Validator(schema).is_valid(lacking)
 
 
 def test_the_report_to_hand_over_has_it(site, tmp_path):

@@ -4,7 +4,7 @@ import copy
 import json
 import math
 
-import jsonschema
+import jsonschema_rs
 import numpy as np
 import pytest
 from refused import refused
@@ -30,8 +30,8 @@ from stepdiag_ros.schemas import schema
 
 @pytest.fixture(scope="module")
 def validator():
-    jsonschema.Draft202012Validator.check_schema(schema("result"))
-    return jsonschema.Draft202012Validator(schema("result"))
+    jsonschema_rs.meta.validate(schema("result"))
+    return jsonschema_rs.Draft202012Validator(schema("result"))
 
 
 @pytest.mark.parametrize(

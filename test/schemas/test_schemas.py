@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
-import jsonschema
+import jsonschema_rs
 import numpy as np
 import pytest
 from msgspec import UNSET, UnsetType
@@ -59,7 +59,7 @@ def test_every_document_is_declared_once_as_a_type_or_in_a_file():
 @pytest.mark.parametrize("name", schemas.VERSIONS)
 def test_a_schema_is_valid_and_says_which_it_is(name):
     schema = schemas.schema(name)
-    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema_rs.meta.validate(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert schema["$id"] == schemas.identifier(name)
     assert schema["properties"]["schema"]["const"] == schema["$id"]
@@ -79,12 +79,12 @@ def test_a_schema_has_room_for_nothing_that_it_does_not_explain(name):
 
 @pytest.mark.parametrize("name", schemas.VERSIONS)
 def test_a_document_without_identity_or_with_a_further_field_is_refused(name):
-    validator = jsonschema.Draft202012Validator(schemas.schema(name))
+    validator = jsonschema_rs.Draft202012Validator(schemas.schema(name))
     assert not validator.is_valid({})
     errors = list(validator.iter_errors({**schemas.document(name, {}), "extra": 1}))
     assert any("extra" in error.message for error in errors)
     other = {**schemas.document(name, {}), "schema": "urn:stepdiag_ros:other:1"}
-    assert any(list(error.path) == ["schema"] for error in validator.iter_errors(other))
+    assert any(error.instance_path == ["schema"] for error in validator.iter_errors(other))
 
 
 def test_json_is_written_in_one_place():
