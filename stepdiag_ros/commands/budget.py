@@ -9,12 +9,7 @@ from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
-from stepdiag_ros.commands.output import (
-    methods_help,
-    number,
-    progress_bar,
-    warn,
-)
+from stepdiag_ros.commands.output import methods_help, number, progress_bar, warn
 from stepdiag_ros.commands.standard_tests import show
 
 if TYPE_CHECKING:

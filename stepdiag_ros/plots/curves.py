@@ -7,20 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stepdiag_ros.evaluation.report import (
-    ZERO_BY_DEFINITION,
-    Truth,
-    frame_sentences,
-    method_title,
-)
+from stepdiag_ros.evaluation.report import ZERO_BY_DEFINITION, Truth, frame_sentences, method_title
 from stepdiag_ros.metrology.curve_set import require_names
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    ROTATIONS,
-    TRANSLATIONS,
-    Vector,
-    curve_unit,
-)
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vector, curve_unit
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI

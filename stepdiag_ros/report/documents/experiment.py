@@ -12,11 +12,7 @@ from msgspec import UNSET
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.metrology import table_one
-from stepdiag_ros.metrology.comparison import (
-    COVERAGE,
-    CurveComparison,
-    DirectComparison,
-)
+from stepdiag_ros.metrology.comparison import COVERAGE, CurveComparison, DirectComparison
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.repeats import RepeatResults
 from stepdiag_ros.schemas.comparison import (

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 from stepdiag_ros.evaluation.positioning import PositioningReport, Published
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
-from stepdiag_ros.metrology.standards.iso230_6 import (
-    DiagonalGroup,
-)
+from stepdiag_ros.metrology.standards.iso230_6 import DiagonalGroup
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import plain
