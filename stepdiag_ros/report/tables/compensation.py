@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from stepdiag_ros.compensation.remaining import COMPUTED, BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
@@ -10,9 +9,6 @@ from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.compensation import figure_name, size_words, uncorrected
-
-if TYPE_CHECKING:
-    pass
 
 NOT_INSTALLED = (
     "Nothing was installed. Keep the present tables, load the files by hand, and measure again."
