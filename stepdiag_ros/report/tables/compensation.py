@@ -62,20 +62,13 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     console.sentence(NOT_INSTALLED)
 
 
-def change_table(title: str, changes: Sequence[BeforeAndAfter], with_tables: bool = True) -> Table:
-    """Return figures before and after.
-
-    Args:
-        title: of the table.
-        changes: the figures.
-        with_tables: say of each whether the control has a table for it.
-    """
-    more = ["corrected by a table"] if with_tables else []
-    table = new_table(title, "", "before", "after", "times smaller", *more)
+def change_table(title: str, changes: Sequence[BeforeAndAfter]) -> Table:
+    """Return figures before and after, and of each whether the control has a table for it."""
+    table = new_table(title, "", "before", "after", "times smaller", "corrected by a table")
     for one in changes:
-        told = ["yes" if one.corrected else "no"] if with_tables else []
+        told = "yes" if one.corrected else "no"
         before, after = size_words(one.before, one.unit), size_words(one.after, one.unit)
-        table.add_row(figure_name(one), before, after, _times(one), *told)
+        table.add_row(figure_name(one), before, after, _times(one), told)
     return table
 
 
