@@ -12,14 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stepdiag_ros.notebook import (
-        compare,
-        diagnose,
-        error_map,
-        open_run,
-        solve,
-        worst_point,
-    )
+    from stepdiag_ros.notebook import compare, diagnose, error_map, open_run, solve, worst_point
 
 __version__ = "0.1.0"
 __all__ = ["compare", "diagnose", "error_map", "open_run", "plots", "solve", "worst_point"]

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import PassKey, TableRow, refusal, same_in_pass
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    Vector,
-    beam_direction,
-    line_signs,
-    move_orders,
-)
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, move_orders
 from stepdiag_ros.metrology.plan import (
     BACKWARD,
     FORWARD,

@@ -14,13 +14,7 @@ from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.metrology.geometry import move_orders
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import (
-    BACKWARD,
-    DIAGONAL,
-    FORWARD,
-    LINE_NAMES,
-    STEP_DIAGONAL,
-)
+from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINE_NAMES, STEP_DIAGONAL
 from stepdiag_ros.metrology.refusal import Fault
 
 ENVIRONMENT_COLUMNS = (

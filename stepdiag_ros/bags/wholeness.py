@@ -14,12 +14,7 @@ import numpy.typing as npt
 from stepdiag_ros import topics
 from stepdiag_ros.bags.readings import ReadingBatch
 from stepdiag_ros.bags.tally import Flaw, Kind
-from stepdiag_ros.metrology.measurement import (
-    Arrival,
-    BlockDisplacement,
-    MeasuredLine,
-    SettledStop,
-)
+from stepdiag_ros.metrology.measurement import Arrival, BlockDisplacement, MeasuredLine, SettledStop
 from stepdiag_ros.topics import Topic
 
 _ENDED = (4, 5, 6)

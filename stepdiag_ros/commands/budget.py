@@ -3,24 +3,13 @@
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
-from stepdiag_ros.commands.output import (
-    methods_help,
-    number,
-    progress_bar,
-    warn,
-)
+from stepdiag_ros.commands.output import methods_help, number, progress_bar, warn
 from stepdiag_ros.commands.standard_tests import show
-
-if TYPE_CHECKING:
-    pass
-
-_PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 
 
 def _add_options(parser: ArgumentParser) -> None:

@@ -13,11 +13,7 @@ from stepdiag_ros.commands.arguments import (
     picture_formats,
     results_folder,
 )
-from stepdiag_ros.commands.output import (
-    add_result_options,
-    progress_bar,
-    say,
-)
+from stepdiag_ros.commands.output import add_result_options, progress_bar, say
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture

@@ -17,12 +17,7 @@ from stepdiag_ros.commands.arguments import (
     picture_formats,
     results_folder,
 )
-from stepdiag_ros.commands.output import (
-    Progress,
-    progress_bar,
-    say,
-    warn,
-)
+from stepdiag_ros.commands.output import Progress, progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 
 if TYPE_CHECKING:

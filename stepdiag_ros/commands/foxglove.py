@@ -7,10 +7,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from stepdiag_ros.commands.arguments import Command, Group, add_common, port
-from stepdiag_ros.commands.onlooking import (
-    refuse_what_does_not_fit,
-    ros_arguments,
-)
+from stepdiag_ros.commands.onlooking import refuse_what_does_not_fit, ros_arguments
 from stepdiag_ros.commands.output import number, say
 
 _DEFAULT_PORT = 8765

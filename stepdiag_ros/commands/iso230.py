@@ -5,10 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
-from stepdiag_ros.commands.output import (
-    progress_bar,
-    warn_of_flaws,
-)
+from stepdiag_ros.commands.output import progress_bar, warn_of_flaws
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:

@@ -6,11 +6,7 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, Group, add_common
-from stepdiag_ros.commands.output import (
-    progress_bar,
-    say,
-    warn_of_undetermined,
-)
+from stepdiag_ros.commands.output import progress_bar, say, warn_of_undetermined
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.lead import RunLead

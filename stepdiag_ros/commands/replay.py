@@ -76,11 +76,7 @@ def _document(bag: Path, played: "Played") -> "Document":
     from stepdiag_ros.schemas.parts import part_of
     from stepdiag_ros.schemas.replay import Document
 
-    return part_of(
-        Document,
-        played,
-        bag=str(bag),
-    )
+    return part_of(Document, played, bag=str(bag))
 
 
 COMMAND = Command(

@@ -16,13 +16,7 @@ from stepdiag_ros.commands.arguments import (
     results_folder,
 )
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
-from stepdiag_ros.commands.output import (
-    Progress,
-    number,
-    progress_bar,
-    say,
-    warn,
-)
+from stepdiag_ros.commands.output import Progress, number, progress_bar, say, warn
 from stepdiag_ros.metrology.units import MICRO
 from stepdiag_ros.text.intake import refusals_of
 from stepdiag_ros.text.sentence import sentence

@@ -5,10 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
-from stepdiag_ros.commands.output import (
-    progress_bar,
-    warn_of_flaws,
-)
+from stepdiag_ros.commands.output import progress_bar, warn_of_flaws
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 
 if TYPE_CHECKING:
@@ -66,10 +63,7 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
     """
     from stepdiag_ros.evaluation.squareness import SquarenessReport
     from stepdiag_ros.metrology.standards.axis_test import all_runs
-    from stepdiag_ros.metrology.standards.diagonal_squareness import (
-        squareness_from,
-        squareness_of,
-    )
+    from stepdiag_ros.metrology.standards.diagonal_squareness import squareness_from, squareness_of
     from stepdiag_ros.metrology.standards.iso230_2 import evaluate
     from stepdiag_ros.metrology.standards.iso230_6 import volumetric_warning
 

@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, Group, add_common, picture_formats
-from stepdiag_ros.commands.output import (
-    add_result_options,
-    number,
-    progress_bar,
-    say,
-)
+from stepdiag_ros.commands.output import add_result_options, number, progress_bar, say
 from stepdiag_ros.commands.standard_tests import add_output_options, show
 from stepdiag_ros.commands.tracker_evaluate import run_evaluate, run_locate, run_points
 

@@ -232,11 +232,7 @@ def _make_reader(
     context = _Context(find, message_class)
     root = _unpack_message(out, definition, context)
     out.flush()
-    out.emit(
-        "if p > e:",
-        "  raise DecodeError('the end is missing')",
-        f"return {root}",
-    )
+    out.emit("if p > e:", "  raise DecodeError('the end is missing')", f"return {root}")
     function: Deserializer = out.build(definition.name)
     return function
 

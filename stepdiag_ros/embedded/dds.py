@@ -16,21 +16,10 @@ from typing import Any
 
 from . import ddslib
 from .ddsdomain import MAX_PARTICIPANTS, domains
-from .ddsendpoint import (
-    UNLIMITED as UNLIMITED,
-)
-from .ddsendpoint import (
-    EndpointInfo as EndpointInfo,
-)
-from .ddsendpoint import (
-    Qos as Qos,
-)
-from .ddsendpoint import (
-    make_qos,
-    matched_peers,
-    read_endpoint,
-    read_user_data,
-)
+from .ddsendpoint import UNLIMITED as UNLIMITED
+from .ddsendpoint import EndpointInfo as EndpointInfo
+from .ddsendpoint import Qos as Qos
+from .ddsendpoint import make_qos, matched_peers, read_endpoint, read_user_data
 from .ddslib import DdsError as DdsError
 from .ddslib import library
 

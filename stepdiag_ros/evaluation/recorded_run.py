@@ -16,20 +16,10 @@ from stepdiag_ros.evaluation.report import Report, Truth
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.direct import DirectMeasurement
-from stepdiag_ros.metrology.measurement import (
-    MeasuredLine,
-    Measurement,
-    Reading,
-    latest_attempts,
-)
+from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, Reading, latest_attempts
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
-from stepdiag_ros.metrology.solvers.limits import (
-    DIAGNOSIS,
-    VISIBILITY,
-    left_out,
-    left_out_sentence,
-)
+from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, VISIBILITY, left_out, left_out_sentence
 from stepdiag_ros.text.intake import refusals_of
 
 Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]

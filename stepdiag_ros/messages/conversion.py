@@ -5,7 +5,6 @@ bag's); ``from_*`` fill a new message. Times are whole nanoseconds in data class
 messages. A run's identity is in every message and in no data class, so it is given beside it.
 """
 
-from array import array
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ from stepdiag_ros.messages.fields import (
     Header,
     Stamp,
     defaults_of,
+    doubles,
     set_header,
     to_nanoseconds,
     triple,
@@ -63,13 +63,6 @@ def _joints(message: Any, names: Sequence[str]) -> tuple[float, float, float] | 
     if not all(name in positions for name in names):
         return None
     return triple(positions[name] for name in names)
-
-
-def doubles(values: Any) -> "array[float]":
-    """Return numbers of any shape as a float64[] field takes them, one after another."""
-    # array.array is the one form that rclpy's setters, the embedded client and a bag all accept for
-    # float64[]; it also makes sure that whole numbers become doubles.
-    return array("d", np.asarray(values, dtype=np.float64).ravel().tolist())
 
 
 def vector(values: Any) -> Vector:

@@ -3,9 +3,13 @@
 What a message has under another name, or in another form, is told beside the data class.
 """
 
+from array import array
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol, get_type_hints
 
+import numpy as np
+
+from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.frames import MACHINE
 from stepdiag_ros.metrology.measurement import Nanoseconds
 from stepdiag_ros.metrology.units import NANOSECONDS
@@ -39,6 +43,13 @@ def triple(values: Iterable[Any]) -> tuple[float, float, float]:
     """Return the three numbers of a field."""
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+def doubles(values: Any) -> "array[float]":
+    """Return numbers of any shape as a float64[] field takes them, one after another."""
+    # array.array is the one form that rclpy's setters, the embedded client and a bag all accept for
+    # float64[]; it also makes sure that whole numbers become doubles.
+    return array("d", np.asarray(values, dtype=np.float64).ravel().tolist())
 
 
 class Part(Protocol):
@@ -78,23 +89,52 @@ class Stamp:
         set_stamp(getattr(message, self._name), value)
 
 
-class _Field:
-    """A number, a text or a place; ``default`` holds the value where a message lacks the field."""
+class Field:
+    """A number, a text, a place or several texts in a field of its own.
 
-    def __init__(self, name: str, kind: Callable[[Any], Any], default: tuple[Any, ...]) -> None:
+    Args:
+        name: of the field.
+        kind: makes the value.
+        default: the value where a message lacks the field, if it may.
+    """
+
+    def __init__(self, name: str, kind: Callable[[Any], Any], *default: Any) -> None:
         self._name, self._kind, self._default = name, kind, default
 
     def read(self, message: Any) -> Any:
+        """Return the value."""
         return self._kind(getattr(message, self._name, *self._default))
 
     def write(self, message: Any, value: Any) -> None:
+        """Write the value."""
         made = self._kind(value)
         setattr(message, self._name, list(made) if isinstance(made, tuple) else made)
+
+
+class Doubles:
+    """Any number of numbers; ``name`` is that of the field."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def read(self, message: Any) -> tuple[float, ...]:
+        """Return the numbers."""
+        return tuple(float(value) for value in getattr(message, self._name))
+
+    def write(self, message: Any, value: Iterable[float]) -> None:
+        """Write the numbers."""
+        setattr(message, self._name, doubles(value))
+
+
+def texts(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the texts of a field."""
+    return tuple(str(value) for value in values)
 
 
 _KINDS: dict[Any, Callable[[Any], Any]] = {
     **{kind: kind for kind in (bool, int, float, str)},
     tuple[float, float, float]: triple,
+    tuple[str, ...]: texts,
 }
 
 
@@ -105,29 +145,61 @@ class Carried:
 
     Args:
         kind: the data class or named tuple.
-        parts: of its fields those that are no number, text, place or time of the same name.
+        suffix: of the message's fields behind the names of the data class.
+        parts: of its fields those that are no numbers, texts, place or time of that name.
     """
 
-    def __init__(self, kind: type, **parts: Part) -> None:
+    def __init__(self, kind: type, suffix: str = "", **parts: "Part | Messages") -> None:
         self._kind = kind
         exact = get_type_hints(kind, include_extras=True)
-        self._parts: dict[str, Part] = {}
+        self._parts: dict[str, Part | Messages] = {}
         for name, plain in get_type_hints(kind).items():
             if name in parts:
                 self._parts[name] = parts[name]
             elif exact[name] == Nanoseconds:
-                self._parts[name] = Stamp(name)
+                self._parts[name] = Stamp(name + suffix)
+            elif plain == tuple[float, ...]:
+                self._parts[name] = Doubles(name + suffix)
             else:
-                self._parts[name] = _Field(name, _KINDS[plain], tuple(_default(kind, name)))
+                self._parts[name] = Field(name + suffix, _KINDS[plain], *_default(kind, name))
 
     def read(self, message: Any) -> Any:
         """Return the data class of a message."""
         return self._kind(**{name: part.read(message) for name, part in self._parts.items()})
 
-    def write(self, message: Any, value: Any) -> None:
-        """Write a data class into a message."""
+    def write(self, message: Any, value: Any, new: NewMessage = new_message) -> None:
+        """Write a data class into a message; ``new`` makes messages that are parts of it."""
         for name, part in self._parts.items():
-            part.write(message, getattr(value, name))
+            if isinstance(part, Messages):
+                part.write(message, getattr(value, name), new)
+            else:
+                part.write(message, getattr(value, name))
+
+
+class Messages:
+    """A field with any number of messages of one type.
+
+    Args:
+        name: of the field.
+        type_name: of the messages.
+        carried: what each of them carries.
+    """
+
+    def __init__(self, name: str, type_name: str, carried: Carried) -> None:
+        self._name, self._type_name, self._carried = name, type_name, carried
+
+    def read(self, message: Any) -> tuple[Any, ...]:
+        """Return the data class of each message."""
+        return tuple(self._carried.read(one) for one in getattr(message, self._name))
+
+    def write(self, message: Any, value: Iterable[Any], new: NewMessage) -> None:
+        """Write a message for each data class."""
+        made = []
+        for one in value:
+            part = new(self._type_name)
+            self._carried.write(part, one)
+            made.append(part)
+        setattr(message, self._name, made)
 
 
 def defaults_of(kind: type) -> dict[str, Any]:

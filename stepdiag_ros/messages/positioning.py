@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.messages.conversion import doubles
-from stepdiag_ros.messages.fields import set_header
+from stepdiag_ros.messages.fields import doubles, set_header
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest

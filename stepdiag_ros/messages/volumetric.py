@@ -6,8 +6,8 @@ have nothing to do with results.
 
 from typing import Any
 
-from stepdiag_ros.messages.conversion import doubles, vector
-from stepdiag_ros.messages.fields import set_header
+from stepdiag_ros.messages.conversion import vector
+from stepdiag_ros.messages.fields import doubles, set_header
 from stepdiag_ros.messages.types import NewMessage, new_message
 from stepdiag_ros.metrology.geometry import CURVES, Vector, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal

@@ -32,14 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    CURVES,
-    ROTATIONS,
-    SQUARENESS,
-    Vector,
-    moving_axis,
-)
+from stepdiag_ros.metrology.geometry import AXES, CURVES, ROTATIONS, SQUARENESS, Vector, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal
 
 _FORMULA = re.compile(r"[,;]+(?=\W*[=+\-@＝＋－＠])")

@@ -120,13 +120,8 @@ class LineRecord:
     displacements: Vector
 
 
-def line_offset(record: LineRecord, limit: float = SEARCH_LIMIT) -> TimeOffset:
-    """Return how late the readings of one line are stamped.
-
-    Args:
-        record: of the line.
-        limit: s, offsets up to this are looked for, either way.
-    """
+def line_offset(record: LineRecord) -> TimeOffset:
+    """Return how late the readings of one line are stamped, up to ``SEARCH_LIMIT`` either way."""
     if len(record.position_times) < _FEWEST_IN_MOVE:
         return TimeOffset(reason="too few positions were recorded")
     origin = int(record.position_times[0])
@@ -134,7 +129,7 @@ def line_offset(record: LineRecord, limit: float = SEARCH_LIMIT) -> TimeOffset:
     place = record.positions
     speeds = np.abs(np.diff(place) / np.diff(at))
     stands = speeds[[0, -1]] <= _MOVING * np.max(speeds)
-    beyond = np.where(stands, -limit, limit) * 1e9
+    beyond = np.where(stands, -SEARCH_LIMIT, SEARCH_LIMIT) * 1e9
     inside = np.searchsorted(
         record.reading_times, [origin + beyond[0], record.position_times[-1] - beyond[1]]
     )
@@ -151,9 +146,9 @@ def line_offset(record: LineRecord, limit: float = SEARCH_LIMIT) -> TimeOffset:
         return TimeOffset(
             moves=len(moves), reason=f"the line has {len(moves)} moves; {FEWEST_MOVES} are needed"
         )
-    begin, others = line.search(limit)
-    if not abs(begin) < limit:
-        return TimeOffset(reason=f"readings and positions do not fit within {limit:g} s")
+    begin, others = line.search(SEARCH_LIMIT)
+    if not abs(begin) < SEARCH_LIMIT:
+        return TimeOffset(reason=f"readings and positions do not fit within {SEARCH_LIMIT:g} s")
     offset, found, weights = line.refine(begin, moves)
     if len(found) < FEWEST_MOVES:
         return TimeOffset(moves=len(found), reason="too few readings were taken on the way")

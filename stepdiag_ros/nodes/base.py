@@ -18,13 +18,7 @@ from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
 from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
-from stepdiag_ros.run.supervision import (
-    HEARTBEAT_PERIOD,
-    SILENCE_LIMIT,
-    TIME_SOURCE,
-    Peer,
-    Watch,
-)
+from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, SILENCE_LIMIT, TIME_SOURCE, Peer, Watch
 from stepdiag_ros.text.sentence import PREFIX, sentence
 from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE
 

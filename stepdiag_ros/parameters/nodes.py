@@ -8,13 +8,7 @@ device cannot while it is open, and take effect when it is opened again.
 """
 
 from stepdiag_ros.parameters.declaration import Changeable, Declaration, DeclaredNode
-from stepdiag_ros.parameters.devices import (
-    CELL,
-    DEVICE_FILE,
-    INTERFEROMETER,
-    MANAGED,
-    WEATHER,
-)
+from stepdiag_ros.parameters.devices import CELL, DEVICE_FILE, INTERFEROMETER, MANAGED, WEATHER
 
 _MACHINE = Declaration(
     "machine", "demo", "machine under test: YAML file, or a name in config/machines"

@@ -117,10 +117,7 @@ _DIRECT_SCHEMES = (
     Scheme("6 face diagonals and linear axes", (LINEAR_AXES, _FACES)),
 )
 _ANGULAR_SCHEMES = (
-    Scheme(
-        "4 step diagonals in 3 orders, each aligned anew",
-        (_FOUR_IN_THREE_ORDERS,),
-    ),
+    Scheme("4 step diagonals in 3 orders, each aligned anew", (_FOUR_IN_THREE_ORDERS,)),
     Scheme(
         "4 step diagonals in 3 orders, one alignment each",
         (_FOUR_IN_THREE_ORDERS,),

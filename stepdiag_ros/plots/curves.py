@@ -7,20 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stepdiag_ros.evaluation.report import (
-    ZERO_BY_DEFINITION,
-    Truth,
-    frame_sentences,
-    method_title,
-)
+from stepdiag_ros.evaluation.report import ZERO_BY_DEFINITION, Truth, frame_sentences, method_title
 from stepdiag_ros.metrology.curve_set import require_names
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    ROTATIONS,
-    TRANSLATIONS,
-    Vector,
-    curve_unit,
-)
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vector, curve_unit
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -74,9 +63,9 @@ def grid_of(names: Sequence[str]) -> list[str]:
     return list(names)
 
 
-def curve_sheet(names: Sequence[str], axes: Any, panel_height: float = _PANEL_HEIGHT) -> Sheet:
+def curve_sheet(names: Sequence[str], axes: Any) -> Sheet:
     """Return a sheet with a panel for each curve, titled, its scales named."""
-    sheet = Sheet(len(names), 3, panel_height, axes=axes, gap=(0.5, 0.55))
+    sheet = Sheet(len(names), 3, _PANEL_HEIGHT, axes=axes, gap=(0.5, 0.55))
     for number, (panel, name) in enumerate(zip(sheet.panels, names, strict=True)):
         panel_title(panel, curve_words(name))
         up = f"error / {shown_unit(name)}" if sheet.first_in_row(number) else ""

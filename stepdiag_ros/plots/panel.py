@@ -185,11 +185,11 @@ class Panel(Axes):
         self.xaxis = _Across(self)
         self.yaxis = _Up(self)
 
-    def scale_steps(self, across: int = 5, up: int = 5) -> None:
-        """Choose about how many steps the scales have, where no places were given."""
-        for axis, steps in ((self.xaxis, across), (self.yaxis, up)):
+    def scale_steps(self) -> None:
+        """Have about five steps on each scale, where no places were given."""
+        for axis in (self.xaxis, self.yaxis):
             if not isinstance(axis.get_major_locator(), FixedLocator):
-                axis.set_major_locator(MaxNLocator(steps, steps=[1, 2, 2.5, 5, 10]))
+                axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
                 # Numbers are written in full: there is no place for an offset or a power of ten.
                 numbers = ScalarFormatter(useOffset=False)
                 numbers.set_scientific(False)

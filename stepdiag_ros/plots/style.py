@@ -95,9 +95,9 @@ _SAMPLE_INCHES = 0.55
 """Room that the sample of a legend's entry needs beside its words."""
 
 
-def label_inches(words: str, size: float = _LEGEND_SIZE) -> float:
+def label_inches(words: str) -> float:
     """Return about how long words are in print, inches; never too little."""
-    return 0.62 * size * len(words) / 72.0
+    return 0.62 * _LEGEND_SIZE * len(words) / 72.0
 
 
 class Picture(Figure):

@@ -14,7 +14,7 @@ mappings, and their schemas are files.
 import inspect
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from importlib import resources as package_files
 from typing import Any
@@ -192,11 +192,6 @@ def plain(content: Any) -> dict[str, Any]:
 def number(value: float) -> float | None:
     """Return a number as JSON knows it: ``null`` where it is not known (NaN or infinite)."""
     return float(value) if math.isfinite(value) else None
-
-
-def numbers(values: Iterable[float]) -> list[float | None]:
-    """Return numbers as JSON knows them; see ``number``."""
-    return [number(value) for value in values]
 
 
 def json_text(made: Mapping[str, Any]) -> str:

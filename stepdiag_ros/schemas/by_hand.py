@@ -4,11 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Words,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, Words, means
 
 
 @dataclass(frozen=True, kw_only=True)

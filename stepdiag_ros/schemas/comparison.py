@@ -6,15 +6,7 @@ from typing import Annotated
 
 from msgspec import UNSET, UnsetType
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Number,
-    Numbers,
-    Text,
-    Uncertainty,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Count, Number, Numbers, Text, Uncertainty, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

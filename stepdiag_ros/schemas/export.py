@@ -3,10 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.schemas.parts import (
-    Words,
-    means,
-)
+from stepdiag_ros.schemas.parts import Words, means
 
 
 @dataclass(frozen=True, kw_only=True)

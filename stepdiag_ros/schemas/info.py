@@ -7,13 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from stepdiag_ros.schemas.lead import Flaw
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Number,
-    Text,
-    Words,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, Number, Text, Words, means
 from stepdiag_ros.schemas.seal_check import Seal
 
 

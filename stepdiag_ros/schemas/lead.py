@@ -6,12 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Uncertainty,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Count, Uncertainty, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

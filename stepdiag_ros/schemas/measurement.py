@@ -5,13 +5,7 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, UnsetType
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Words,
-    document_of,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Count, Words, document_of, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,13 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from stepdiag_ros.schemas.origin import Origin
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Number,
-    Words,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Count, Number, Words, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

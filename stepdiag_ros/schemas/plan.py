@@ -6,15 +6,7 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Number,
-    Text,
-    Uncertainty,
-    Words,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Count, Number, Text, Uncertainty, Words, means, one_of
 from stepdiag_ros.schemas.visibility import Visibility
 
 

@@ -4,10 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, means
 
 
 @dataclass(frozen=True, kw_only=True)

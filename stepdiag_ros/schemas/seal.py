@@ -5,10 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, means
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.schemas.parts import (
-    means,
-)
+from stepdiag_ros.schemas.parts import means
 
 
 @dataclass(frozen=True, kw_only=True)

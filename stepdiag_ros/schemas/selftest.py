@@ -6,12 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Number,
-    Text,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, Number, Text, means
 
 
 @dataclass(frozen=True, kw_only=True)

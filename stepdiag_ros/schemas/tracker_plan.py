@@ -6,11 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from stepdiag_ros.schemas.parts import (
-    Count,
-    Words,
-    means,
-)
+from stepdiag_ros.schemas.parts import Count, Words, means
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,13 +6,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from stepdiag_ros.schemas.parts import (
-    Text,
-    Words,
-    document_of,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Text, Words, document_of, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

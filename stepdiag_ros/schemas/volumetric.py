@@ -4,14 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.schemas.parts import (
-    Number,
-    Numbers,
-    Text,
-    Uncertainty,
-    Words,
-    means,
-)
+from stepdiag_ros.schemas.parts import Number, Numbers, Text, Uncertainty, Words, means
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from stepdiag_ros.schemas.origin import Origin
-from stepdiag_ros.schemas.parts import (
-    Numbers,
-    Words,
-    means,
-    one_of,
-)
+from stepdiag_ros.schemas.parts import Numbers, Words, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)

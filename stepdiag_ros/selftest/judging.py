@@ -18,13 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    BODY_DIAGONALS,
-    ROTATIONS,
-    TRANSLATIONS,
-    Vector,
-)
+from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.selftest.problems import (
     ALIGNED,

@@ -93,11 +93,7 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
                 "Changed, but the volume is neither better nor worse",
                 f"The volume's rms error was {same} Other figures have changed.",
             )
-        return ChangesVerdict(
-            SAME,
-            "No significant change",
-            f"The volume's rms error was {same}",
-        )
+        return ChangesVerdict(SAME, "No significant change", f"The volume's rms error was {same}")
     went = f"The volume's rms error went from {before} to {after}"
     limit = SURE * changes.rms_noise[1]
     if value < 0.0 and rms.after <= limit:

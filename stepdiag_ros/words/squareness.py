@@ -6,11 +6,7 @@ how the other definition follows from it.
 
 from typing import Literal
 
-from stepdiag_ros.metrology.forward import (
-    OVER_90_DEGREES,
-    RIGHT_HANDED,
-    SQUARENESS_DEFINITIONS,
-)
+from stepdiag_ros.metrology.forward import OVER_90_DEGREES, RIGHT_HANDED, SQUARENESS_DEFINITIONS
 from stepdiag_ros.metrology.table_one import Entry, TableOneRow
 
 SignDefinition = Literal["rotation", "angle"]

@@ -11,12 +11,7 @@ import numpy as np
 
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.imports.axis_test import (
-    OVERRUN_NOT_TOLD,
-    AxisRow,
-    axis_name,
-    axis_test,
-)
+from stepdiag_ros.bags.imports.axis_test import OVERRUN_NOT_TOLD, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in

@@ -10,13 +10,7 @@ from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, STEP_ORDERS
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import (
-    BACKWARD,
-    COURSE_KEYS,
-    FORWARD,
-    LINE_NAMES,
-    Volume,
-)
+from stepdiag_ros.metrology.plan import BACKWARD, COURSE_KEYS, FORWARD, LINE_NAMES, Volume
 from stepdiag_ros.metrology.refusal import Refusal
 
 AXIS, LINES, READINGS = "axis", "lines", "readings"

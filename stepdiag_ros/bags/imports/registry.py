@@ -12,12 +12,7 @@ from typing import NamedTuple
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.header import FACT, Attachment
-from stepdiag_ros.bags.imports import (
-    mapped_table,
-    plain_axis_table,
-    renishaw_rtl,
-    tracker_lines,
-)
+from stepdiag_ros.bags.imports import mapped_table, plain_axis_table, renishaw_rtl, tracker_lines
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
 from stepdiag_ros.bags.imports.together import together

@@ -12,19 +12,10 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.devices import Surroundings
 from stepdiag_ros.devices.grid import SampleGrid
-from stepdiag_ros.devices.interferometer import (
-    STATUS_BEAM_LOST,
-    STATUS_OK,
-    STATUS_OVERSPEED,
-    Point,
-)
+from stepdiag_ros.devices.interferometer import STATUS_BEAM_LOST, STATUS_OK, STATUS_OVERSPEED, Point
 from stepdiag_ros.devices.interferometer.behaviour import Behaviour
 from stepdiag_ros.devices.interferometer.course import FollowedCourse
-from stepdiag_ros.metrology.air import (
-    compensated_displacement,
-    index_of,
-    raw_displacement,
-)
+from stepdiag_ros.metrology.air import compensated_displacement, index_of, raw_displacement
 from stepdiag_ros.metrology.beam import BeamPath, FixedBeam, TrackingBeam
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.checking import Section

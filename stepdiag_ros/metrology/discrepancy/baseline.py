@@ -130,7 +130,7 @@ def fit_baseline(
     taken = sum(
         (effect.readings(stops) for effect in known), _of_curves(curves, measurement, stops)
     )
-    observations = observe(_without(measurement, taken))
+    observations = observe(without_readings(measurement, taken))
     further, remarks = _pass_zeros(measurement, stops)
     untold = [active.effect.unknown(active.setting, stops) for active in known]
     lengths = run_scales(stops)
@@ -211,7 +211,8 @@ def _of_curves(
     return total
 
 
-def _without(measurement: Measurement, taken: Vector) -> Measurement:
+def without_readings(measurement: Measurement, taken: Vector) -> Measurement:
+    """Return the measurement with something taken off each reading, m, shape (stops,)."""
     lines, place = [], 0
     for line in measurement.lines:
         count = len(line.displacement)

@@ -6,12 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy import findings as verdicts
-from stepdiag_ros.metrology.discrepancy.baseline import (
-    Baseline,
-    Whitened,
-    fit_baseline,
-    whitened,
-)
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.findings import (
@@ -39,11 +34,7 @@ from stepdiag_ros.metrology.discrepancy.rotation_finding import (
     explained_by,
     rotation_finding,
 )
-from stepdiag_ros.metrology.discrepancy.selection import (
-    EVIDENCE_RATIO,
-    FALSE_NAME_LEVEL,
-    Selection,
-)
+from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL, Selection
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepdiag_ros.metrology.discrepancy.baseline import Baseline, fit_baseline
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline, fit_baseline, without_readings
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import NAMED, Diagnosis
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, prove
@@ -179,12 +179,7 @@ def without_effects(measurement: Measurement, effects: Sequence[ActiveEffect]) -
     taken: Vector = np.zeros(len(stops.time))
     for effect in effects:
         taken = taken + effect.readings(stops)
-    lines, place = [], 0
-    for line in measurement.lines:
-        count = len(line.displacement)
-        lines.append(replace(line, displacement=line.displacement - taken[place : place + count]))
-        place += count
-    return replace(measurement, lines=tuple(lines))
+    return without_readings(measurement, taken)
 
 
 def _baseline(measurement: Measurement, model: MachineModel) -> Baseline:

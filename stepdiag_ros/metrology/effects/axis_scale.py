@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
@@ -26,9 +24,7 @@ class AxisScale(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return scale·position along the axis."""
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = sizes["scale"] * stops.position[:, axis]
-        return Change(translation=translation)
+        return Change.along(setting["axis"], sizes["scale"] * stops.position[:, axis])
 
 
 EFFECT = AxisScale()

@@ -27,9 +27,9 @@ class Backlash(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return -lost_motion/2 along the axis, in the sense of its last move."""
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = -0.5 * sizes["lost_motion"] * stops.last_sense[:, axis]
-        return Change(translation=translation)
+        return Change.along(
+            setting["axis"], -0.5 * sizes["lost_motion"] * stops.last_sense[:, axis]
+        )
 
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
         """Return a column for the stops of each setup before the axis's first move there.

@@ -36,9 +36,7 @@ class Drift(Effect):
         change = sizes["m_per_s"] * stops.time
         if setting["along"] == BEAM:
             return Change(reading=change)
-        translation = np.zeros_like(stops.position)
-        translation[:, AXES.index(setting["along"])] = change
-        return Change(translation=translation)
+        return Change.along(setting["along"], change)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``drift along X`` or ``drift of the reading``."""

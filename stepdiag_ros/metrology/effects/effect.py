@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 
 Setting = Mapping[str, Any]
 """Where and how an effect acts: names → a name of an axis or line, or a number that shapes it."""
@@ -60,6 +60,13 @@ class Change:
     translation: Vector | None = None
     rotations: Mapping[int, Vector] = field(default_factory=dict)
     reading: Vector | None = None
+
+    @classmethod
+    def along(cls, axis: str, distance: Vector) -> "Change":
+        """Return a translation along X, Y or Z alone; distance in m, shape (n,)."""
+        translation = np.zeros((len(distance), 3))
+        translation[:, AXES.index(axis)] = distance
+        return cls(translation=translation)
 
     def readings(self, stops: Stops) -> Vector:
         """Return what that adds to the readings, to first order, m, shape (n,).

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES
@@ -29,9 +27,7 @@ class GrowthWithTime(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return per_s·position·time along the axis."""
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = sizes["per_s"] * stops.position[:, axis] * stops.time
-        return Change(translation=translation)
+        return Change.along(setting["axis"], sizes["per_s"] * stops.position[:, axis] * stops.time)
 
 
 EFFECT = GrowthWithTime()

@@ -35,11 +35,9 @@ class PitchPeriodicError(Effect):
         """Return sine·sin + cosine·(cos - 1) of 2π·position/period along the axis."""
         axis = AXES.index(setting["axis"])
         phase = 2.0 * np.pi * stops.position[:, axis] / setting["period_m"]
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = sizes["sine"] * np.sin(phase) + sizes["cosine"] * (
-            np.cos(phase) - 1.0
+        return Change.along(
+            setting["axis"], sizes["sine"] * np.sin(phase) + sizes["cosine"] * (np.cos(phase) - 1.0)
         )
-        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``pitch-periodic error of X, period 10 mm``."""

@@ -33,11 +33,9 @@ class Sag(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return corner·u·v along the axis, u and v the positions over the travels."""
         one, two = (AXES.index(letter) for letter in setting["over"])
-        translation = np.zeros_like(stops.position)
-        translation[:, AXES.index(setting["error"])] = (
-            sizes["corner"] * stops.share[:, one] * stops.share[:, two]
+        return Change.along(
+            setting["error"], sizes["corner"] * stops.share[:, one] * stops.share[:, two]
         )
-        return Change(translation=translation)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``sag along Z over X and Y``."""

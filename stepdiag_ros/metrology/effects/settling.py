@@ -27,9 +27,7 @@ class Settling(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return -short_by along the axis, in the sense of the move that led to the stop."""
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = -sizes["short_by"] * stops.moved[:, axis]
-        return Change(translation=translation)
+        return Change.along(setting["axis"], -sizes["short_by"] * stops.moved[:, axis])
 
 
 EFFECT = Settling()

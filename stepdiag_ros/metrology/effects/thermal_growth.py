@@ -29,11 +29,10 @@ class ThermalGrowth(Effect):
     def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
         """Return per_K·position·(material temperature - 20 degC) along the axis."""
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = (
-            sizes["per_K"] * stops.position[:, axis] * (stops.material_temperature - 20.0)
+        return Change.along(
+            setting["axis"],
+            sizes["per_K"] * stops.position[:, axis] * (stops.material_temperature - 20.0),
         )
-        return Change(translation=translation)
 
 
 EFFECT = ThermalGrowth()

@@ -35,9 +35,7 @@ class WarmUpDrift(Effect):
         change = sizes["final"] * warmed(stops, setting["time_constant_s"])
         if setting["along"] == BEAM:
             return Change(reading=change)
-        translation = np.zeros_like(stops.position)
-        translation[:, AXES.index(setting["along"])] = change
-        return Change(translation=translation)
+        return Change.along(setting["along"], change)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``warm-up drift along X, time constant 600 s``."""

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.effects.time_constants import time_constants, warmed
@@ -30,9 +28,7 @@ class WarmUpGrowth(Effect):
         """Return final·position·(1 - exp(-time / time constant)) along the axis."""
         warm = warmed(stops, setting["time_constant_s"])
         axis = AXES.index(setting["axis"])
-        translation = np.zeros_like(stops.position)
-        translation[:, axis] = sizes["final"] * stops.position[:, axis] * warm
-        return Change(translation=translation)
+        return Change.along(setting["axis"], sizes["final"] * stops.position[:, axis] * warm)
 
 
 EFFECT = WarmUpGrowth()

@@ -37,9 +37,7 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
     )
 
 
-def solve_all(
-    measurement: Measurement,
-) -> tuple[dict[str, VolumetricErrors], dict[str, str]]:
+def solve_all(measurement: Measurement) -> tuple[dict[str, VolumetricErrors], dict[str, str]]:
     """Solve by all methods, but for those that the run is too large for (``limits``).
 
     Returns:

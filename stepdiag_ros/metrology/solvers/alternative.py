@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    TRANSLATIONS,
-    Vector,
-    beam_direction,
-    line_signs,
-)
+from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.linear import (
     DIAGONALS,

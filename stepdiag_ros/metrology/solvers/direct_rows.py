@@ -26,13 +26,7 @@ from stepdiag_ros.metrology.direct import (
     between_nodes,
 )
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES, levers
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    ROTATIONS,
-    TRANSLATIONS,
-    Vector,
-    moving_axis,
-)
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.observations import Integers

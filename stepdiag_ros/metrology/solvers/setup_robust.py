@@ -198,11 +198,7 @@ def _of_faces(
             increments[moving, moving] = means[2 + place, moving]
         parameters.append(parameter)
         names.append(f"lambda {AXES[first + second - fixed]}{AXES[fixed]}".lower())
-    return LinearMap(
-        accumulate(increments),
-        np.array(parameters),
-        tuple(names),
-    )
+    return LinearMap(accumulate(increments), np.array(parameters), tuple(names))
 
 
 METHOD = Method(

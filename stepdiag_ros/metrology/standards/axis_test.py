@@ -10,13 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    LINEAR_LINES,
-    Vector,
-    beam_direction,
-    line_signs,
-)
+from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINEAR, STEP_DIAGONAL, Plan, Volume
 from stepdiag_ros.metrology.refusal import Refusal

@@ -38,12 +38,7 @@ from stepdiag_ros.metrology.tracker.bands import (
     widened,
     with_the_place,
 )
-from stepdiag_ros.metrology.tracker.joint import (
-    NAMES,
-    JointEstimate,
-    estimate,
-    functionals_of,
-)
+from stepdiag_ros.metrology.tracker.joint import NAMES, JointEstimate, estimate, functionals_of
 from stepdiag_ros.metrology.tracker.location import Location, geometry_warnings, locate
 from stepdiag_ros.metrology.tracker.readings import (
     LOCATE,

@@ -7,13 +7,7 @@ here are setup, scatter, drift, misfit and the angular errors that a model leave
 import numpy as np
 
 from stepdiag_ros.metrology.forward import perpendiculars
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    BODY_DIAGONALS,
-    ROTATIONS,
-    Vector,
-    line_signs,
-)
+from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, Vector, line_signs
 from stepdiag_ros.metrology.plausible import MODES, modes
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance

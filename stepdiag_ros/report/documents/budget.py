@@ -7,7 +7,6 @@ from msgspec import UNSET
 
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.budget import BudgetReport
-from stepdiag_ros.metrology.uncertainty import source as sources
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.schemas.budget import Document, MonteCarlo, Quantity, Source, Trial
 from stepdiag_ros.schemas.parts import part_of
@@ -22,7 +21,7 @@ def budget_document(report: BudgetReport) -> dict[str, Any]:
         method=budget.method,
         instrument=budget.instrument,
         coverage_probability=budget.coverage,
-        sources=[_source(source) for source in budget.sources],
+        sources=[part_of(Source, source) for source in budget.sources],
         quantities=[_quantity(report, row) for row in range(len(budget.sensitivity.quantities))],
         covariance=budget.covariance.tolist(),
         monte_carlo=None if report.check is None else _monte_carlo(report.check),
@@ -34,10 +33,6 @@ def budget_document(report: BudgetReport) -> dict[str, Any]:
 def budget_json(report: BudgetReport) -> str:
     """Return a budget as JSON text; see ``budget_document``."""
     return schemas.json_text(budget_document(report))
-
-
-def _source(source: sources.Source) -> Source:
-    return part_of(Source, source)
 
 
 def _quantity(report: BudgetReport, row: int) -> Quantity:

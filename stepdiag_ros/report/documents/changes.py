@@ -47,9 +47,12 @@ def changes_json(report: ChangesReport) -> str:
         ),
         judgement=Judgement(
             probability=changes.judgement.probability,
-            families=[_family(one) for one in changes.judgement.families],
+            families=[
+                part_of(Family, one, members=len(one.probabilities))
+                for one in changes.judgement.families
+            ],
         ),
-        joint=_joint(changes.joint),
+        joint=part_of(Joint, changes.joint),
         volume=Volume(
             rms=_figure(changes.rms),
             worst=_figure(changes.worst),
@@ -76,40 +79,21 @@ def _figure(one: agreement.FigureChange) -> Figure:
     )
 
 
-def _family(one: agreement.Family) -> Family:
-    return part_of(
-        Family,
-        one,
-        members=len(one.probabilities),
-    )
-
-
 def _curve(one: agreement.CurveChange) -> Curve:
-    return Curve(
-        unit=one.unit,
-        positions=one.positions.tolist(),
-        before=one.before.tolist(),
-        before_standard_uncertainty=one.before_uncertainty.tolist(),
-        after=one.after.tolist(),
-        after_standard_uncertainty=one.after_uncertainty.tolist(),
-        difference=one.difference.tolist(),
-        difference_standard_uncertainty=one.difference_uncertainty.tolist(),
-        normalised_error=one.normalised_error.tolist(),
-        joint=_joint(one.joint),
-        changed=one.changed,
+    return part_of(
+        Curve,
+        one,
+        before_standard_uncertainty=one.before_uncertainty,
+        after_standard_uncertainty=one.after_uncertainty,
+        difference_standard_uncertainty=one.difference_uncertainty,
+        joint=part_of(Joint, one.joint),
     )
-
-
-def _joint(test: agreement.JointTest) -> Joint:
-    return part_of(Joint, test)
 
 
 def _place(moved: agreement.PlaceChange) -> Place:
-    return Place(
-        position=moved.position.tolist(),
-        before=moved.before.tolist(),
-        after=moved.after.tolist(),
-        difference_standard_uncertainty=moved.difference_uncertainty.tolist(),
-        length=moved.length,
+    return part_of(
+        Place,
+        moved,
+        difference_standard_uncertainty=moved.difference_uncertainty,
         length_standard_uncertainty=moved.length_uncertainty,
     )

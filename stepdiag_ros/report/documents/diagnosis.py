@@ -93,17 +93,11 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
             diagnosis.lack_of_fit_p_after,
             diagnosis.residual_after,
         ),
-        patterns=[_pattern(look) for look in diagnosis.patterns],
-        patterns_after=[_pattern(look) for look in diagnosis.patterns_after],
-        map=[
-            part_of(
-                Share,
-                share,
-                mean_m=share.mean,
-                rms_m=share.rms,
-            )
-            for share in diagnosis.map
+        patterns=[part_of(Pattern, look, rms_m=look.rms) for look in diagnosis.patterns],
+        patterns_after=[
+            part_of(Pattern, look, rms_m=look.rms) for look in diagnosis.patterns_after
         ],
+        map=[part_of(Share, share, mean_m=share.mean, rms_m=share.rms) for share in diagnosis.map],
     )
 
 
@@ -125,40 +119,25 @@ def _finding(finding: findings.Finding) -> Finding:
         sentence=candidate.effect.sentence,
         source=candidate.effect.source,
         sizes=[
-            Size(
-                name=size.name,
-                unit=size.unit,
-                meaning=size.meaning,
+            part_of(
+                Size,
+                size,
                 value=finding.sizes[size.name],
                 standard_uncertainty=finding.standard_uncertainty[size.name],
                 band_95=finding.band[size.name],
             )
             for size in candidate.effect.sizes
         ],
-        covariance=finding.covariance.tolist(),
         over_travel=None if finding.over_travel is None else _over_travel(*finding.over_travel),
         ambiguous_with=finding.ambiguous,
         runners_up=[
-            part_of(
-                RunnerUp,
-                other,
-                ruled_out=not other.ambiguous,
-            )
-            for other in finding.runners_up
+            part_of(RunnerUp, other, ruled_out=not other.ambiguous) for other in finding.runners_up
         ],
     )
 
 
 def _over_travel(value: float, standard: float, expanded: float) -> OverTravel:
     return OverTravel(value=value, standard_uncertainty=standard, expanded_uncertainty=expanded)
-
-
-def _pattern(look: findings.Pattern) -> Pattern:
-    return part_of(
-        Pattern,
-        look,
-        rms_m=look.rms,
-    )
 
 
 def _fit(squares: float, freedom: int, chance: float, gap: Vector) -> Fit:

@@ -12,13 +12,8 @@ from msgspec import UNSET
 from stepdiag_ros import schemas
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.metrology import table_one
-from stepdiag_ros.metrology.comparison import (
-    COVERAGE,
-    CurveComparison,
-    DirectComparison,
-)
+from stepdiag_ros.metrology.comparison import COVERAGE, DirectComparison
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
-from stepdiag_ros.metrology.repeats import RepeatResults
 from stepdiag_ros.schemas.comparison import (
     Angle,
     Angles,
@@ -48,13 +43,7 @@ def experiment_document(experiment: Experiment) -> dict[str, Any]:
         squareness_definitions=dict(SIGN_DEFINITIONS.items()),
         table_1=[_row(row) for row in experiment.table],
         setup_errors={
-            setup.line: SetupError(
-                displacement_per_block=setup.displacement.tolist(),
-                displacement_uncertainty=setup.displacement_uncertainty.tolist(),
-                angles=setup.angles.tolist(),
-                angle_uncertainty=setup.angle_uncertainty.tolist(),
-                setups=setup.setups,
-            )
+            setup.line: part_of(SetupError, setup, displacement_per_block=setup.displacement)
             for setup in experiment.setups
         },
         conventional_sensitivity={
@@ -68,7 +57,7 @@ def experiment_document(experiment: Experiment) -> dict[str, Any]:
             name: AngleUncertainty(**vars(size)) for name, size in experiment.angles.items()
         },
         repeats={
-            method: {name: _spread(found, name) for name in found.results[0].curves}
+            method: {name: part_of(Spread, found.spread(name)) for name in found.results[0].curves}
             for method, found in experiment.repeats.items()
         },
         comparisons=[_comparison(one) for one in experiment.comparisons],
@@ -81,8 +70,8 @@ def _row(row: table_one.TableOneRow) -> Row:
         label=row.label,
         name=row.name,
         travel=row.travel,
-        measured=None if row.measured is None else _value(row.measured),
-        estimated={method: _value(entry) for method, entry in row.estimated.items()},
+        measured=None if row.measured is None else part_of(Value, row.measured),
+        estimated={method: part_of(Value, entry) for method, entry in row.estimated.items()},
         by_definition_rad=UNSET if row.name in TRANSLATIONS else _by_definition(row),
     )
 
@@ -100,39 +89,11 @@ def _by_definition(row: table_one.TableOneRow) -> dict[str, Angles]:
     return made
 
 
-def _value(entry: table_one.Entry) -> Value:
-    return Value(value=entry.value, standard_uncertainty=entry.standard_uncertainty)
-
-
-def _spread(found: RepeatResults, name: str) -> Spread:
-    spread = found.spread(name)
-    return Spread(
-        mean=spread.mean.tolist(),
-        low=spread.low.tolist(),
-        high=spread.high.tolist(),
-        standard_deviation=spread.standard_deviation.tolist(),
-    )
-
-
 def _comparison(one: DirectComparison) -> Comparison:
     return Comparison(
         method=one.method,
         coverage_factor=COVERAGE,
-        curves={curve.name: _curve(curve) for curve in one.curves},
+        curves={curve.name: part_of(Curve, curve) for curve in one.curves},
         squareness={angle.name: part_of(Angle, angle) for angle in one.squareness},
         not_compared=one.not_compared,
-    )
-
-
-def _curve(curve: CurveComparison) -> Curve:
-    return Curve(
-        unit=curve.unit,
-        reference=curve.reference,
-        positions=curve.positions.tolist(),
-        identified=curve.identified.tolist(),
-        identified_uncertainty=curve.identified_uncertainty.tolist(),
-        direct=curve.direct.tolist(),
-        direct_uncertainty=curve.direct_uncertainty.tolist(),
-        difference=curve.difference.tolist(),
-        normalised_error=curve.normalised_error.tolist(),
     )

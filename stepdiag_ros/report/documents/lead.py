@@ -20,13 +20,7 @@ def lead_document(lead: RunLead) -> dict[str, Any]:
             for flaw in lead.recording
         ],
         verdict=part_of(Verdict, lead.verdict),
-        passes=None
-        if passes is None
-        else part_of(
-            Passes,
-            passes,
-            end=passes.end or None,
-        ),
+        passes=None if passes is None else part_of(Passes, passes, end=passes.end or None),
         misfit=lead.misfit.name.lower() if lead.solved else None,
         remedy=lead.remedy or None,
         noise=lead.noise if volume is not None else None,

@@ -35,8 +35,4 @@ def nc_json(report: NcReport) -> str:
 
 
 def _remaining(one: nc_proof.Remaining) -> Remaining:
-    return Remaining(
-        largest=one.largest,
-        rms=one.rms,
-        line=one.line or None,
-    )
+    return Remaining(largest=one.largest, rms=one.rms, line=one.line or None)

@@ -4,7 +4,6 @@ from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology import plan as plans
-from stepdiag_ros.planning import expectation as expectations
 from stepdiag_ros.planning import proposal as proposals
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.duration import PlanDuration
@@ -22,10 +21,6 @@ from stepdiag_ros.schemas.plan import (
     Plan,
     Proposal,
 )
-
-
-def _expectation(expectation: expectations.PlanExpectation) -> Expectation:
-    return part_of(Expectation, expectation)
 
 
 def _duration(duration: PlanDuration) -> Duration:
@@ -48,14 +43,7 @@ def _plan(plan: plans.Plan) -> Plan:
         origin=plan.volume.origin,
         step=plan.volume.step,
         blocks=plan.volume.blocks,
-        lines=[
-            part_of(
-                Line,
-                line,
-                order=line.order or None,
-            )
-            for line in plan.lines
-        ],
+        lines=[part_of(Line, line, order=line.order or None) for line in plan.lines],
     )
 
 
@@ -96,8 +84,8 @@ def assessment_document(
         stop_uncertainty=assessment.stop_uncertainty,
         duration=_duration(assessment.duration),
         expected_standard_uncertainty=Expectations(
-            least_squares=_expectation(assessment.expectation),
-            rigid_body=None if rotating is None else _expectation(rotating),
+            least_squares=part_of(Expectation, assessment.expectation),
+            rigid_body=None if rotating is None else part_of(Expectation, rotating),
         ),
         visibility=visibility_part(assessment.seen),
         visibility_with_rotations=None

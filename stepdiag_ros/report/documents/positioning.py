@@ -21,13 +21,8 @@ def entry_of(test: PositioningTest, report: PositioningReport) -> Test:
         Test,
         test,
         runs=Runs(forward=test.runs[0], backward=test.runs[1]),
-        target=test.target.tolist(),
-        mean_forward=test.mean_forward.tolist(),
-        mean_backward=test.mean_backward.tolist(),
-        reversal=test.reversal.tolist(),
-        s_forward=test.deviation_forward.tolist(),
-        s_backward=test.deviation_backward.tolist(),
-        repeatability=test.repeatability.tolist(),
+        s_forward=test.deviation_forward,
+        s_backward=test.deviation_backward,
         parameters={
             name: Parameter(value=value, expanded_uncertainty=test.expanded_uncertainty[name])
             for name, value in test.parameters.items()

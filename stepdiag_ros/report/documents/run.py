@@ -27,11 +27,9 @@ def method_document(result: VolumetricErrors, report: Report) -> dict[str, Any]:
     return {
         "frame": result.frame,
         "lines": result.lines,
-        "nodes": {axis: nodes.tolist() for axis, nodes in zip(AXES, result.nodes, strict=True)},
-        "curves": {name: curve.tolist() for name, curve in result.curves.items()},
-        "standard_uncertainty": {
-            name: spread.tolist() for name, spread in result.standard_uncertainty.items()
-        },
+        "nodes": dict(zip(AXES, result.nodes, strict=True)),
+        "curves": result.curves,
+        "standard_uncertainty": result.standard_uncertainty,
         "figures": {
             figure.name: {
                 "value": figure.value,
@@ -91,7 +89,7 @@ def visibility_part(visibility: visibilities.Visibility) -> Visibility:
 
 def _truth_document(truth: Truth) -> dict[str, Any]:
     return {
-        "curves": {name: curve.tolist() for name, curve in truth.curves.items()},
+        "curves": truth.curves,
         "figures": {
             figure.name: {"value": figure.value, "unit": figure.unit} for figure in truth.figures
         },

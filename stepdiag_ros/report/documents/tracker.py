@@ -28,7 +28,7 @@ def tracker_document(report: TrackerReport) -> dict[str, Any]:
         "station": report.station,
         "verdict": {"name": report.verdict.name, "sentence": report.verdict.sentence},
         "equals_recorded": report.equals_recorded,
-        "location": schemas.plain(_location(report.location)),
+        "location": _location(report.location),
     }
     result = report.result
     if result is not None:
@@ -45,7 +45,7 @@ def tracker_document(report: TrackerReport) -> dict[str, Any]:
             },
         }
     document["sentences"] = sentences_of(report)
-    return schemas.document("tracker_result", document)
+    return schemas.document("tracker_result", schemas.plain(document))
 
 
 def figures_json(four: FigureFour, five: FigureFive) -> str:
@@ -60,9 +60,7 @@ def figures_json(four: FigureFour, five: FigureFive) -> str:
 
 
 def _curve(one: FigureCurve) -> tracker_figures.Curve:
-    return tracker_figures.Curve(
-        label=one.label, distance=one.distance.tolist(), deviation=one.deviation.tolist()
-    )
+    return part_of(tracker_figures.Curve, one)
 
 
 def _location(location: Location) -> tracker_figures.Location:
@@ -70,12 +68,11 @@ def _location(location: Location) -> tracker_figures.Location:
     return part_of(
         tracker_figures.Location,
         fit,
-        position=location.position.tolist(),
+        position=location.position,
         start_length=location.start_length,
-        covariance=location.covariance.tolist(),
-        linear=location.linear.tolist(),
-        residuals=fit.residuals.tolist(),
-        standardised_residuals=fit.standardised.tolist(),
+        covariance=location.covariance,
+        linear=location.linear,
+        standardised_residuals=fit.standardised,
         dilution=location.dilution,
         warnings=location.warnings,
     )
@@ -84,11 +81,11 @@ def _location(location: Location) -> tracker_figures.Location:
 def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any]:
     return {
         "names": list(NAMES),
-        "values": schemas.numbers(joint.values),
-        "truth": None if truth is None else schemas.numbers(truth),
-        "covariance": [schemas.numbers(row) for row in joint.covariance],
-        "position": schemas.numbers(joint.position),
-        "start_length": schemas.number(joint.start_length),
+        "values": joint.values,
+        "truth": truth,
+        "covariance": joint.covariance,
+        "position": joint.position,
+        "start_length": joint.start_length,
         "sizes": joint.sizes,
         "chain": joint.machine.chain or None,
         "quantity": joint.machine.place,
@@ -99,10 +96,10 @@ def _joint_document(joint: JointEstimate, truth: Vector | None) -> dict[str, Any
                 "line": one.line,
                 "run": one.run,
                 "direction": one.direction,
-                "chi_squared": schemas.number(one.chi_squared),
+                "chi_squared": one.chi_squared,
                 "degrees_of_freedom": one.degrees_of_freedom,
-                "p_value": schemas.number(one.p_value),
-                "rms": schemas.number(one.rms),
+                "p_value": one.p_value,
+                "rms": one.rms,
             }
             for one in joint.passes
         ],
@@ -113,12 +110,12 @@ def _separation_document(one: AxisSeparation) -> dict[str, Any]:
     return {
         "scale": one.scale,
         "lean": one.lean,
-        "covariance": [schemas.numbers(row) for row in one.covariance],
-        "correlation": schemas.number(one.correlation),
-        "towards": schemas.numbers(one.towards),
+        "covariance": one.covariance,
+        "correlation": one.correlation,
+        "towards": one.towards,
         "offset": one.offset,
         "along": one.along,
-        "residuals": schemas.numbers(one.residuals),
+        "residuals": one.residuals,
     }
 
 
@@ -128,30 +125,25 @@ def _lines_document(lines: LineEvaluation) -> dict[str, Any]:
             {
                 "name": test.name,
                 "standard": test.standard,
-                "target": schemas.numbers(test.target),
-                "mean_forward": schemas.numbers(test.mean_forward),
-                "mean_backward": schemas.numbers(test.mean_backward),
-                "parameters": {name: schemas.number(v) for name, v in test.parameters.items()},
-                "expanded_uncertainty": {
-                    name: schemas.number(v) for name, v in test.expanded_uncertainty.items()
-                },
+                "target": test.target,
+                "mean_forward": test.mean_forward,
+                "mean_backward": test.mean_backward,
+                "parameters": test.parameters,
+                "expanded_uncertainty": test.expanded_uncertainty,
             }
             for test in lines.tests
         ],
         "slopes": {
             slope.name: {
-                "value": schemas.number(slope.slope),
-                "standard_uncertainty": schemas.number(slope.standard_uncertainty),
+                "value": slope.slope,
+                "standard_uncertainty": slope.standard_uncertainty,
             }
             for slope in lines.slopes
         },
         "squareness": {
-            one.name: {
-                "value": schemas.number(one.value),
-                "standard_uncertainty": schemas.number(one.standard_uncertainty),
-            }
+            one.name: {"value": one.value, "standard_uncertainty": one.standard_uncertainty}
             for one in lines.squareness
         },
-        "closure": schemas.number(lines.closure),
-        "closure_standard_uncertainty": schemas.number(lines.closure_uncertainty),
+        "closure": lines.closure,
+        "closure_standard_uncertainty": lines.closure_uncertainty,
     }

@@ -5,16 +5,11 @@ from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.standards.volumetric import (
     MACHINES_OF_RL,
     PLANAR_MACHINE_OF_RL,
-    VolumetricAccuracy,
     volumetric_accuracy,
 )
 from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.volumetric import Accuracy, Document, Example
 from stepdiag_ros.words.volumetric import DEFINITION
-
-
-def _accuracy(found: VolumetricAccuracy) -> Accuracy:
-    return part_of(Accuracy, found)
 
 
 def volumetric_json(report: VolumetricReport) -> str:
@@ -23,7 +18,7 @@ def volumetric_json(report: VolumetricReport) -> str:
         source=report.source or None,
         run_id=report.run_id or None,
         definition=DEFINITION,
-        methods={method: _accuracy(found) for method, found in report.accuracies.items()},
+        methods={method: part_of(Accuracy, found) for method, found in report.accuracies.items()},
         examples={
             one.name: Example(
                 linear_error=one.linear_error,

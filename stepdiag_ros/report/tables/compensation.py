@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from stepdiag_ros.compensation.remaining import COMPUTED, BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
@@ -10,9 +9,6 @@ from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.compensation import figure_name, size_words, uncorrected
-
-if TYPE_CHECKING:
-    pass
 
 NOT_INSTALLED = (
     "Nothing was installed. Keep the present tables, load the files by hand, and measure again."
@@ -66,20 +62,13 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
     console.sentence(NOT_INSTALLED)
 
 
-def change_table(title: str, changes: Sequence[BeforeAndAfter], with_tables: bool = True) -> Table:
-    """Return figures before and after.
-
-    Args:
-        title: of the table.
-        changes: the figures.
-        with_tables: say of each whether the control has a table for it.
-    """
-    more = ["corrected by a table"] if with_tables else []
-    table = new_table(title, "", "before", "after", "times smaller", *more)
+def change_table(title: str, changes: Sequence[BeforeAndAfter]) -> Table:
+    """Return figures before and after, and of each whether the control has a table for it."""
+    table = new_table(title, "", "before", "after", "times smaller", "corrected by a table")
     for one in changes:
-        told = ["yes" if one.corrected else "no"] if with_tables else []
+        told = "yes" if one.corrected else "no"
         before, after = size_words(one.before, one.unit), size_words(one.after, one.unit)
-        table.add_row(figure_name(one), before, after, _times(one), *told)
+        table.add_row(figure_name(one), before, after, _times(one), told)
     return table
 
 

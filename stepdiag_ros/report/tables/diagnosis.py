@@ -10,12 +10,7 @@ from stepdiag_ros.evaluation.not_testable import (
     not_testable_sentences,
     settings_words,
 )
-from stepdiag_ros.metrology.discrepancy.findings import (
-    AMBIGUOUS,
-    UNEXPLAINED,
-    Diagnosis,
-    Finding,
-)
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, UNEXPLAINED, Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.proposal import pairs_table

@@ -1,7 +1,7 @@
 """Squareness from diagonals as a person and a program read it: tables, JSON, the graph of RL."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, plain, plus_minus
 from stepdiag_ros.text.table import new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, sign
-
-if TYPE_CHECKING:
-    pass
 
 _RATIOS = (1.0, 1.5, 2.0, 3.0, 5.0)
 _THETA = "positive where the angle is smaller than 90° (RL: D0 (D1 - D2) / (2XY))"

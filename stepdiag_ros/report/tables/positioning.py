@@ -4,22 +4,15 @@ The JSON is SI; what is not known is ``null``. The text gives µm, with U for k 
 state it.
 """
 
-from typing import TYPE_CHECKING
-
 from stepdiag_ros.evaluation.positioning import PositioningReport, Published
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
-from stepdiag_ros.metrology.standards.iso230_6 import (
-    DiagonalGroup,
-)
+from stepdiag_ros.metrology.standards.iso230_6 import DiagonalGroup
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import plain
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.positioning import cell_below, decimals_of, head_of, sentences, subject_of
-
-if TYPE_CHECKING:
-    pass
 
 MEANINGS = {
     "A": "bidirectional accuracy of positioning",

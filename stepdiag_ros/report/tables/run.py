@@ -332,11 +332,7 @@ def fit_table(report: Report) -> Table:
             )
             table.add_row("inside, rotations", "points", *(_inside(c) for c in turned))
     if report.equals_recorded:
-        table.add_row(
-            "same bits as recorded",
-            "",
-            *(_equality(report, r.method) for r in results),
-        )
+        table.add_row("same bits as recorded", "", *(_equality(report, r.method) for r in results))
     return table
 
 

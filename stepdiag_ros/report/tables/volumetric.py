@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.evaluation.volumetric import VolumetricReport
@@ -19,9 +18,6 @@ from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.volumetric import DEFINITION
-
-if TYPE_CHECKING:
-    pass
 
 
 def _vector(values: Sequence[float], scale: float, decimals: int) -> str:

@@ -12,7 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
-from stepdiag_ros.messages.fields import to_nanoseconds
+from stepdiag_ros.messages.fields import Carried, Field, Header, to_nanoseconds
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
@@ -55,6 +55,9 @@ class RunStatus(NamedTuple):
     stops_total: int
     remaining_time: float
     text: str
+
+
+_RUN_STATUS = Carried(RunStatus, time=Header(), state=Field("state", State))
 
 
 class MachineStatus(NamedTuple):
@@ -120,21 +123,8 @@ def to_run_begin(message: Any) -> RunBegin:
 
 def to_run_status(message: Any) -> RunStatus:
     """Convert a ``RunState``."""
-    return RunStatus(
-        time=to_nanoseconds(message.header.stamp),
-        run_id=str(message.run_id),
-        state=State(int(message.state)),
-        line_index=int(message.line_index),
-        line_count=int(message.line_count),
-        line=str(message.line),
-        setup=str(message.setup),
-        stop=int(message.stop),
-        stop_count=int(message.stop_count),
-        stops_done=int(message.stops_done),
-        stops_total=int(message.stops_total),
-        remaining_time=float(message.remaining_time),
-        text=str(message.text),
-    )
+    made: RunStatus = _RUN_STATUS.read(message)
+    return made
 
 
 def _machine(message: Any) -> Iterable[MachineStatus]:

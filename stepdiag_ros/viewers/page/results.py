@@ -8,13 +8,7 @@ from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.forward import AXES_OF
-from stepdiag_ros.metrology.geometry import (
-    AXES,
-    SQUARENESS,
-    TRANSLATIONS,
-    Vector,
-    moving_axis,
-)
+from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from stepdiag_ros.messages.fields import set_header
-from stepdiag_ros.messages.types import NewMessage, new_message
+from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.frames import MACHINE, Placement
 from stepdiag_ros.viewers.scene.shapes import Kind, Shape
 
@@ -24,9 +24,7 @@ _PLACED = (Kind.BOX, Kind.TEXT)
 _ASCII = str.maketrans({"µ": "u", "±": "+/-", "×": "x", "°": " deg", "–": "-", "’": "'"})
 
 
-def from_shapes(
-    shapes: Iterable[Shape], time: int, prefix: str = "", new: NewMessage = new_message
-) -> Any:
+def from_shapes(shapes: Iterable[Shape], time: int, prefix: str = "") -> Any:
     """Make a ``MarkerArray`` that takes the place of every marker before it on its topic.
 
     Each message is the whole picture, so that a viewer that comes late or misses one shows nothing
@@ -36,18 +34,17 @@ def from_shapes(
         shapes: all that is to be seen.
         time: of what is shown, ns.
         prefix: put before the names of frames.
-        new: makes an empty message.
     """
-    array = new(MARKER_ARRAY)
-    first = new("visualization_msgs/msg/Marker")
+    array = new_message(MARKER_ARRAY)
+    first = new_message("visualization_msgs/msg/Marker")
     first.action = type(first).DELETEALL
     set_header(first, time, prefix + MACHINE)
-    array.markers = [first, *(_marker(shape, time, prefix, new) for shape in shapes)]
+    array.markers = [first, *(_marker(shape, time, prefix) for shape in shapes)]
     return array
 
 
-def _marker(shape: Shape, time: int, prefix: str, new: NewMessage) -> Any:
-    marker = new("visualization_msgs/msg/Marker")
+def _marker(shape: Shape, time: int, prefix: str) -> Any:
+    marker = new_message("visualization_msgs/msg/Marker")
     set_header(marker, time, prefix + shape.frame)
     marker.ns = shape.group
     marker.id = shape.number
@@ -61,12 +58,12 @@ def _marker(shape: Shape, time: int, prefix: str, new: NewMessage) -> Any:
         _set_point(marker.pose.position, shape.points[0])
     else:
         marker.points = [
-            _set_point(new("geometry_msgs/msg/Point"), point) for point in shape.points
+            _set_point(new_message("geometry_msgs/msg/Point"), point) for point in shape.points
         ]
     _set_colour(marker.color, shape.colours[0])
     if len(shape.colours) > 1:
         marker.colors = [
-            _set_colour(new("std_msgs/msg/ColorRGBA"), colour) for colour in shape.colours
+            _set_colour(new_message("std_msgs/msg/ColorRGBA"), colour) for colour in shape.colours
         ]
     marker.text = shape.text.translate(_ASCII)
     return marker
@@ -82,21 +79,18 @@ def _set_colour(colour: Any, values: Any) -> Any:
     return colour
 
 
-def from_placements(
-    placements: Iterable[Placement], time: int, prefix: str = "", new: NewMessage = new_message
-) -> Any:
+def from_placements(placements: Iterable[Placement], time: int, prefix: str = "") -> Any:
     """Make a ``TFMessage`` of where frames are.
 
     Args:
         placements: of the frames.
         time: at which they are there, ns.
         prefix: put before the names of frames.
-        new: makes an empty message.
     """
-    message = new(TRANSFORMS)
+    message = new_message(TRANSFORMS)
     transforms = []
     for placement in placements:
-        stamped = new("geometry_msgs/msg/TransformStamped")
+        stamped = new_message("geometry_msgs/msg/TransformStamped")
         set_header(stamped, time, prefix + placement.parent)
         stamped.child_frame_id = prefix + placement.child
         _set_point(stamped.transform.translation, placement.translation)

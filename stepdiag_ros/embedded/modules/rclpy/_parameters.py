@@ -23,11 +23,7 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.parameter import (
-    PARAMETER_SEPARATOR_STRING,
-    Parameter,
-    parameter_value_to_python,
-)
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -18,11 +18,7 @@ from rclpy._service_wire import ClientEnd
 from rclpy._source import Source
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import NameValidationException
-from rclpy.qos import (
-    QoSProfile,
-    qos_profile_action_status_default,
-    qos_profile_services_default,
-)
+from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
 from stepdiag_ros.embedded import dds, naming, registry
 

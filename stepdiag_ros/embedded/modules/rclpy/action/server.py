@@ -19,11 +19,7 @@ from rclpy.duration import NS_PER_S
 from rclpy.exceptions import NameValidationException, RCLError
 from rclpy.executors import await_or_execute
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    QoSProfile,
-    qos_profile_action_status_default,
-    qos_profile_services_default,
-)
+from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.timer import Timer
 from stepdiag_ros.embedded import registry
 

@@ -6,12 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from lifecycle_msgs.msg import State, TransitionDescription, TransitionEvent
-from lifecycle_msgs.srv import (
-    ChangeState,
-    GetAvailableStates,
-    GetAvailableTransitions,
-    GetState,
-)
+from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import RCLError
