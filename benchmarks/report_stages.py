@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 
@@ -47,7 +48,7 @@ def parts(bag, folder):
 
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
-    from stepdiag_ros.report.pages.build import prepare, write
+    from stepdiag_ros.report.pages.build import prepare, report_document_of, write
     from stepdiag_ros.report.pages.given import Given
     from stepdiag_ros.report.pages.material import Material
     from stepdiag_ros.report.pages.pictures import Studio
@@ -70,7 +71,7 @@ def parts(bag, folder):
 
     handover = prepare(material, Later(), lambda _: None)
     for name in ("json", "html", "pdf"):
-        write(material, handover, folder, [name], lambda _: None)
+        write(partial(report_document_of, material), handover, folder, [name], lambda _: None)
         lap(name)
     return found
 

@@ -9,6 +9,7 @@ from stepdiag_ros.compensation.control import Control, Files, Layout, checked_fi
 from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.compensation.remaining import Remainder, remainder
 from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
 
 _ANY_DATE = 1e8
@@ -74,11 +75,12 @@ def identified_of(
         method=result.method,
         software_version=report.run_software_version,
     )
-    return identify(
-        *(result, report.chain, report.measurement, origin, report.remarks),
-        verdict=report.verdict,
-        passes=report.passes,
-    )
+    with one_thread():
+        return identify(
+            *(result, report.chain, report.measurement, origin, report.remarks),
+            verdict=report.verdict,
+            passes=report.passes,
+        )
 
 
 def compensation_of(

@@ -5,12 +5,11 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from threadpoolctl import ThreadpoolController
-
 from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
 from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, rms_and_largest
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, with_chain
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.summary import (
@@ -77,7 +76,7 @@ def diagnose_reproducibly(measurement: Measurement, reference: Reference) -> Dia
     """
     measured = with_chain(measurement, reference.model)
     effects = tuple(reference.catalogue.values())
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
+    with one_thread():
         return ModelComparison(measured, effects, reference.seed).under(reference.model)
 
 
@@ -122,7 +121,7 @@ def _tracker_summary(
     # Only here: few runs have a tracker, and its evaluation takes time to import.
     from stepdiag_ros.metrology.tracker.run_result import verdict_on_run
 
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
+    with one_thread():
         name, sentence = verdict_on_run(plan, measurement.lines, measurement.chain)
     unknown = GapFigures(math.nan, 0, math.nan, math.nan, math.nan)
     return DiagnosisSummary(

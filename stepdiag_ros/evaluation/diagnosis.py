@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros.bags.digest import sha256_of
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import (
     ModelComparison,
     extend,
@@ -157,7 +157,7 @@ def build_diagnosis(
     sha256 = "" if bag is None else sha256_of(bag)
     others = tuple(RunFile(path, sha256_of(path), identity) for path, identity in further)
     # One thread gives the same numbers on every machine, and is the fastest for these matrices.
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
+    with one_thread():
         made = extend(
             ModelComparison(measured, tuple(catalogue.values()), seed, tell),
             model,

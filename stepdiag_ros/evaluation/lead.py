@@ -15,6 +15,7 @@ from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
@@ -114,6 +115,8 @@ def lead_of(
     freedom = result.degrees_of_freedom
     lines = () if measurement is None else measurement.lines
     unknown = _unknown(result)
+    with one_thread():
+        noise = accuracy is not None and is_noise(result)
     return RunLead(
         verdict=report.verdict,
         passes=report.passes,
@@ -124,7 +127,7 @@ def lead_of(
         reduced_chi_squared=result.chi_squared / freedom if freedom else math.nan,
         unknown=unknown,
         remedy=_remedy(measurement, report.passes) if unknown else "",
-        noise=accuracy is not None and is_noise(result),
+        noise=noise,
         volume=accuracy,
         expanded_uncertainty=expanded_uncertainty if accuracy is not None else math.nan,
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),

@@ -1,5 +1,7 @@
 """Solving in the way that makes a live run, its replay and its bag agree to the last bit."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from threadpoolctl import ThreadpoolController
@@ -28,19 +30,29 @@ class SolvedSoFar:
     tests: tuple[PositioningTest, ...] = field(default=())
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep the numerical libraries to one thread while the block runs.
+
+    Sums that several threads share come out differently with the number of threads, in their last
+    bits. One thread is fast enough for the matrices of a run, and gives the same numbers wherever
+    the same numerical libraries run on the same kind of processor. Several threads wait for each
+    other actively: where another process draws pictures meanwhile, a decomposition of 3 ms takes
+    a second.
+    """
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        yield
+
+
 def solve_reproducibly(
     measurement: Measurement,
 ) -> tuple[dict[str, VolumetricErrors], dict[str, str]]:
-    """Solve by every method; see ``metrology.solvers.solve_all``.
-
-    Sums that several threads share come out differently with the number of threads, in their last
-    bits. One thread is fast enough for these matrices, and gives the same numbers wherever the same
-    numerical libraries run on the same kind of processor.
+    """Solve by every method, with one thread; see ``metrology.solvers.solve_all``.
 
     Raises:
         ValueError: the lines contradict each other or the volume.
     """
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
+    with one_thread():
         return solve_all(measurement)
 
 
@@ -57,7 +69,7 @@ def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solve
     """
     if plan.tracker is None:
         return SolvedSoFar(*solve_reproducibly(measurement))
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
+    with one_thread():
         try:
             result, tests = solve_station(last, measurement.lines, plan, measurement.chain)
         except NotDeterminable as why:

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from stepdiag_ros.bags.passes import completeness_of, incomplete_sentences
 from stepdiag_ros.bags.run import RecordedRun
@@ -12,6 +11,7 @@ from stepdiag_ros.configuration import cell_from_text
 from stepdiag_ros.evaluation.build import truth_of
 from stepdiag_ros.evaluation.recorded_run import measurement_of, out_of_step, silent
 from stepdiag_ros.evaluation.report import Report, same_to_the_last_bit
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import Vector
@@ -92,7 +92,7 @@ def reports_of_run(
     made = []
     for run in runs:
         try:
-            with ThreadpoolController().limit(limits=1, user_api="blas"):
+            with one_thread():
                 result = evaluate_station(run, recorded.plan, recorded.chain, description)
         except ValueError as error:
             raise ValueError(f"{recorded.path}: station {run.station}: {error}") from None
@@ -138,7 +138,7 @@ def grid_report(
     if not recorded.chain:
         raise ValueError(f"{recorded.path}: error curves need the order of the machine's axes")
     try:
-        with ThreadpoolController().limit(limits=1, user_api="blas"):
+        with one_thread():
             result = grid_errors(measurement.lines, recorded.plan, recorded.chain)
     except ValueError as error:
         raise ValueError(f"{recorded.path}: {error}") from None

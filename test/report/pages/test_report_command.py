@@ -390,6 +390,20 @@ def test_the_pdf_has_every_picture_of_the_page_at_its_own_size(folder, page):
     assert drawn == Counter(Image.open(BytesIO(data)).size for data in files)
 
 
+@needs_poppler
+def test_the_pictures_of_the_pdf_are_those_of_the_page_in_every_pixel(folder, page, tmp_path):
+    subprocess.run(["pdfimages", "-png", folder / "report.pdf", tmp_path / "picture"], check=True)
+    placed = Counter(_pixels(path.read_bytes()) for path in tmp_path.glob("picture-*.png"))
+    drawn = Counter(_pixels(b64decode(source.partition(",")[2])) for source in page.sources)
+    assert len(drawn) > 5
+    assert placed == drawn
+
+
+def _pixels(png):
+    image = Image.open(BytesIO(png))
+    return image.size, image.convert("RGB").tobytes()
+
+
 def _text(path):
     return subprocess.run(
         ["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True
