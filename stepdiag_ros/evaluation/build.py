@@ -14,7 +14,7 @@ from stepdiag_ros.evaluation.report import (
     same_but_for_rounding,
     same_to_the_last_bit,
 )
-from stepdiag_ros.evaluation.solving import solve_reproducibly
+from stepdiag_ros.evaluation.solving import one_thread, solve_reproducibly
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -121,6 +121,10 @@ def build_report(
     if not measurement.lines:
         raise ValueError(f"{bag or 'this run'}: no line was finished, so there is nothing to solve")
     results, refused = solve_reproducibly(measurement)
+    visibility = None
+    if with_visibility:
+        with one_thread():
+            visibility = measured_visibility(measurement)
     last = {result.method: result for result in recorded}
     equal: dict[str, bool] = {}
     more: list[str] = []
@@ -145,7 +149,7 @@ def build_report(
         simulated=simulated,
         truth=truth,
         measurement=measurement,
-        visibility=measured_visibility(measurement) if with_visibility else None,
+        visibility=visibility,
         equals_recorded=equal,
         rounded=frozenset(
             method
