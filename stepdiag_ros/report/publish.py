@@ -3,8 +3,9 @@
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
@@ -40,6 +41,27 @@ def make_folder(folder: Path) -> Path:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ValueError(f"the folder {folder} cannot be written to; {_ELSEWHERE}")
     return folder
+
+
+def try_folder(folder: Path) -> None:
+    """Make sure, before any work, that results can be written; leave nothing behind.
+
+    Raises:
+        ValueError: the folder cannot be made or written to; names the folder.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        make_folder(folder)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"the folder {folder} cannot be written to: {error.strerror}; {_ELSEWHERE}"
+        ) from None
+    finally:
+        for one in made:
+            with suppress(OSError):
+                one.rmdir()
 
 
 @contextmanager

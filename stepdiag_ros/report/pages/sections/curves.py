@@ -55,7 +55,7 @@ def _tell(material: Material) -> SectionContent | str:
         )
     tables = [
         *translation_tables(report),
-        fit_table(report),
+        fit_table(report, with_equality=False),
     ]
     return SectionContent(
         {
