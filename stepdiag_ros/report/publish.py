@@ -84,6 +84,7 @@ def publish(
     picture_formats: tuple[str, ...] = ("png",),
     definition: SignDefinition = "rotation",
     progress: Callable[[float, str], None] | None = None,
+    all_methods: bool = False,
 ) -> list[Path]:
     """Write ``results.json``, ``report.txt`` and the pictures, in place of earlier ones.
 
@@ -94,6 +95,7 @@ def publish(
         definition: sign definition of squareness in the text and the pictures; the JSON always
             holds the right-handed rotation.
         progress: told before each file the part that is done (0..1), and the file's name.
+        all_methods: draw also the error curves of all methods beside each other.
 
     Returns:
         The files, in the order in which they were written.
@@ -116,7 +118,7 @@ def publish(
         from stepdiag_ros.plots.files.run import draw_all
 
         more = {} if experiment is None else draw_experiment(experiment)
-        return draw_all(report, definition) | more
+        return draw_all(report, definition, all_methods) | more
 
     return write_results(folder, contents, draw, picture_formats, progress)
 
