@@ -101,6 +101,8 @@ def frame_box(
         (np.array([low[0], low[1], low[2]]), np.array([low[0], low[1], z])),
     )
     size = float(np.ptp(project(box_edges(low, high)).reshape(-1, 2), axis=0).max())
+    # Larger numbers of two edges that meet need more room between them.
+    ends = 0.03 * (1.0 + letters - SMALL_SIZE)
     outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
     sides: tuple[Any, ...] = (("center", "top"), ("left", "top"), ("right", "center"))
     for axis, (start, end) in enumerate(edges):
@@ -109,8 +111,8 @@ def frame_box(
         across, up = sides[axis]
         words = (
             (0.5, f"{AXES[axis]} / mm", 1.8, letters + 0.5),
-            (0.03, f"{low[axis] * IN_MILLI:g}", 1.0, letters),
-            (0.97, f"{high[axis] * IN_MILLI:g}", 1.0, letters),
+            (ends, f"{low[axis] * IN_MILLI:g}", 1.0, letters),
+            (1.0 - ends, f"{high[axis] * IN_MILLI:g}", 1.0, letters),
         )
         for share, word, away, size_of_word in words:
             at = first + share * (last - first) + away * step

@@ -84,10 +84,10 @@ def lead_of(material: Material) -> Lead:
     sentences = [*sentences_of(material.lead), *_judged(judged), f"How sure: {_basis(material)}"]
     sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
     facts = tuple(_facts(material, judged))
-    return Lead(tone, headline, tuple(sentences), facts, _worst(material, judged))
+    return Lead(tone, headline, tuple(sentences), facts, _worst(material, judged, headline))
 
 
-def _worst(material: Material, judged: ToleranceJudgement) -> str:
+def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str:
     """Say the largest error with its uncertainty and its place; empty where it is not known."""
     accuracy = material.accuracy
     if accuracy is None or not math.isfinite(judged.value) or judged.noise:
@@ -97,6 +97,8 @@ def _worst(material: Material, judged: ToleranceJudgement) -> str:
         for letter, value in zip("XYZ", accuracy.position, strict=True)
     )
     size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
+    if size in headline:
+        return f"at {where} mm (U: 95 %)"
     return f"Worst error {size} µm (U: 95 %) at {where} mm"
 
 
