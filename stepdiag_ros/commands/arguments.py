@@ -192,7 +192,10 @@ def port(text: str) -> int:
 
 
 COMMON: dict[str, dict[str, Any]] = {
-    "details": {"action": "store_true", "help": "print all tables, as in report.txt"},
+    "details": {
+        "action": "store_true",
+        "help": "print all tables, as in report.txt, and draw all methods beside each other",
+    },
     "force": {"action": "store_true", "help": "overwrite files that are there"},
     "json": {"action": "store_true", "help": "print JSON in SI units"},
     "method": {"default": "", "help": "of the solver (default: the one to rely on)"},

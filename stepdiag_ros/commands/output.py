@@ -162,7 +162,7 @@ def show_report(
         report: what is shown.
         arguments: parsed, with the options of ``add_result_options``.
         default_folder: where results go if the user named no folder.
-        details: print all tables, not just what fits a screen.
+        details: print all tables, not just what fits a screen, and draw all methods.
 
     Returns:
         0; 1 if the lines were not enough for any method, or a result differs from the recorded one.
@@ -181,6 +181,7 @@ def show_report(
             formats,
             arguments.squareness_sign,
             progress,
+            all_methods=details,
         )
     if arguments.json:
         print(report_json(report))

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.report.pages.build import LaidOut
     from stepdiag_ros.report.pages.given import Given
     from stepdiag_ros.report.pages.material import Material
+    from stepdiag_ros.report.pages.page import Lead
     from stepdiag_ros.report.pages.tracker import TrackerHandover
 
 _PIECES = 20
@@ -81,17 +82,41 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
-    from stepdiag_ros.report.pages.build import FORMATS, prepare, report_document_of, write
-    from stepdiag_ros.report.pages.lead import lead_of
-    from stepdiag_ros.report.pages.pdf import get_ready
-    from stepdiag_ros.report.pages.pictures import studio
+    from stepdiag_ros.report.pages.build import FORMATS
     from stepdiag_ros.report.pages.sections import sections
+    from stepdiag_ros.report.publish import try_folder
 
     # Those of other packages may be broken: better refused than found out after all work is done.
     sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or results_folder(arguments.bag, "report")
     given = _given(arguments)
+    if arguments.bag.exists():
+        try_folder(folder)
+    leads: list[Lead] = []
+    try:
+        files = _make(arguments, given, folder, formats, leads.append)
+    finally:
+        # Where a file cannot be written after all, the work was not in vain.
+        for text in (text for lead in leads for text in (lead.headline, *lead.sentences)):
+            print(text)
+    say(f"report in {folder}: {', '.join(path.name for path in files)}")
+    return 0
+
+
+def _make(
+    arguments: Namespace,
+    given: "Given",
+    folder: Path,
+    formats: list[str],
+    take_lead: "Callable[[Lead], None]",
+) -> list[Path]:
+    """Evaluate the bag, hand the lead on, and return the files that were written."""
+    from stepdiag_ros.report.pages.build import prepare, report_document_of, write
+    from stepdiag_ros.report.pages.lead import lead_of
+    from stepdiag_ros.report.pages.pdf import get_ready
+    from stepdiag_ros.report.pages.pictures import studio
+
     with ExitStack() as stack:
         atelier = None
         if arguments.bag.exists() and formats != ["json"]:
@@ -116,11 +141,8 @@ def run(arguments: Namespace) -> int:
                     meanwhile = get_ready if "pdf" in formats else None
                     handover = prepare(material, atelier, tell, meanwhile)
                 document, lead = partial(report_document_of, material), lead_of(material)
-            files = write(document, handover, folder, formats, tell)
-    for text in (lead.headline, *lead.sentences):
-        print(text)
-    say(f"report in {folder}: {', '.join(path.name for path in files)}")
-    return 0
+            take_lead(lead)
+            return write(document, handover, folder, formats, tell)
 
 
 def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandover":

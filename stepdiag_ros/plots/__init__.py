@@ -37,6 +37,7 @@ _HOMES = {
     "squareness": "angles",
     "squareness_sensitivity": "angles",
     "iso230_2": "standards",
+    "iso230_2_graphs": "standards",
     "iso230_6": "standards",
     "iso230_6_graphs": "standards",
     "tracker_deviations": "tracker",
@@ -47,6 +48,7 @@ _HOMES = {
     "diagonals_alone": "volumes",
     "volume": "volumes",
     "weather": "air",
+    "worst_error": "worst_place",
 }
 """Function → module of this package; no module has the name of a function, which it would hide."""
 __all__ = ["CURVES", "ROTATIONS", "TRANSLATIONS", "stamp", *_HOMES]

@@ -64,8 +64,13 @@ def grid_of(names: Sequence[str]) -> list[str]:
 
 
 def curve_sheet(names: Sequence[str], axes: Any) -> Sheet:
-    """Return a sheet with a panel for each curve, titled, its scales named."""
-    sheet = Sheet(len(names), 3, _PANEL_HEIGHT, axes=axes, gap=(0.5, 0.55))
+    """Return a sheet with a panel for each curve, titled, its scales named.
+
+    Curves of one unit have one scale in each row, so that their sizes compare at a glance.
+    """
+    alike = len({curve_unit(name) for name in names}) == 1
+    across = 0.2 if alike else 0.5
+    sheet = Sheet(len(names), 3, _PANEL_HEIGHT, axes=axes, gap=(across, 0.55), share_rows=alike)
     for number, (panel, name) in enumerate(zip(sheet.panels, names, strict=True)):
         panel_title(panel, curve_words(name))
         up = f"error / {shown_unit(name)}" if sheet.first_in_row(number) else ""

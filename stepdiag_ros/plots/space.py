@@ -79,7 +79,9 @@ def add_wires(
     return wires
 
 
-def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
+def frame_box(
+    axes: Axes, low: Vector, high: Vector, room: float = 0.0, letters: float = SMALL_SIZE
+) -> None:
     """Name the three axes at the edges of a box, with their ends in mm, and hide the scales.
 
     Call it when everything else is drawn.
@@ -89,6 +91,7 @@ def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
         low: first corner, m, shape (3,).
         high: last corner, m, shape (3,).
         room: that is kept free to the left, as a share of the drawing's size.
+        letters: size of the numbers at the ends, points.
     """
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     x, y, z = high
@@ -98,6 +101,8 @@ def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
         (np.array([low[0], low[1], low[2]]), np.array([low[0], low[1], z])),
     )
     size = float(np.ptp(project(box_edges(low, high)).reshape(-1, 2), axis=0).max())
+    # Larger numbers of two edges that meet need more room between them.
+    ends = 0.03 * (1.0 + letters - SMALL_SIZE)
     outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
     sides: tuple[Any, ...] = (("center", "top"), ("left", "top"), ("right", "center"))
     for axis, (start, end) in enumerate(edges):
@@ -105,14 +110,14 @@ def frame_box(axes: Axes, low: Vector, high: Vector, room: float = 0.0) -> None:
         step = _BEYOND * size * outwards[axis]
         across, up = sides[axis]
         words = (
-            (0.5, f"{AXES[axis]} / mm", 1.8, SMALL_SIZE + 0.5),
-            (0.03, f"{low[axis] * IN_MILLI:g}", 1.0, SMALL_SIZE),
-            (0.97, f"{high[axis] * IN_MILLI:g}", 1.0, SMALL_SIZE),
+            (0.5, f"{AXES[axis]} / mm", 1.8, letters + 0.5),
+            (ends, f"{low[axis] * IN_MILLI:g}", 1.0, letters),
+            (1.0 - ends, f"{high[axis] * IN_MILLI:g}", 1.0, letters),
         )
-        for share, word, away, letters in words:
+        for share, word, away, size_of_word in words:
             at = first + share * (last - first) + away * step
             axes.text(
-                float(at[0]), float(at[1]), word, ha=across, va=up, fontsize=letters, color=INK
+                float(at[0]), float(at[1]), word, ha=across, va=up, fontsize=size_of_word, color=INK
             )
     reach = project(box_edges(low, high)).reshape(-1, 2)
     first = reach.min(axis=0) - np.array([0.1 + room, 0.1]) * size

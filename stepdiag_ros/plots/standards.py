@@ -91,6 +91,27 @@ def iso230_2(
     )
 
 
+def iso230_2_graphs(
+    tests: Sequence[PositioningTest], *, title: str | None = None, stamp: str = "", axes: Any = None
+) -> Figure:
+    """Draw the graphs of the tests of several axes (ISO 230-2), in one scale.
+
+    Args:
+        tests: of the axes.
+        title: heading; None: one that says what is shown; empty: none.
+        stamp: what the figure was made from.
+        axes: to draw in, one for each test, instead of a new figure.
+    """
+    sheet = Sheet(len(tests), 3, 1.75, axes=axes, share_up=True, gap=(0.25, 0.55), bottom=0.42)
+    for number, (panel, test) in enumerate(zip(sheet.panels, tests, strict=True)):
+        _graph(panel, test)
+        panel_title(panel, f"axis {test.setup or test.name}")
+        up = "deviation / µm" if sheet.first_in_row(number) else ""
+        scales(panel, f"{test.name} / mm", up)
+    heading = "ISO 230-2: positioning of the axes, 0 at the first target"
+    return sheet.finish(heading if title is None else title, stamp=stamp)
+
+
 def iso230_6_graphs(
     group: DiagonalGroup,
     *,

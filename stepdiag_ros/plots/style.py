@@ -91,6 +91,8 @@ _LINE_INCHES = 0.155
 _LEGEND_SIZE = 7.5
 _LETTERS_PER_INCH = 19.0
 """Of small print, at least; a sentence is broken so that it fits."""
+_CLEAR_INCHES = 0.1
+"""Between the legend and the small print."""
 _SAMPLE_INCHES = 0.55
 """Room that the sample of a legend's entry needs beside its words."""
 
@@ -134,6 +136,7 @@ class Sheet:
         bottom: float = 0.42,
         share_across: bool = False,
         share_up: bool = False,
+        share_rows: bool = False,
     ) -> None:
         """Make the panels.
 
@@ -149,6 +152,7 @@ class Sheet:
             bottom: below the last row, for numbers and label, inches.
             share_across: panels of a column have one scale across, with numbers below the last.
             share_up: all panels have one scale up, with numbers at the left.
+            share_rows: panels of a row have one scale up, with numbers at the left.
 
         Raises:
             ValueError: another number of axes than panels.
@@ -176,16 +180,19 @@ class Sheet:
         self.panels = []
         for number in range(count):
             above = self.panels[number - self._columns] if number >= self._columns else None
+            first = 0 if share_up else number - number % self._columns
             shared = {
                 "sharex": above if share_across else None,
-                "sharey": self.panels[0] if share_up and number else None,
+                "sharey": self.panels[first]
+                if (share_up or share_rows) and number > first
+                else None,
             }
             panel = self.figure.add_axes(
                 (0.1, 0.1, 0.8, 0.8), axes_class=Panel, facecolor="white", **shared
             )
             tidy(panel)
             panel.xaxis.numbered = not share_across or number + self._columns >= count
-            panel.yaxis.numbered = not share_up or number % self._columns == 0
+            panel.yaxis.numbered = not (share_up or share_rows) or self.first_in_row(number)
             self.panels.append(panel)
 
     def first_in_row(self, number: int) -> bool:
@@ -230,7 +237,8 @@ class Sheet:
         prints = [line for sentence in small_print for line in wrap(sentence, letters)]
         titles = [panel.get_title().count("\n") for panel in self.panels if panel.get_title()]
         top = 0.12 + 0.19 * len(heading) + (0.24 + 0.13 * max(titles) if titles else 0.0)
-        below = _LINE_INCHES * (1.15 * len(rows) + len(prints) + bool(stamp)) + 0.1
+        clear = _CLEAR_INCHES if rows and prints else 0.0
+        below = _LINE_INCHES * (1.15 * len(rows) + len(prints) + bool(stamp)) + clear + 0.1
         height = top + float(self._heights.sum() + self._between.sum()) + self._bottom + below
         self.free = max(tail, page_height - height, 0.0)
         height += self.free
@@ -250,6 +258,7 @@ class Sheet:
         for row in rows:
             _draw_legend_row(figure, [(entries[label], label) for label in row], at, height)
             at -= 1.15 * _LINE_INCHES
+        at -= clear
         for line in prints:
             figure.text(
                 0.5, at / height, line, ha="center", va="top", fontsize=SMALL_SIZE, color="0.3"

@@ -3,8 +3,9 @@
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
@@ -42,6 +43,27 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
+def try_folder(folder: Path) -> None:
+    """Make sure, before any work, that results can be written; leave nothing behind.
+
+    Raises:
+        ValueError: the folder cannot be made or written to; names the folder.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        make_folder(folder)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"the folder {folder} cannot be written to: {error.strerror}; {_ELSEWHERE}"
+        ) from None
+    finally:
+        for one in made:
+            with suppress(OSError):
+                one.rmdir()
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a name to write to and rename it at the end: no half-written file is ever found."""
@@ -62,6 +84,7 @@ def publish(
     picture_formats: tuple[str, ...] = ("png",),
     definition: SignDefinition = "rotation",
     progress: Callable[[float, str], None] | None = None,
+    all_methods: bool = False,
 ) -> list[Path]:
     """Write ``results.json``, ``report.txt`` and the pictures, in place of earlier ones.
 
@@ -72,6 +95,7 @@ def publish(
         definition: sign definition of squareness in the text and the pictures; the JSON always
             holds the right-handed rotation.
         progress: told before each file the part that is done (0..1), and the file's name.
+        all_methods: draw also the error curves of all methods beside each other.
 
     Returns:
         The files, in the order in which they were written.
@@ -94,7 +118,7 @@ def publish(
         from stepdiag_ros.plots.files.run import draw_all
 
         more = {} if experiment is None else draw_experiment(experiment)
-        return draw_all(report, definition) | more
+        return draw_all(report, definition, all_methods) | more
 
     return write_results(folder, contents, draw, picture_formats, progress)
 

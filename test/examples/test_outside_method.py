@@ -48,7 +48,8 @@ def site(tmp_path_factory):
 def solved(site, tmp_path_factory):
     """Solve with the package installed; return the document and the folder."""
     folder = tmp_path_factory.mktemp("solved")
-    done = stepdiag(*("solve", RUN, "--json", "--pictures", "svg", "--output", folder), site=site)
+    asked = ("solve", RUN, "--json", "--details", "--pictures", "svg", "--output", folder)
+    done = stepdiag(*asked, site=site)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), folder
 
@@ -71,7 +72,7 @@ def test_its_result_stands_beside_the_others(solved):
     pairs = zip(curves[NAME]["E_XX"], curves["least_squares"]["E_XX"], strict=True)
     assert max(abs(one - other) for one, other in pairs) > DIFFERENT
     assert TITLE in (folder / "report.txt").read_text(encoding="utf-8")
-    assert TITLE in (folder / "error_curves.svg").read_text(encoding="utf-8")
+    assert TITLE in (folder / "error_curves_by_method.svg").read_text(encoding="utf-8")
 
 
 def test_the_schema_knows_it_while_it_is_installed(site, solved):

@@ -58,6 +58,31 @@ def test_scales_have_units_and_columns_are_the_moving_axis(nine):
     assert nine.axes[0].get_ylabel() == "error / µm"
 
 
+def test_panels_of_a_row_share_their_scale_and_rows_differ(nine):
+    for row in range(3):
+        limits = {axes.get_ylim() for axes in nine.axes[3 * row : 3 * row + 3]}
+        assert len(limits) == 1
+        assert [axes.yaxis.numbered for axes in nine.axes[3 * row : 3 * row + 3]] == [
+            True,
+            False,
+            False,
+        ]
+    mixed = plots.error_curves(with_rotations(make_result()), ["E_XX", "E_AX"])
+    assert mixed.axes[0].get_ylim() != mixed.axes[1].get_ylim()
+    assert mixed.axes[1].yaxis.numbered, "another unit has a scale of its own"
+
+
+def test_the_legend_is_clear_of_the_small_print_and_of_the_scales(nine):
+    height = float(nine.get_figheight())
+    places = {text.get_text(): text.get_position()[1] * height for text in nine.texts}
+    legend = [places[label] for label in (*TITLES, TRUTH)]
+    letters = 7.5 / 72.0
+    frames = [at for words, at in places.items() if words.startswith("Frame")]
+    assert min(legend) - 0.5 * letters - max(frames) > 0.05
+    below = min(axes.get_position().y0 for axes in nine.axes) * height
+    assert below - max(legend) > 0.35, "numbers and names of the scales stand between"
+
+
 def test_heading_legend_frame_and_stamp_stand_once(nine, report):
     said = [text.get_text() for text in nine.texts]
     assert said[0] == "Translational errors of the axes with 95 % bands"

@@ -14,13 +14,20 @@ from stepdiag_ros.report.publish import publish
 
 
 def test_which_pictures_there_are():
-    assert list(draw_all(make_report(measurement=make_measurement()))) == [
-        "error_curves",
-        "error_curves_with_conventional",
-        "squareness",
-        "repeatability",
-    ]
+    report = make_report(measurement=make_measurement())
+    usual = ["worst_error", "error_curves", "squareness", "repeatability"]
+    assert list(draw_all(report)) == usual
+    further = {"error_curves_by_method", "error_curves_with_conventional"}
+    assert set(draw_all(report, all_methods=True)) == {*usual, *further}
     assert list(draw_all(make_report(results=()))) == []
+
+
+def test_one_method_is_drawn_with_the_true_errors_where_they_are_known():
+    report = make_report()
+    labels = draw_all(report)["error_curves"].axes[0].get_legend_handles_labels()[1]
+    assert labels == ["Least squares", "Truth (simulated cell)"]
+    unknown = draw_all(replace(report, truth=None))["error_curves"]
+    assert unknown.axes[0].get_legend_handles_labels()[1] == ["Least squares"]
 
 
 def test_rotations_are_drawn_where_one_is_determined():
@@ -31,8 +38,8 @@ def test_rotations_are_drawn_where_one_is_determined():
 
 
 def test_the_conventional_result_does_not_hide_the_rest():
-    pictures = draw_all(make_report())
-    for panel in pictures["error_curves"].axes:
+    pictures = draw_all(make_report(), all_methods=True)
+    for panel in pictures["error_curves_by_method"].axes:
         assert "Conventional (Wang)" not in panel.get_legend_handles_labels()[1]
         assert max(map(abs, panel.get_ylim())) < 2.0
     with_it = pictures["error_curves_with_conventional"].axes[0]
@@ -50,8 +57,8 @@ def test_publish_writes_whole_files_only(tmp_path, monkeypatch):
     assert [path.name for path in files] == [
         "results.json",
         "report.txt",
+        "worst_error.png",
         "error_curves.png",
-        "error_curves_with_conventional.png",
         "squareness.png",
     ]
     assert sorted(path.name for path in (tmp_path / "new" / "folder").iterdir()) == sorted(

@@ -10,6 +10,7 @@ from stepdiag_ros.plots.angles import squareness
 from stepdiag_ros.plots.curves import error_curves
 from stepdiag_ros.plots.lines import repeatability
 from stepdiag_ros.plots.stamps import stamp
+from stepdiag_ros.plots.worst_place import worst_error
 from stepdiag_ros.words.squareness import SignDefinition
 
 if TYPE_CHECKING:
@@ -18,22 +19,29 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 
-def draw_all(report: Report, definition: SignDefinition = "rotation") -> "dict[str, Picture]":
+def draw_all(
+    report: Report, definition: SignDefinition = "rotation", all_methods: bool = False
+) -> "dict[str, Picture]":
     """Return all pictures of a report by the name of their file without ending.
 
-    The conventional result, which setup errors can make a hundred times larger than the rest and
-    which then sets the scale, has a picture of its own.
+    Args:
+        report: of a run.
+        definition: sign definition of squareness.
+        all_methods: draw also the methods beside each other. The conventional result, which setup
+            errors can make a hundred times larger than the rest and which then sets the scale, has
+            a picture of its own.
     """
     pictures: dict[str, Picture] = {}
     results = report.ordered_results()
     said = stamp(run_id=report.run_id, plan=report.plan)
-    without = robust_to_setup(results)
-    if without:
-        pictures["error_curves"] = error_curves(without, truth=report.truth, stamp=said)
-    if len(without) < len(results):
-        pictures["error_curves_with_conventional"] = error_curves(
-            results, truth=report.truth, stamp=said
-        )
+    preferred = report.preferred()
+    if preferred is not None:
+        worst = worst_error(preferred, report.chain, stamp=said)
+        if worst is not None:
+            pictures["worst_error"] = worst
+        pictures["error_curves"] = error_curves(preferred, truth=report.truth, stamp=said)
+    if all_methods:
+        pictures.update(_methods_beside(report, said))
     turning = with_rotations(results)
     if turning:
         pictures["rotations"] = error_curves(turning, ROTATIONS, truth=report.truth, stamp=said)
@@ -46,6 +54,17 @@ def draw_all(report: Report, definition: SignDefinition = "rotation") -> "dict[s
         if passes is not None:
             pictures["repeatability"] = passes
     return pictures
+
+
+def _methods_beside(report: Report, said: str) -> "dict[str, Picture]":
+    results = report.ordered_results()
+    robust = robust_to_setup(results)
+    shown = {"error_curves_by_method": robust} if len(robust) > 1 else {}
+    if 0 < len(robust) < len(results):
+        shown["error_curves_with_conventional"] = list(results)
+    return {
+        name: error_curves(some, truth=report.truth, stamp=said) for name, some in shown.items()
+    }
 
 
 def with_rotations(results: "tuple[VolumetricErrors, ...]") -> "list[VolumetricErrors]":

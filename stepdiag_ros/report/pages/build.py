@@ -10,8 +10,9 @@ from stepdiag_ros.report.pages.lead import judge, lead_of, what_to_do
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Lead, page
 from stepdiag_ros.report.pages.pictures import Drawn, Studio
-from stepdiag_ros.report.pages.section import ToldSection
+from stepdiag_ros.report.pages.section import SectionContent, ToldSection
 from stepdiag_ros.report.pages.sections import sections
+from stepdiag_ros.report.pages.summary import KEY, summary_chapter, summary_of
 from stepdiag_ros.report.publish import make_folder, whole_file
 
 TITLE = "Volumetric errors of a machine tool: report of a measurement"
@@ -26,6 +27,7 @@ class Handover:
 
     Attributes:
         lead: of its first page.
+        summary: what stands before the sections.
         told: sections in their order.
         pictures: section's name → picture's name → picture.
         footer: identity of the run.
@@ -33,6 +35,7 @@ class Handover:
     """
 
     lead: Lead
+    summary: SectionContent
     told: Sequence[ToldSection]
     pictures: Mapping[str, Mapping[str, Drawn]]
     footer: str
@@ -41,7 +44,10 @@ class Handover:
     def html(self, for_print: bool = False) -> str:
         """Return the page."""
         chapters = [one.chapter(self.pictures.get(one.name, {}), for_print) for one in self.told]
-        return page(TITLE, self.subtitle, self.lead, chapters, self.footer, for_print)
+        summary = summary_chapter(self.summary, self.pictures.get(KEY, {}), for_print)
+        return page(
+            TITLE, self.subtitle, self.lead, chapters, self.footer, for_print, summary=summary
+        )
 
 
 def prepare(
@@ -66,7 +72,8 @@ def prepare(
         tell(section.title)
         told.append(section.told(material))
         atelier.ask(section.name, told[-1].drawings)
-    lead = lead_of(material)
+    lead, summary = lead_of(material), summary_of(material)
+    atelier.ask(KEY, summary.drawings)
     tell("pictures")
     if meanwhile is not None:
         meanwhile()
@@ -74,6 +81,7 @@ def prepare(
     plan = material.recorded.plan.name
     return Handover(
         lead=lead,
+        summary=summary,
         told=told,
         pictures=atelier.fetch_all(),
         footer=f"run {run}, bag SHA-256 {material.sha256[:16] or 'unknown'}…",
@@ -105,7 +113,7 @@ def report_document_of(material: Material) -> dict[str, Any]:
         },
         "sections": {
             section.name: section.document(material)
-            for section in sections()
+            for section in sorted(sections(), key=lambda one: one.order)
             if section.document is not None
         },
     }

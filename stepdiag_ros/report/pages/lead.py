@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
@@ -83,7 +83,23 @@ def lead_of(material: Material) -> Lead:
         tone = "open"
     sentences = [*sentences_of(material.lead), *_judged(judged), f"How sure: {_basis(material)}"]
     sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
-    return Lead(tone, headline, tuple(sentences), tuple(_facts(material, judged)))
+    facts = tuple(_facts(material, judged))
+    return Lead(tone, headline, tuple(sentences), facts, _worst(material, judged, headline))
+
+
+def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str:
+    """Say the largest error with its uncertainty and its place; empty where it is not known."""
+    accuracy = material.accuracy
+    if accuracy is None or not math.isfinite(judged.value) or judged.noise:
+        return ""
+    where = ", ".join(
+        f"{letter} {plain(value * IN_MILLI, 1)}"
+        for letter, value in zip("XYZ", accuracy.position, strict=True)
+    )
+    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
+    if size in headline:
+        return f"at {where} mm (U: 95 %)"
+    return f"Worst error {size} µm (U: 95 %) at {where} mm"
 
 
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:

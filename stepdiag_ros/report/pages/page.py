@@ -19,8 +19,9 @@ from stepdiag_ros.report.pages.pictures import Drawn
 
 MOST_ROWS_IN_PRINT = 30
 """A table of more rows is left out of print."""
-MOST_ROWS_TOGETHER = 7
-"""A table of no more rows stands on one page of print; a longer one may go on, under its heads."""
+MOST_ROWS_TOGETHER = 25
+"""A table of no more rows stands on one page of print, beside others if they fit; a longer one may
+go on, under its heads."""
 _GOOD, _BAD, _OPEN, _NEUTRAL = "good", "bad", "open", "neutral"
 _VALUE = re.compile(r"-?[\d.,]+ (?:± [\d.,]+ )?µm\b")
 TONES = (_GOOD, _BAD, _OPEN, _NEUTRAL)
@@ -59,12 +60,15 @@ class Lead:
         headline: a few words.
         sentences: what they mean.
         facts: the figures that they rest on.
+        worst: the largest error with its uncertainty and place, large below the headline; empty:
+            none is known.
     """
 
     tone: str
     headline: str
     sentences: tuple[str, ...]
     facts: tuple[Fact, ...] = ()
+    worst: str = ""
 
 
 def unbroken(text: str) -> Markup:
@@ -124,6 +128,7 @@ def page(
     chapters: Sequence[Chapter],
     footer: str,
     for_print: bool = False,
+    summary: Chapter | None = None,
 ) -> str:
     """Return a page as HTML text with everything in it.
 
@@ -134,6 +139,7 @@ def page(
         chapters: numbered in this order.
         footer: identity of the run, at the foot of every printed page.
         for_print: lay it out on pages of paper (A4) alone.
+        summary: stands after the lead, before the contents; the chapters are then its annexes.
 
     Raises:
         ValueError: the lead's tone is none.
@@ -150,5 +156,6 @@ def page(
             chapters=chapters,
             footer=footer,
             for_print=for_print,
+            summary=summary,
         )
     )

@@ -68,6 +68,8 @@ class ReportSection:
             to tell.
         document: returns its part of the JSON document, None where the run has nothing for it; of a
             section whose figures are in the part of another one it is None itself.
+        about_software: it proves the software, not the machine; the page shows it after all other
+            sections, while the JSON document keeps its ``order``.
         by_tracker: it is also on the page of a run with a tracker, if it has something to tell.
     """
 
@@ -77,6 +79,7 @@ class ReportSection:
     tell: Callable[[Material], SectionContent | str]
     document: Callable[[Material], Any] | None = None
     by_tracker: bool = False
+    about_software: bool = False
 
     def told(self, material: Material) -> ToldSection:
         """Return it with what it tells of a run."""

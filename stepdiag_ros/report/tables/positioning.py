@@ -4,6 +4,8 @@ The JSON is SI; what is not known is ``null``. The text gives µm, with U for k 
 state it.
 """
 
+from collections.abc import Sequence
+
 from stepdiag_ros.evaluation.positioning import PositioningReport, Published
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
@@ -51,6 +53,24 @@ def parameter_table(test: PositioningTest, published: Published | None, decimals
             cells.append(plain(published.values[name] * IN_MICRO, decimals))
             cells.append("agrees" if published.agrees(name, value) else "DIFFERS")
         table.add_row(*cells)
+    return table
+
+
+def parameters_table(tests: Sequence[PositioningTest], decimals: int) -> Table:
+    """Return the parameters of several axes, a column each."""
+    head = head_of(one for test in tests for one in test.expanded_uncertainty.values())
+    table = new_table(
+        f"{tests[0].standard}: {head}", "", "", *(test.setup or test.name for test in tests)
+    )
+    table.columns[1].number = False
+    for name in PARAMETERS:
+        cells = (
+            cell_below(test.parameters[name], test.expanded_uncertainty[name], decimals, head)
+            for test in tests
+        )
+        table.add_row(name, MEANINGS[name], *cells)
+    runs = (f"{test.runs[0]} forward, {test.runs[1]} backward" for test in tests)
+    table.add_row("runs", "", *runs)
     return table
 
 

@@ -311,8 +311,13 @@ def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErro
     ]
 
 
-def fit_table(report: Report) -> Table:
-    """Return what each method was made from, how well it fits and how far from the truth it is."""
+def fit_table(report: Report, with_equality: bool = True) -> Table:
+    """Return what each method was made from, how well it fits and how far from the truth it is.
+
+    Args:
+        report: of a run.
+        with_equality: state also whether each result is the recorded one; see ``equality_table``.
+    """
     results = report.ordered_results()
     table = new_table("Methods", "", "unit", *(short_title(result.method) for result in results))
     table.add_row("lines used", "", *(str(result.lines) for result in results))
@@ -331,9 +336,23 @@ def fit_table(report: Report) -> Table:
                 *(plain(c.rms * IN_MICRO, 3) for c in turned),
             )
             table.add_row("inside, rotations", "points", *(_inside(c) for c in turned))
-    if report.equals_recorded:
-        table.add_row("same bits as recorded", "", *(_equality(report, r.method) for r in results))
+    if with_equality and report.equals_recorded:
+        table.add_row("same bits as recorded", "", *_equalities(report))
     return table
+
+
+def equality_table(report: Report) -> Table | None:
+    """Return of each method whether it gives the recorded result; None if none was recorded."""
+    if not report.equals_recorded:
+        return None
+    heads = (short_title(result.method) for result in report.ordered_results())
+    table = new_table("Solved again from the recording", "", *heads)
+    table.add_row("same bits as recorded", *_equalities(report))
+    return table
+
+
+def _equalities(report: Report) -> list[str]:
+    return [_equality(report, result.method) for result in report.ordered_results()]
 
 
 def _reduced_chi_squared(result: VolumetricErrors) -> str:

@@ -8,14 +8,22 @@ from stepdiag_ros.evaluation.report import short_title
 from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.forward import AXES_OF
-from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    ROTATIONS,
+    SQUARENESS,
+    TRANSLATIONS,
+    Vector,
+    moving_axis,
+)
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.supervision import HEARTBEAT
-from stepdiag_ros.text.numbers import UNKNOWN, plus_minus
+from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
 from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
 from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
@@ -24,6 +32,8 @@ from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
 _MOST_FAULTS = 40
 """Faults that are listed; more are counted."""
+_NO_ERROR = {"text": UNKNOWN, "value": None, "where": "", "curve": "", "limit": False}
+"""Headline before any error is determined."""
 
 
 class _ResultSection(PageSection):
@@ -164,6 +174,65 @@ def _known(values: Vector | None, spread: Vector | None) -> str:
     if np.all(known):
         return "all"
     return "part" if np.any(known & (spread != 0.0)) else "none"
+
+
+class WorstSection(_ResultSection):
+    """The largest error so far: in the volume, or of a single curve while others are unknown."""
+
+    name: ClassVar[str] = "worst"
+
+    def begin(self, run: RunBegin | None) -> None:
+        """Forget all results, and take up the machine of a run."""
+        super().begin(run)
+        self._chain = run.chain if run else ""
+
+    def document(self) -> dict[str, Any]:
+        """Return its size with U (95 %), where it is, and the curve if it is of one alone.
+
+        ``limit``: U is what it cannot exceed, however the errors of the curves are correlated.
+        """
+        result = self.result
+        if result is None:
+            return _NO_ERROR
+        return self._in_volume(result) or self._of_one_curve(result)
+
+    def _in_volume(self, result: VolumetricErrors) -> dict[str, Any] | None:
+        turns = any(name in ROTATIONS for name in result.curves)
+        if not result.curves or (turns and not self._chain):
+            return None
+        found = of_result(result, self._chain)
+        if not np.isfinite(found.value):
+            return None
+        places = (
+            f"{letter} {plain(place * IN_MILLI, 1)}"
+            for letter, place in zip(AXES, found.position, strict=True)
+        )
+        # A message holds no covariance; without it the uncertainties of the curves give a limit.
+        limited = not np.isfinite(found.standard_uncertainty)
+        spread = found.uncertainty_limit if limited else found.standard_uncertainty
+        return {
+            "text": micrometres(found.value, spread),
+            "value": drawn(found.value, IN_MICRO),
+            "where": f"{', '.join(places)} mm",
+            "curve": "",
+            "limit": limited,
+        }
+
+    def _of_one_curve(self, result: VolumetricErrors) -> dict[str, Any]:
+        known = {name: _farthest(result, name) for name in TRANSLATIONS}
+        found = {name: one for name, one in known.items() if one is not None}
+        if not found:
+            return _NO_ERROR
+        name = max(found, key=lambda one: abs(found[one].value))
+        worst = found[name]
+        place = float(result.nodes_of(name)[worst.node])
+        return {
+            "text": micrometres(worst.value, worst.standard_uncertainty),
+            "value": drawn(worst.value, IN_MICRO),
+            "where": f"{AXES[moving_axis(name)]} {plain(place * IN_MILLI, 1)} mm",
+            "curve": name,
+            "limit": False,
+        }
 
 
 class SquarenessSection(_ResultSection):

@@ -24,6 +24,7 @@ from stepdiag_ros.viewers.page.results import (
     FaultSection,
     SquarenessSection,
     VerdictSection,
+    WorstSection,
 )
 from stepdiag_ros.viewers.page.section import PageSection
 
@@ -36,6 +37,7 @@ SECTIONS: tuple[type[PageSection], ...] = (
     BeamSection,
     StopSection,
     BlockSection,
+    WorstSection,
     CurveSection,
     SquarenessSection,
     VerdictSection,

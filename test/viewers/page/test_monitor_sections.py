@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from results_by_hand import with_rotations
 
 from stepdiag_ros.evaluation.diagnosing import diagnose_lines
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.run.sequence import State as RunState
+from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said
 from stepdiag_ros.viewers.page.section import micrometres, time_left
@@ -218,6 +221,46 @@ def test_the_curves_are_those_of_the_result_to_rely_on(state, small_run):
         spread = result.standard_uncertainty[one["name"]] * 1.96e6
         np.testing.assert_allclose(one["uncertainty"], spread, rtol=1e-5)
         np.testing.assert_allclose(one["positions"], result.nodes["XYZ".index(one["axis"])] * 1e3)
+
+
+def test_the_headline_is_the_largest_error_of_the_volume_with_u_and_place(state, small_run):
+    assert state.document("worst")["text"] == "unknown"
+    result = small_run.results["least_squares"]
+    state.take(result)
+    told, found = state.document("worst"), of_result(result, small_run.begin.chain)
+    assert told["text"] == f"{plus_minus(found.value, found.standard_uncertainty, 1e6)} µm"
+    assert told["where"].startswith(f"X {found.position[0] * 1e3:.1f}, Y ")
+    assert not told["limit"] and told["curve"] == ""
+    # As it comes in a message, without the covariance.
+    state.take(replace(result, covariance=np.empty((0, 0))))
+    told = state.document("worst")
+    assert told["limit"]
+    assert told["text"] == f"{plus_minus(found.value, found.uncertainty_limit, 1e6)} µm"
+
+
+def test_the_headline_names_the_curve_while_the_volume_is_unknown(state, small_run):
+    result = small_run.results["least_squares"]
+    known = dict(result.curves, E_ZZ=np.full(4, np.nan))
+    state.take(replace(result, curves=known))
+    told = state.document("worst")
+    largest = max(
+        (name for name in TRANSLATIONS if name != "E_ZZ"),
+        key=lambda name: np.max(np.abs(result.curves[name])),
+    )
+    assert told["curve"] == largest
+    node = int(np.argmax(np.abs(result.curves[largest])))
+    assert told["value"] == pytest.approx(result.curves[largest][node] * 1e6, rel=1e-5)
+    place = result.nodes_of(largest)[node] * 1e3
+    assert told["where"] == f"{largest[3]} {place:.1f} mm"
+
+
+def test_a_result_with_rotations_of_an_unknown_machine_has_a_headline_all_the_same(
+    state, small_run
+):
+    state.take(replace(small_run.begin, run_id="another", chain=""))
+    turning = with_rotations(small_run.results["least_squares"], unknown=())
+    state.take(turning)
+    assert state.document("worst")["curve"] in TRANSLATIONS
 
 
 def test_curves_that_are_not_known_are_null_and_not_zero(state, small_run):

@@ -16,6 +16,7 @@ KEPT = (
     topics.BLOCK,
     topics.VOLUMETRIC_ERRORS,
     topics.DIAGNOSIS,
+    topics.RUN_DESCRIPTION,
     topics.RUN_STATE,
     *(topic for topic, _ in topics.WEATHER.values()),
 )

@@ -11,14 +11,16 @@ import pytest
 from patience import PATIENCE
 
 from stepdiag_ros import topics
+from stepdiag_ros.configuration import chain_from_text
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.viewers.page.measured import micrometres
 from stepdiag_ros.viewers.page.section import measured
 
-RESULTS = ("curves", "squareness", "verdict", "volume")
+RESULTS = ("headline", "curves", "squareness", "verdict", "volume")
 
 
 def text(page, selector):
@@ -120,10 +122,17 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
         wanted = f"{plus_minus(figure.value, figure.standard_uncertainty, 1e6)} µm/m"
         shows(f"#squareness-list [data-name={name}]", wanted)
 
+    chain = chain_from_text(cell.last(topics.RUN_DESCRIPTION).machine, "machine of the run")
+    worst = of_result(result, chain)
+    shows("#worst-what", "Worst error so far")
+    shows("#worst-text", f"{plus_minus(worst.value, worst.uncertainty_limit, 1e6)} µm")
+    shows("#worst-where", f"at X {worst.position[0] * 1e3:.1f}, Y ", exactly=False)
+
     diagnosis = cell.last(topics.DIAGNOSIS, run_over=True)
     lines = f"{diagnosis.lines} of {diagnosis.lines_planned} lines"
     shows("#verdict-lines", lines)
     shows("#verdict-word", diagnosis.verdict)
+    shows("#headline-verdict", diagnosis.verdict)
     shows("#verdict-sentence", diagnosis.sentence)
     shows("#verdict-gap [data-name=rms]", micrometres(diagnosis.rms_before))
 
@@ -172,6 +181,22 @@ def test_who_comes_late_sees_the_same_and_leads_nothing_without_the_token(cell, 
     assert refused == 403 and cell.state() is State.FINISHED
     pages.errors = [one for one in pages.errors if "403" not in one]
     late.context.close()
+
+
+def test_on_a_wide_screen_the_curves_are_above_the_fold_and_every_card_is_filled(cell, pages):
+    wide = pages.open(cell.url.partition("#")[0], width=1400)
+    cell.wait(lambda: wide.locator(".curve canvas").count() == 9, "the curves are drawn")
+    bottom = "document.getElementById('curves').getBoundingClientRect().bottom"
+    cell.wait(lambda: wide.evaluate(bottom) <= 900, "the curves end above the fold")
+    filled = wide.evaluate(
+        "Object.fromEntries([...document.querySelectorAll('main section')].map(card => {"
+        " const whole = card.getBoundingClientRect();"
+        " const ends = [...card.children].map(one => one.getBoundingClientRect().bottom);"
+        " return [card.id, (Math.max(...ends) - whole.top) / whole.height]; }))"
+    )
+    assert len(filled) == 10
+    assert min(filled.values()) > 0.85, filled
+    wide.context.close()
 
 
 def test_a_bag_is_played_as_the_run_was_seen(cell, page, pages, replay):

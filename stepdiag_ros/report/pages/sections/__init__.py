@@ -21,7 +21,7 @@ def sections() -> tuple[ReportSection, ...]:
             says which and of which package.
     """
     found = with_added(of_modules(__name__, "SECTION"), ENTRY_POINTS, "section", _fault)
-    return tuple(sorted(found.values(), key=lambda one: one.order))
+    return tuple(sorted(found.values(), key=lambda one: (one.about_software, one.order)))
 
 
 def _fault(section: object) -> str:

@@ -12,8 +12,11 @@ from stepdiag_ros.report.documents.positioning import positioning_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
-from stepdiag_ros.report.tables.positioning import parameter_table, target_table
+from stepdiag_ros.report.tables.positioning import parameters_table, target_table
 from stepdiag_ros.words.positioning import decimals_of, sentences
+
+_MOST_COLUMNS = 4
+"""Axes in one table; further ones have a table of their own."""
 
 
 def _tell(material: Material) -> SectionContent | str:
@@ -24,25 +27,21 @@ def _tell(material: Material) -> SectionContent | str:
     if not tests:
         return "No axis was measured along its own line, as ISO 230-2 asks for."
     decimals = decimals_of(report.tests)
-    axes = [
-        {
-            "letter": test.name,
-            "parameters": replace(parameter_table(test, None, decimals), title=""),
-            "runs": f"{test.runs[0]} runs forward, {test.runs[1]} backward",
-            "standard": test.standard,
-            "targets": [target_table(test, decimals)],
-            "picture": f"axis_{number}",
-        }
-        for number, test in enumerate(tests)
-    ]
-    drawings = {
-        f"axis_{number}": Drawing(
-            "iso230_2", (test,), f"{test.standard}, axis {test.name}.", {"title": ""}
-        )
-        for number, test in enumerate(tests)
-    }
+    several = [tests[at : at + _MOST_COLUMNS] for at in range(0, len(tests), _MOST_COLUMNS)]
+    drawing = Drawing(
+        "iso230_2_graphs",
+        (tests,),
+        f"{tests[0].standard}: deviation of the mean of each direction, ±2 s; 0 at the first"
+        " target.",
+        {"title": ""},
+    )
     return SectionContent(
-        {"axes": axes, "sentences": [*_general(report), *remarks_of(tests)]}, drawings
+        {
+            "parameters": [parameters_table(some, decimals) for some in several],
+            "targets": [target_table(test, decimals) for test in tests],
+            "sentences": [*_general(report), *remarks_of(tests)],
+        },
+        {"axes": drawing},
     )
 
 

@@ -6,7 +6,6 @@ from stepdiag_ros.evaluation.report import (
     Report,
     frame_sentences,
     method_title,
-    robust_to_setup,
     short_title,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -19,7 +18,7 @@ from stepdiag_ros.text.numbers import OF_READINGS
 from stepdiag_ros.text.table import with_rows
 
 _BESIDE = ("conventional", "setup_robust")
-"""Methods that are drawn beside the one to rely on."""
+"""Methods that are drawn beside each other."""
 
 
 def _tell(material: Material) -> SectionContent | str:
@@ -32,14 +31,12 @@ def _tell(material: Material) -> SectionContent | str:
         reasons = [f"{', '.join(names)}: {why}." for why, names in methods.items()]
         return " ".join(["The measured lines are not enough for any method.", *reasons])
     results = report.ordered_results()
-    robust = [one for one in robust_to_setup(results) if one is not preferred]
-    shown = [*(one for one in robust if one.method in _BESIDE), preferred]
     drawings = {
         "curves": Drawing(
             "error_curves",
-            (shown,),
-            f"Error curves by {' and '.join(short_title(one.method) for one in shown)}; bands: 95 %"
-            f"{'; dotted: the truth of the simulated machine' if report.truth else ''}.",
+            (preferred,),
+            f"Error curves by {short_title(preferred.method)}; bands: 95 %"
+            f"{'; dotted: the true errors of the simulated machine' if report.truth else ''}.",
             {"title": "", "truth": report.truth},
         )
     }
@@ -55,7 +52,7 @@ def _tell(material: Material) -> SectionContent | str:
         )
     tables = [
         *translation_tables(report),
-        fit_table(report),
+        fit_table(report, with_equality=False),
     ]
     return SectionContent(
         {

@@ -114,6 +114,19 @@ def _run_facts(material: Material) -> list[Fact]:
     return [Fact(name, text) for name, text in facts if text]
 
 
+def condition_facts(material: Material) -> list[Fact]:
+    """Return machine, instrument, box, time and weather for the summary."""
+    wanted = ("Machine", "Machine number", "Place", "Instrument", "Begun", "Duration")
+    facts = [one for one in _run_facts(material) if one.name in wanted]
+    facts += [one for one in _plan_facts(material) if one.name in ("Measured box", "Lines")]
+    for name, (mean, low, high, _) in _weather_figures(material).items():
+        words, unit, factor, decimals = _WEATHER[name]
+        shown = [plain(value * factor, decimals) for value in (mean, low, high)]
+        text = f"{shown[0]} {unit} ({shown[1]} to {shown[2]})"
+        facts.append(Fact(f"{words[:1].upper()}{words[1:]}", text))
+    return facts if material.weather else [*facts, Fact("Weather", material.why_not("weather"))]
+
+
 def _plan_facts(material: Material) -> list[Fact]:
     plan = material.recorded.plan
     volume = plan.volume

@@ -24,7 +24,7 @@ def _tell(material: Material) -> SectionContent | str:
     said = [
         f"By the GUM (JCGM 100), {method_title(budget.method)}, with all correlations. Each number"
         " is what one source alone would do to the result; they add in squares. Sources that are"
-        " not known, or do not act, are in the list of the inputs alone.",
+        " not known, do not act, or round to zero, are in the list of the inputs alone.",
         f"Laser, air, material and setup: as described in {known}."
         if known
         else "Nothing was told of laser, air, material and setup (--instrument), so only what the"
@@ -55,11 +55,18 @@ def _tell(material: Material) -> SectionContent | str:
 
 
 def _without_idle_rows(view: Table) -> Table:
-    """Return a table without the sources that are not known, or act on nothing in it."""
-    idle = {UNKNOWN, "-"}
-    kept = [number for number, row in enumerate(view.rows) if not set(row[1:]) <= idle]
+    """Return a table without the sources that are not known, or act on nothing that it shows."""
+    kept = [
+        number
+        for number, row in enumerate(view.rows)
+        if not all(cell in (UNKNOWN, "-") or _rounds_to_zero(cell) for cell in row[1:])
+    ]
     ends = {place for place, number in enumerate(kept) if number in view.section_ends}
     return replace(view, rows=[view.rows[number] for number in kept], section_ends=ends)
+
+
+def _rounds_to_zero(cell: str) -> bool:
+    return set(cell) <= set("0.")
 
 
 def _document(material: Material) -> dict[str, Any] | None:

@@ -52,6 +52,7 @@ function run(told) {
   at("run-progress").hidden = told.share == null;
   say("run-stops", told.stops_total ? `${told.stops_done} of ${told.stops_total} stops` : "");
   say("run-remaining", told.remaining || "–");
+  say("headline-remaining", told.remaining || "–");
   say("run-line", told.line ? `${told.line} (${told.line_number} of ${told.line_count})` : "–");
   const block = told.block_count ? `block ${told.block} of ${told.block_count}, ` : "";
   const where = `${block}stop ${told.stop} of ${told.stop_count - 1}`;
@@ -135,10 +136,18 @@ function squareness(told) {
   pairs("squareness-list", told.figures.map((one) => [`${one.name}, ${one.words}`, one.text, one.name]));
 }
 
+function worst(told) {
+  const which = told.curve ? `Largest value of ${told.curve} so far` : "Worst error so far";
+  say("worst-what", which);
+  say("worst-text", told.text);
+  say("worst-where", told.where && `(${told.limit ? "U at most, " : "U, "}95 %) at ${told.where}`);
+}
+
 const VERDICTS = { CONSISTENT: "good", NAMED: "care", AMBIGUOUS: "care", UNEXPLAINED: "bad" };
 
 function verdict(told) {
   badge("verdict-word", told.verdict ?? "", VERDICTS[told.verdict] ?? "");
+  badge("headline-verdict", told.verdict ?? "no verdict yet", VERDICTS[told.verdict] ?? "");
   say("verdict-sentence", told.sentence);
   if (told.verdict == null) {
     for (const id of ["verdict-gap", "verdict-findings"]) at(id).replaceChildren();
@@ -158,6 +167,6 @@ function weather(told) {
 }
 
 export const SECTIONS = {
-  run, faults, volume: drawVolume, progress, position, beam, stop, blocks, curves, squareness,
-  verdict, weather,
+  run, faults, volume: drawVolume, progress, position, beam, stop, blocks, worst, curves,
+  squareness, verdict, weather,
 };

@@ -1,0 +1,103 @@
+"""The summary that a customer signs: the worst place, errors, conformity, conditions."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.metrology.forward import AXES_OF
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, judge
+from stepdiag_ros.report.pages.material import Material
+from stepdiag_ros.report.pages.page import Chapter, Fact, chapter
+from stepdiag_ros.report.pages.pictures import Drawing, Drawn
+from stepdiag_ros.report.pages.section import SectionContent
+from stepdiag_ros.report.pages.sections.measurement import condition_facts
+from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
+from stepdiag_ros.text.table import Table, new_table
+
+KEY = "summary"
+_DECISIONS = {
+    KEEPS: "the machine conforms",
+    EXCEEDS: "the machine does not conform",
+    OPEN: "no decision is possible",
+    NOT_ASKED: "not asked",
+}
+_SIGNED_BY = ("Measured by", "Checked by", "Accepted for the customer by")
+
+
+def summary_of(material: Material) -> SectionContent:
+    """Return what the summary shows below its headline and sentences."""
+    preferred, accuracy = material.report.preferred(), material.accuracy
+    drawings = {}
+    if preferred is not None and accuracy is not None and math.isfinite(accuracy.value):
+        drawings["worst"] = Drawing(
+            "worst_error",
+            (preferred, material.report.chain),
+            "The measured volume with its largest error; each wall shows the largest error in"
+            " front of it.",
+            {"title": "", "expanded_uncertainty": material.expanded_uncertainty},
+        )
+    given = material.given
+    signed = dict(zip(_SIGNED_BY, (given.operator, "", given.customer), strict=True))
+    values: dict[str, Any] = {
+        "errors": _errors(material),
+        "conformity": _conformity(material),
+        "conditions": condition_facts(material),
+        "signed": signed,
+    }
+    return SectionContent(values, drawings)
+
+
+def summary_chapter(
+    content: SectionContent, pictures: Mapping[str, Drawn], for_print: bool
+) -> Chapter:
+    """Lay the summary out; ``pictures`` are its own by name."""
+    return chapter(KEY, "Summary", ["summary.html"], content.values, pictures, for_print)
+
+
+def _errors(material: Material) -> Table:
+    """Return all single errors, those that are not determined as unknown."""
+    table = new_table(
+        "Errors over the travel, peak to peak (ISO 230-1), U: 95 %",
+        "error",
+        "",
+        "value ± U / µm",
+        "as an angle ± U / µm/m",
+        "travel / mm",
+    )
+    table.columns[1].number = False
+    for one in material.single_errors:
+        known = math.isfinite(one.value)
+        size = with_expanded(one.value, one.expanded_uncertainty, IN_MICRO) if known else UNKNOWN
+        angle = ""
+        if one.name in AXES_OF and known:
+            per_metre = IN_MICRO / one.travel
+            angle = with_expanded(one.value, one.expanded_uncertainty, per_metre)
+        what = one.words.replace(f" {one.name}", "")
+        table.add_row(one.name, what, size, angle, f"{one.travel * IN_MILLI:.0f}")
+    return table
+
+
+def _conformity(material: Material) -> list[Fact]:
+    judged = judge(material)
+    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
+    bound = " at least" if judged.lower_bound else ""
+    asked = judged.verdict != NOT_ASKED
+    return [
+        Fact("Largest error allowed", judged.limit if asked else f"{UNKNOWN} (--tolerance)"),
+        Fact("Largest error ± U (95 %)", UNKNOWN if size == UNKNOWN else f"{size} µm{bound}"),
+        Fact(
+            "Decision rule",
+            "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is"
+            " beyond it",
+        ),
+        Fact("Decision", _DECISIONS[judged.verdict]),
+        Fact("Model and run", material.lead.verdict.name),
+        Fact("Method", _method(material)),
+    ]
+
+
+def _method(material: Material) -> str:
+    preferred = material.report.preferred()
+    return UNKNOWN if preferred is None else method_title(preferred.method)

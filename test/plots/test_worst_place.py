@@ -1,0 +1,58 @@
+"""The picture of the worst place: the arrow stands where the result says, and so do the walls."""
+
+import numpy as np
+from results_by_hand import make_result, with_unknown
+
+from stepdiag_ros import plots
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
+from stepdiag_ros.plots.space import project
+from stepdiag_ros.text.numbers import with_expanded
+
+
+def test_the_arrow_begins_at_the_worst_place_and_points_along_the_error():
+    result = make_result()
+    worst = of_result(result)
+    (panel,) = plots.worst_error(result).axes
+    (arrow,) = [one for one in panel.texts if getattr(one, "arrow_patch", None) is not None]
+    place, vector = np.array(worst.position), np.array(worst.vector)
+    np.testing.assert_allclose(arrow.xyann, project(place))
+    along = np.array(arrow.xy) - arrow.xyann
+    expected = project(place + vector) - project(place)
+    np.testing.assert_allclose(
+        along / np.linalg.norm(along), expected / np.linalg.norm(expected), atol=1e-9
+    )
+
+
+def test_each_wall_shows_the_longest_error_in_front_of_it():
+    result = make_result()
+    worst, error_map = of_result(result), VolumetricMap.of_result(result)
+    (panel,) = plots.worst_error(result).axes
+    walls = {one.get_label(): one for one in panel.collections if "wall" in one.get_label()}
+    assert set(walls) == {"wall X", "wall Y", "wall Z"}
+    nodes = error_map.nodes
+    grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3)
+    lengths = np.linalg.norm(error_map.errors(grid), axis=1).reshape([len(one) for one in nodes])
+    for axis, wall in enumerate(walls.values()):
+        seen = lengths.max(axis=axis)
+        cells = (seen[:-1, :-1] + seen[1:, :-1] + seen[1:, 1:] + seen[:-1, 1:]) / 4.0
+        np.testing.assert_allclose(wall.get_array(), cells.ravel())
+        assert wall.get_clim() == (0.0, worst.value)
+
+
+def test_size_uncertainty_and_place_stand_above_it():
+    result = make_result()
+    worst = of_result(result)
+    figure = plots.worst_error(result, expanded_uncertainty=2e-7)
+    said = [text.get_text() for text in figure.texts]
+    assert said[0] == f"Largest error: {with_expanded(worst.value, 2e-7, 1e6)} µm (95 %)"
+    assert said[1].startswith(f"at X {worst.position[0] * 1e3:.1f}, Y ")
+    assert plots.worst_error(with_unknown(result)) is None
+
+
+def test_letters_are_readable_where_it_is_600_pixels_wide():
+    figure = plots.worst_error(make_result())
+    (panel,) = figure.axes
+    words = [text for text in panel.texts if text.get_text()]
+    smallest = min(text.get_fontsize() for text in words)
+    assert smallest / 72.0 / figure.get_figwidth() * 600.0 >= 12.0
