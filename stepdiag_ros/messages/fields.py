@@ -1,6 +1,6 @@
 """Data classes whose fields a message has under the same names: carried over by their types.
 
-What a message has under another name, or in another form, is told beside the data class.
+What a message has under another name, or in another form, is listed beside the data class.
 """
 
 from collections.abc import Callable, Iterable
@@ -105,7 +105,7 @@ class Carried:
 
     Args:
         kind: the data class or named tuple.
-        parts: of its fields those that are no number, text, place or time of the same name.
+        parts: of its fields those that are not a number, text, place or time of the same name.
     """
 
     def __init__(self, kind: type, **parts: Part) -> None:
