@@ -2,7 +2,7 @@
 """The ``stepdiag`` command line.
 
 Exit codes: 0 done, 1 refused or failed (one sentence on standard error says why), 2 wrong usage,
-130 stopped with Ctrl-C, 141 whoever read the output has gone away.
+130 stopped with Ctrl-C, 141 the reader of the output has gone away.
 """
 
 import argparse

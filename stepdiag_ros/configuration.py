@@ -85,7 +85,7 @@ def read_text(path: Path) -> str:
     """Return the text of a file.
 
     Raises:
-        ValueError: it is not there, cannot be read or is no text; names the file.
+        ValueError: it is not there, cannot be read or is not text; names the file.
     """
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -135,12 +135,12 @@ def machine_from_text(text: str, source: str) -> "Machine":
 
 
 def chain_from_text(text: str, source: str) -> str:
-    """Return the order of the axes from workpiece to tool in a machine's YAML; empty if not told.
+    """Return the order of the axes from workpiece to tool in a machine's YAML; empty if not stated.
 
     The machine of an imported table holds only what its case file knew, so it may lack all else.
 
     Raises:
-        ValueError: the text is no YAML, or the chain is neither a text nor a list of texts.
+        ValueError: the text is not YAML, or the chain is neither a text nor a list of texts.
     """
     parsed = parse_yaml(text, source) if text else {}
     chain = parsed.get("chain", "") if isinstance(parsed, Mapping) else ""
@@ -154,7 +154,7 @@ def chain_from_text(text: str, source: str) -> str:
 
 
 def plausible_from_text(text: str, source: str) -> "Plausible":
-    """Return what a machine's YAML tells of the plausible size of its rotations.
+    """Return the plausible size of a machine's rotations by its YAML.
 
     Raises:
         ValueError: it is neither a class of machine nor a size; names the source and the key.
@@ -182,10 +182,10 @@ def cell_from_text(text: str, source: str) -> "SimulatedCell":
 
 
 def without_effects(cell_text: str, source: str) -> str:
-    """Return what a recorded run may tell of its simulated cell: all but the effects hidden in it.
+    """Return the part of a simulated cell that a run may reveal: all but the hidden effects.
 
     A text without effects comes back as it is. Of any other its comments are left out too, since
-    they may tell what is hidden; its SHA-256 says which file it was.
+    they may reveal what is hidden; its SHA-256 says which file it was.
 
     Args:
         cell_text: of the cell file; empty on a real machine.
@@ -276,7 +276,7 @@ def load_machine(name_or_path: str | Path) -> "tuple[Machine, str]":
 
 
 def load_cell(name_or_path: str | Path) -> "tuple[SimulatedCell, str]":
-    """Return a simulated cell (the truth of a simulated run), and the text; see ``load_plan``.
+    """Return a simulated cell (true errors of a simulated run), and the text; see ``load_plan``.
 
     Raises:
         ValueError: not found, not readable or wrong; one sentence with file and line or key.

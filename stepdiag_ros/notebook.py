@@ -5,7 +5,7 @@
     plots.error_curves(solve(run).preferred())
 
 These are the same functions that the commands call, so that a notebook and the command line say the
-same to the last bit. What cannot be done is refused in one sentence (``ValueError``).
+same bit for bit. What cannot be done is refused in one sentence (``ValueError``).
 """
 
 import warnings
@@ -58,8 +58,8 @@ def solve(
         run: that was opened.
         recorded_lines: take the lines as recorded; otherwise they are assembled again from the
             readings.
-        with_visibility: say of each error what these lines can tell of it.
-        direct: tables of what was measured directly, weighed in (``--direct``).
+        with_visibility: state for each error what these lines show of it.
+        direct: tables of errors measured directly, weighted in (``--direct``).
 
     Returns:
         The results by method, and what is known of the run; ``preferred()`` is the one to rely on.
@@ -88,7 +88,7 @@ def error_map(report: "Report", method: str = "") -> "VolumetricMap":
         method: that solved; empty: the one to rely on.
 
     Raises:
-        ValueError: there is no such result, or it does not tell the map.
+        ValueError: there is no such result, or it does not determine the map.
     """
     from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 

@@ -18,16 +18,16 @@ class Qos(Enum):
         depth: how many messages are kept, at least, for a slow subscriber (or, where it is
             transient local, for a late one).
         transient_local: a late subscriber receives what was published before it came.
-        repeated: what still holds is said again slowly, for late subscribers over a bridge.
+        repeated: messages that still hold are repeated slowly, for late subscribers over a bridge.
     """
 
     STREAM = (10, False, False)
-    """Many messages a second, none of which may be lost; the rate tells how many are kept."""
+    """Many messages a second, none of which may be lost; the rate determines how many are kept."""
     COMMAND = (100, False, False)
     """Single events; a late subscriber must not receive an old one."""
     EVENTS = (1000, True, False)
-    """What has happened, one thing after another. Whoever acts on it hears what happens from now
-    on; whoever looks on asks for what was before, too."""
+    """Events, one after another. A node that acts on them receives those from now on; a viewer also
+    requests the earlier ones."""
     LATCHED = (1, True, True)
     """What takes the place of all before: descriptions, states, whole pictures for viewers."""
     RESULTS = (20, True, True)
@@ -55,8 +55,9 @@ class Topic:
         conclusive: field of the message that is true in what follows from the recording alone; how
             many others come before it depends on the speed of the computer. Empty: all messages do.
         highest_rate: messages in a second, at most; no parameter of a node allows more.
-        newest_of_each: fields of the message that tell apart what holds side by side, such as the
-            results of several methods; empty where each message takes the place of the one before.
+        newest_of_each: fields of the message that distinguish messages that hold side by side, such
+            as the results of several methods; empty where each message takes the place of the one
+            before.
     """
 
     name: str

@@ -50,7 +50,7 @@ def _inside(bag: Path, attachment: Attachment) -> PurePosixPath:
     name = PurePosixPath(attachment.name.replace("\\", "/"))
     if name.is_absolute() or not name.parts or ".." in name.parts or "\0" in attachment.name:
         raise BagError(
-            f"{bag}: the attachment '{attachment.name}' has a name that is no file's",
+            f"{bag}: the attachment '{attachment.name}' has a name that is not a file name",
             fault="malformed",
         )
     return name

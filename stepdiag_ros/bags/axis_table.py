@@ -47,7 +47,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
             raise refusal(
                 row.source,
                 row.row,
-                f"target {target:g} mm is there twice in the {direction} run of cycle"
+                f"target {target:g} mm appears twice in the {direction} run of cycle"
                 f" {row.text('cycle')}",
                 fault="twice",
             )
@@ -59,7 +59,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                 if target not in run:
                     raise TableError(
                         f"{path}: the {direction} run of cycle {cycle} has no target"
-                        f" {target:g} mm; complete it or leave the run out",
+                        f" {target:g} mm; complete the run or leave it out",
                         fault="missing",
                     )
 

@@ -113,7 +113,7 @@ class Bag(ABC):
 
     @abstractmethod
     def flaws(self) -> tuple[Flaw, ...]:
-        """Say what the counts of the recording tell to be missing, doubled or out of order.
+        """Return what is missing, doubled or out of order by the counts of the recording.
 
         Raises:
             BagCorruptError: a chunk's checksum is wrong; the text names the offset.
@@ -138,9 +138,9 @@ class Bag(ABC):
         """Go through the recorded messages, each once; see ``flaws``.
 
         Args:
-            order: ``file``: as they were written, or by log time where the numbers of the messages
-                tell that they do not stand as they were written; ``time``: by log time, equal times
-                as written.
+            order: ``file``: as they were written, or by log time where the numbers of the
+                messages show another order than the one they were written in; ``time``: by log
+                time, equal times as written.
             topics: full names of the wanted topics; all if None.
             start: first log time, ns.
             end: last log time, ns.

@@ -31,13 +31,13 @@ FACTS = (
     "compensation_state",
     SIMULATED_CELL,
 )
-"""What a file may tell in words of a measurement."""
+"""Facts about a measurement that a case file may state in words."""
 _TOLD_BY = "as told by "
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a case file tells; whatever it does not tell stays unknown.
+    """Contents of a case file; whatever it does not state stays unknown.
 
     Attributes:
         chain: order of the axes from workpiece to tool, for example YXZ; empty if unknown.
@@ -48,7 +48,7 @@ class Case:
         reading_noise: standard deviation of one reading, m; NaN if unknown.
         mirror_on: ``tool`` or ``workpiece``; empty if unknown.
         laser_on: ``workpiece`` or ``tool``; empty if unknown.
-        plan: keys of a plan file that the case file tells (``COURSE_KEYS``), as they stand in it.
+        plan: keys of a plan file that the case file states (``COURSE_KEYS``), unchanged.
         facts: machine, instrument, serial numbers … in words (``FACTS``).
         text: of the file; empty if there was none.
         source: what the user calls the file.
@@ -86,7 +86,7 @@ class Case:
         return _yaml({**known, **self._optical()})
 
     def case_text(self) -> str:
-        """Return the YAML text of a case file that tells the same."""
+        """Return the YAML text of an equivalent case file."""
         told: dict[str, Any] = {"units": UNITS}
         if self.chain:
             told["chain"] = list(self.chain)
@@ -176,7 +176,7 @@ def facts_of(top: Section) -> dict[str, str]:
     """Return the facts in a section ``facts``, as texts: those of ``FACTS`` that are there.
 
     Raises:
-        ValueError: another fact is there, or one is no text.
+        ValueError: another fact is there, or one is not text.
     """
     section = top.section("facts")
     made = {}

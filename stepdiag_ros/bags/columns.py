@@ -1,6 +1,6 @@
 """Many messages of one type at once: their numbers as columns.
 
-Decoding each message alone takes most of the time of whoever reads a bag. Messages that hold
+Decoding each message alone takes most of the time of reading a bag. Messages that hold
 nothing but numbers and the same texts have their numbers at the same places, so that an array over
 their bytes is all the decoding that they need.
 """
@@ -53,7 +53,7 @@ class _Form:
     Attributes:
         numbers: names of the numbers.
         texts: names of what must be the same in all messages: texts and their lengths, and the
-            encapsulation, which tells the byte order.
+            encapsulation, which states the byte order.
     """
 
     def __init__(self, types: MessageTypes, example: bytes) -> None:

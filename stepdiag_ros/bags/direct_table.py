@@ -26,9 +26,9 @@ def load_direct(paths: Sequence[str | Path]) -> DirectMeasurement | None:
         source = read_source(path)
         if renishaw_rtl.recognises(source):
             raise TableError(
-                f"{source.name} is a file of Renishaw's laser software, which does not tell which"
-                " error it holds, in which unit and how certain: make a table of it by"
-                f" 'stepdiag direct {source.name} --curve E_BX --unit arcsec --uncertainty 0.2'",
+                f"{source.name} is a file of Renishaw's laser software. It does not state the"
+                " error, unit or uncertainty of its values: convert it to a table with 'stepdiag"
+                f" direct {source.name} --curve E_BX --unit arcsec --uncertainty 0.2'",
                 fault="wrong_kind",
             )
         part = read_direct(source.text().text, source.name)

@@ -90,7 +90,7 @@ def export_bag(
         ValueError: the format is unknown.
     """
     if format not in ("csv", "parquet"):
-        raise Refusal(f"'{format}' is no format of tables; use csv or parquet", fault="unknown")
+        raise Refusal(f"'{format}' is not a format of tables; use csv or parquet", fault="unknown")
     if format == "parquet" and importlib.util.find_spec("pyarrow") is None:
         raise BagError(
             "Parquet needs pyarrow, which is not installed: pip install pyarrow, or use csv",
@@ -205,7 +205,7 @@ def _lines_table(run: RecordedRun) -> ExportedTable:
 def _own_columns(kind: type, told: Sequence[str]) -> dict[str, str]:
     """Return a column for each further field of a data class: its name with the unit → the field.
 
-    Fields that are no single number or text need columns of their own, named in the table.
+    Fields that are not a single number or text need columns of their own, named in the table.
 
     Args:
         kind: the data class.

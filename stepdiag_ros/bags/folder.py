@@ -143,7 +143,7 @@ def _files(folder: Path) -> list[Path]:
         found = [file for file in folder.iterdir() if file.name.endswith(SUFFIXES)]
         if not found:
             raise BagError(
-                f"{folder} is no bag: there is neither {METADATA_FILE} nor an MCAP file",
+                f"{folder} is not a bag: there is neither {METADATA_FILE} nor an MCAP file",
                 fault="wrong_kind",
             )
         stems = {re.sub(r"(_\d+)?\.mcap(\.zstd)?$", "", file.name) for file in found}
@@ -181,7 +181,7 @@ def _told(description: Path) -> dict[str, Any]:
     told = parsed.get("rosbag2_bagfile_information") if isinstance(parsed, dict) else None
     if not isinstance(told, dict):
         raise BagError(
-            f"{description} is no description of a bag of ros2 bag record", fault="malformed"
+            f"{description} is not a description of a bag of ros2 bag record", fault="malformed"
         )
     return told
 

@@ -2,7 +2,7 @@
 
 The stops that are found (``metrology.by_hand``) are written as a run like any other: plan,
 readings, commands, words on commands, stops, blocks, lines and a last state. The commands have no
-feed, because nobody has given them, and no place of the machine is told, because nobody knows it.
+feed, because nobody has given them, and no position of the machine, because it is unknown.
 The plan is that of the measurement but for ``longest_wait_s``, for no machine waited.
 """
 
@@ -115,7 +115,7 @@ def measure_by_hand(
     Args:
         plan: of the measurement.
         plan_text: YAML of it; used for its lines and times, ``longest_wait_s`` is replaced.
-        machine_text: YAML of the machine; empty to take what the recordings tell.
+        machine_text: YAML of the machine; empty to take what the recordings state.
         recordings: in order of measurement, one after another in time.
         lines: for each recording the lines of the plan that it is to hold.
 
@@ -155,7 +155,7 @@ def lines_of_recordings(plan: Plan, count: int) -> list[list[int]]:
     One recording holds all of them; as many as there are setups, or lines, one of these each.
 
     Raises:
-        ValueError: the number of recordings does not tell it.
+        ValueError: the number of recordings does not determine it.
     """
     every = list(range(len(plan.lines)))
     if count == 1:

@@ -9,7 +9,7 @@ MACHINE = "machine.yaml"
 SIMULATED_CELL = "simulated_cell.yaml"
 PARAMETERS = "parameters.yaml"
 FACT = "source: "
-"""In front of what the source of an imported bag tells in words, among the bag's facts."""
+"""Prefix of the facts of a bag that the source of an imported bag states in words."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class RunHeader:
     further: tuple[Attachment, ...] = ()
 
     def told_by_source(self) -> dict[str, str]:
-        """Return what the source of an imported bag tells in words: name → text."""
+        """Return the facts that the source of an imported bag states in words: name → text."""
         return {
             name.removeprefix(FACT): text
             for name, text in self.facts.items()
@@ -98,7 +98,7 @@ class RunHeader:
         """Put the header together again from a bag's metadata record and attachments.
 
         Raises:
-            ValueError: a number of the metadata is none, or an attached text is no text.
+            ValueError: a number of the metadata is malformed, or an attached text is not text.
         """
         rest = dict(metadata)
         files = {attachment.name: attachment for attachment in attachments}

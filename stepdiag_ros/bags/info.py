@@ -72,18 +72,19 @@ class BagInfo:
         path: of the file.
         size: bytes.
         complete: the file has its end.
-        intact: every checksum is right; None if that cannot be said of a file without its end.
+        intact: every checksum is right; None if unknown because the file has no end.
         problem: what is wrong, and what to do; empty if nothing is.
         header: identity of the run; None if the bag has none.
         runs: what is known of each run in the bag, in the order of their starts.
         start_time: first log time, ns.
         end_time: last log time, ns.
         topics: full name → type and number of messages.
-        repetitions: messages that were said again for late listeners and count once elsewhere.
+        repetitions: messages that were published again for late subscribers and count once
+            elsewhere.
         lines: finished lines, in words, in the order of measurement.
-        diagnosis: what the last diagnosis beside the run says, in words; empty if there is none.
+        diagnosis: what the last diagnosis beside the run says, in words; empty without a diagnosis.
         flaws: what is wrong with the recording: missing, doubled, out of order.
-        seal: beside the bag; None if there is none.
+        seal: beside the bag; None without a seal.
         gaps: in the sequence of the readings.
         samples: namespace → what is there of the samples of its interferometer, where it has sent
             any.
@@ -163,11 +164,11 @@ class BagInfo:
 
 
 def bag_info(path: str | Path, run_id: str | None = None) -> BagInfo:
-    """Summarise a bag; a cut or damaged one is summarised as far as that is said in ``problem``.
+    """Summarise a bag; a cut or damaged one is summarised as far as ``problem`` states.
 
     Args:
         path: the bag.
-        run_id: tell lines and diagnosis of this run only; of all if None.
+        run_id: list lines and diagnosis of this run only; of all if None.
 
     Raises:
         BagError: the file is not there or no MCAP file, or it does not hold that run.
@@ -199,7 +200,7 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     try:
         info.header = bag.header
     except BagError:
-        info.header = None  # recorded by something else, which is no fault
+        info.header = None  # recorded by something else, which is not a fault
     info.runs = _runs_of(bag)
     if run_id is not None and run_id not in [run.run_id for run in info.runs]:
         raise BagError(
@@ -248,7 +249,7 @@ def _add_timing(info: BagInfo, run_id: str | None) -> None:
     try:
         run = load_run(info.path, run_id)
     except BagError:
-        return  # of a newer version, for example, which is no fault
+        return  # of a newer version, for example, which is not a fault
     info.timing, info.settle = timing_of(run), run.plan.sampling.settle
 
 

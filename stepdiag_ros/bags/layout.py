@@ -1,7 +1,7 @@
 """How the bytes of an MCAP file are framed, and whether they are those that were written.
 
 A record is one byte of opcode, eight bytes of length and a body (mcap.dev/spec). The MCAP library's
-own readers neither tell where a file is damaged nor go on behind the damage; recovery and exact
+own readers neither report where a file is damaged nor go on behind the damage; recovery and exact
 error messages need both, so the frame is walked here and only the bodies are left to the library.
 """
 
@@ -79,7 +79,7 @@ def record_at(data: Any, offset: int) -> RawRecord:
     """Return the record that begins at an offset of the file's bytes.
 
     Raises:
-        Torn: there is none, or it ends behind the end of the file.
+        Torn: there is no record, or it ends behind the end of the file.
     """
     if offset + FRAME > len(data):
         raise Torn(offset)
@@ -221,7 +221,7 @@ def attachment_of(body: bytes) -> Attachment:
 def chunk_times(data: Any, record: RawRecord) -> tuple[int, int]:
     """Return the first and the last log time of a chunk, ns, from its head; raises ``Damaged``."""
     if record.end - record.offset < FRAME + _CHUNK_HEAD.size:
-        raise Damaged("a chunk without a head")
+        raise Damaged("a chunk lacks its header")
     first, last = struct.unpack_from("<QQ", data, record.offset + FRAME)
     return int(first), int(last)
 
@@ -245,7 +245,7 @@ def chunk_content(body: bytes) -> bytes:
 
 
 def chunk_size(data: Any, record: RawRecord) -> int:
-    """Return the size that a chunk's head tells of its content, bytes."""
+    """Return the size of a chunk's content by its head, bytes."""
     return int(_CHUNK_HEAD.unpack_from(data, record.offset + FRAME)[2])
 
 
@@ -261,11 +261,11 @@ def _bound(chunk: Chunk) -> None:
     except zstandard.ZstdError as error:
         raise Damaged(str(error)) from None
     if max(sizes) > LARGEST_CHUNK:
-        raise Damaged(f"a chunk of {max(sizes)} bytes; at most {LARGEST_CHUNK} are taken in")
+        raise Damaged(f"a chunk of {max(sizes)} bytes; at most {LARGEST_CHUNK} are accepted")
 
 
 def chunk_definitions(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Go through what is no message in a chunk: opcode and body of each; raises ``Damaged``."""
+    """Go through what is not a message in a chunk: opcode and body of each; raises ``Damaged``."""
     position, size = 0, len(content)
     while position < size:
         if position + FRAME > size:
@@ -321,7 +321,7 @@ def _messages(
     found: list[tuple[MessageHead, int, int]] = []
     message, head_size = int(Opcode.MESSAGE), _MESSAGE.size
     framed_at, put = _FRAMED_MESSAGE.unpack_from, found.append
-    # Behind a last record that is no message there must be something to unpack as a head.
+    # Behind a last record that is not a message there must be something to unpack as a head.
     padded = content + bytes(head_size)
     position, size = 0, len(content)
     try:
@@ -382,7 +382,7 @@ def _looks_like_chunk(data: Any, record: RawRecord) -> bool:
 
 
 def indexed_messages(data: Any, record: RawRecord) -> int:
-    """Return how many messages a message index record lists; 0 if it is too short to tell."""
+    """Return how many messages a message index record lists; 0 if it is too short."""
     if record.end - record.offset < FRAME + 6:
         return 0
     (size,) = struct.unpack_from("<I", data, record.offset + FRAME + 2)

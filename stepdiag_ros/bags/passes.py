@@ -18,7 +18,7 @@ _STATES = {
 
 @dataclass(frozen=True)
 class TakenLine:
-    """How many passes of a line were planned, are there, are complete; stops; lines begun anew."""
+    """Counts of a line: passes, complete passes, stops, restarts."""
 
     name: str
     planned: int
@@ -37,7 +37,7 @@ class Completeness:
         planned: passes of the plan (or its stops, see ``unit``).
         complete: passes of which every stop has a value (or stops that have one).
         missing: lines of which a pass is not complete, in the order of the plan.
-        end: how the run ended, in words; empty where the recording does not tell.
+        end: how the run ended, in words; empty if the recording does not state it.
         unit: what is counted: ``passes`` or ``stops``.
     """
 

@@ -45,7 +45,7 @@ def stamp_of(cdr: bytes) -> int:
     """Return the time in ns of the std_msgs/Header that a message begins with.
 
     Raises:
-        ValueError: the bytes are no such message.
+        ValueError: the bytes are not a message of this type.
     """
     seconds, nanoseconds, _ = _read(_STAMP[_order(cdr)], cdr, _ENCAPSULATION)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
@@ -55,7 +55,7 @@ def head_of(cdr: bytes) -> Head:
     """Return header time and sequence number of an InterferometerReading.
 
     Raises:
-        ValueError: the bytes are no such message.
+        ValueError: the bytes are not a message of this type.
     """
     order = _order(cdr)
     (sequence,) = _read(_NUMBER[order], cdr, _behind_header(cdr, order))
@@ -66,7 +66,7 @@ def block_head_of(cdr: bytes) -> BlockHead:
     """Return header time, first sequence number and number of an InterferometerSamples.
 
     Raises:
-        ValueError: the bytes are no such message.
+        ValueError: the bytes are not a message of this type.
     """
     order = _order(cdr)
     begin = _behind_header(cdr, order)
@@ -87,7 +87,7 @@ def _read(layout: struct.Struct, cdr: bytes, place: int) -> tuple[int, ...]:
     try:
         return layout.unpack_from(cdr, place)
     except struct.error as error:
-        raise ValueError(f"{len(cdr)} bytes are no such message: {error}") from None
+        raise ValueError(f"{len(cdr)} bytes are not a message of this type: {error}") from None
 
 
 def _order(cdr: bytes) -> str:

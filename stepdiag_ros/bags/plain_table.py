@@ -36,7 +36,7 @@ class PlainRow:
         return self._cells[column]
 
     def number(self, column: str) -> float:
-        """Return the number in a cell; raises ``TableError`` if it is none or not finite."""
+        """Return the number in a cell; raises ``TableError`` if it is not a finite number."""
         try:
             value = float(self._cells[column])
         except ValueError:
@@ -49,7 +49,7 @@ class PlainRow:
         return value
 
     def whole(self, column: str) -> int:
-        """Return the whole number from 0 in a cell; raises ``TableError`` if it is none."""
+        """Return the whole number from 0 in a cell; raises ``TableError`` for another text."""
         if not (self._cells[column].isascii() and self._cells[column].isdigit()):
             raise self.wrong(column, "a whole number from 0", fault="malformed")
         return int(self._cells[column])
@@ -100,10 +100,10 @@ def read_rows(
             )
             rows.append(PlainRow(source, reader.line_num, named))
     except csv.Error as error:
-        raise refusal(source, reader.line_num, f"this is no CSV ({error})") from None
+        raise refusal(source, reader.line_num, f"this is not CSV ({error})") from None
     if not rows:
         raise TableError(
-            f"{source} has no rows; there is nothing measured in it", fault="too_few", aspect="row"
+            f"{source} has no rows, so it contains no measurement", fault="too_few", aspect="row"
         )
     return rows
 

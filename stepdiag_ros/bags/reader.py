@@ -37,7 +37,7 @@ def map_file(path: Path) -> mmap.mmap:
     """Map a file's bytes for reading; one that is compressed by zstd is decompressed.
 
     Raises:
-        BagError: it is not there, cannot be read, is empty or is no MCAP file.
+        BagError: it is not there, cannot be read, is empty or is not an MCAP file.
     """
     try:
         with path.open("rb") as file:
@@ -54,7 +54,7 @@ def map_file(path: Path) -> mmap.mmap:
         raise BagError(f"{path} cannot be read: {error.strerror}") from None
     if data[: len(layout.MAGIC)] != layout.MAGIC:
         data.close()
-        raise BagError(f"{path} is no MCAP file", fault="wrong_kind")
+        raise BagError(f"{path} is not an MCAP file", fault="wrong_kind")
     return data
 
 
@@ -76,7 +76,7 @@ def _decompressed(path: Path) -> mmap.mmap:
             ) from None
         target.flush()
         if target.tell() == 0:
-            raise BagCutError(f"{path} is cut off: there is nothing in it", fault="cut")
+            raise BagCutError(f"{path} is cut off and contains nothing", fault="cut")
         return mmap.mmap(target.fileno(), 0, access=mmap.ACCESS_READ)
 
 
@@ -141,7 +141,7 @@ class BagReader(Bag):
         try:
             return {schema.name: schema.data.decode() for schema in known}
         except UnicodeDecodeError:
-            raise BagError(f"{self.path}: a message definition is no text (UTF-8)") from None
+            raise BagError(f"{self.path}: a message definition is not text (UTF-8)") from None
 
     def records(
         self,
@@ -199,8 +199,8 @@ class BagReader(Bag):
         data = self._data
         if not layout.ends_properly(data):
             raise BagCutError(
-                f"{self.path} is cut off: it was not closed, or is still being recorded; "
-                f"make it whole: stepdiag recover {self.path}",
+                f"{self.path} is cut off: it was not closed, or is still being recorded. Repair"
+                f" it with: stepdiag recover {self.path}",
                 fault="cut",
             )
         try:
@@ -249,7 +249,9 @@ class BagReader(Bag):
             self._spans[record.offset] = layout.chunk_times(self._data, record)
             self._expansion += layout.chunk_size(self._data, record)
             if self._expansion > LARGEST_CHUNK + MOST_EXPANSION * len(self._data):
-                raise layout.Damaged(f"what is in the chunks is {MOST_EXPANSION} times the file")
+                raise layout.Damaged(
+                    f"the content of the chunks is {MOST_EXPANSION} times as large as the file"
+                )
             self._chunks.append(record)
             if check:
                 layout.chunk_content(record.body(self._data))
@@ -342,7 +344,7 @@ class BagReader(Bag):
     def _checked_heads(self) -> Iterator[layout.MessageHead]:
         """Go through the heads of all messages, and note which channels each chunk holds.
 
-        The head of each chunk must tell the times of its messages.
+        The head of each chunk must state the times of its messages.
         """
         # Chunks hold few different sets of channels, so that each set is kept once.
         known: dict[frozenset[int], frozenset[int]] = {}
@@ -354,8 +356,8 @@ class BagReader(Bag):
             times = [log_time for _, _, log_time, _ in heads]
             if times and (min(times), max(times)) != self._times(chunk):
                 raise BagCorruptError(
-                    f"{self.path}: the chunk at byte {chunk.offset} tells other times than its "
-                    f"messages have; {self._advice}"
+                    f"{self.path}: the chunk at byte {chunk.offset} states times that differ from"
+                    f" those of its messages; {self._advice}"
                 )
 
     def _heads_of(self, chunk: layout.RawRecord) -> list[layout.MessageHead]:

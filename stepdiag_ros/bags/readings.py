@@ -113,7 +113,7 @@ def reading_batches(bag: Bag, run: FoundRun) -> Iterator[ReadingBatch]:
     """Go through the readings of a run in the order in which they were recorded.
 
     Raises:
-        BagError: a message is no reading; the text names topic and time.
+        BagError: a message is not a reading; the text names topic and time.
     """
     name = topics.absolute(topics.READING, run.namespace)
     if run.alone:

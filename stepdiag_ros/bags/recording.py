@@ -30,8 +30,8 @@ class Recording:
         path: of the file.
         readings: in order of time.
         sources: the file, byte for byte; of a bag, the files that it was made from.
-        machine_text: YAML of what it tells of the machine; empty if nothing.
-        facts: what else it tells, as texts.
+        machine_text: YAML of what it states about the machine; empty if nothing.
+        facts: what else it states, as texts.
     """
 
     path: Path
@@ -71,20 +71,22 @@ def read_recording(path: Path, mapping: str, plan_text: str) -> Recording:
         )
     if not found.readings:
         raise BagError(
-            f"{path} holds no stream of readings; a table of stops needs no plan to be found in: "
-            "stepdiag import"
+            f"{path} has no stream of readings. Import a table of stops with: stepdiag import"
         )
     if _nothing_compensated(found.readings):
         found = replace(
             found,
             readings=_compensated(found.readings),
-            facts={**found.facts, "compensated": "for the air that it tells, without a dead path"},
+            facts={
+                **found.facts,
+                "compensated": "for the air data in the file, without a dead path",
+            },
         )
     if _nothing_compensated(found.readings):
         raise BagError(
-            f"{path}: no reading is compensated for the air, and the air is not known; say in the "
-            "mapping file that the instrument did it ('compensated: true'), or which air it was "
-            "('environment': air_temperature_degC, air_pressure_Pa, relative_humidity)"
+            f"{path}: the readings are not compensated for the air, and the air is unknown. State"
+            " in the mapping file that the instrument compensates ('compensated: true'), or give"
+            " the air ('environment': air_temperature_degC, air_pressure_Pa, relative_humidity)"
         )
     return found
 
@@ -94,7 +96,7 @@ def _nothing_compensated(readings: Sequence[Reading]) -> bool:
 
 
 def _compensated(readings: Sequence[Reading]) -> tuple[Reading, ...]:
-    """Compensate readings for the air that they tell; NaN where they do not.
+    """Compensate readings for the air data that they contain; NaN without air data.
 
     How long the way from the laser to the mirror is, nobody has said: the dead path is taken as
     zero. It matters only where the air changes while a line is measured.

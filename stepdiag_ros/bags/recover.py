@@ -109,7 +109,8 @@ def recover(source: str | Path, target: str | Path) -> RecoveryReport:
         found = _search(data, report)
         if not (found.chunks or found.metadata or found.attachments):
             raise BagError(
-                f"{source}: nothing in it can be saved, not one record is whole", fault="damaged"
+                f"{source}: nothing can be recovered, because no record is complete",
+                fault="damaged",
             )
         _write(data, found, report)
     finally:
@@ -191,7 +192,7 @@ def _behind(data: Any, record: layout.RawRecord, report: RecoveryReport) -> int:
 
 
 def _skip(data: Any, offset: int, report: RecoveryReport) -> int:
-    """Go to the next whole chunk behind a broken frame; to the end of the file if there is none."""
+    """Go to the next whole chunk behind a broken frame; to the end of the file without one."""
     following = layout.next_chunk(data, offset)
     end = len(data) if following is None else following.offset
     report.unreadable_bytes += end - offset
@@ -200,7 +201,7 @@ def _skip(data: Any, offset: int, report: RecoveryReport) -> int:
         report.losses.append(f"Bytes {offset} to {end} are unreadable; what they held is lost.")
     elif end > offset:
         report.losses.append(
-            f"The last {end - offset} bytes are no whole record and were left out."
+            f"The last {end - offset} bytes are not a complete record and were left out."
         )
     return end
 

@@ -1,4 +1,4 @@
-"""What was said again slowly, for late subscribers, is in a bag of ``ros2 bag record`` as well."""
+"""Repetitions for late subscribers, which a bag of ``ros2 bag record`` holds as well."""
 
 from collections.abc import Iterable, Iterator
 
@@ -24,5 +24,5 @@ class Repetitions:
 
 
 def without_repetitions(records: Iterable[RecordedMessage]) -> Iterator[RecordedMessage]:
-    """Leave out the messages that are said again."""
+    """Leave out the repeated messages."""
     return filter(Repetitions().is_news, records)

@@ -91,11 +91,11 @@ class RecordedRun:
         plan_text: YAML of the test plan.
         machine_text: YAML of the machine.
         cell_text: YAML of the simulated cell; empty on a real machine.
-        told_by_source: what the file tells in words that the bag was imported from, name → text;
+        told_by_source: facts in words from the file that the bag was imported from, name → text;
             empty of a run that was recorded.
         plan: the test plan; its feed is NaN where it is not known (imported tables).
-        first_command: number of the first command to the machine that is in the bag, from 1; 0 if
-            there is none.
+        first_command: number of the first command to the machine that is in the bag, from
+            1; 0 without a command.
         commands: that end at a stop.
         arrivals: in position.
         stops: settled or rejected, as recorded.
@@ -153,7 +153,7 @@ class RecordedRun:
 
     @cached_property
     def machine(self) -> Mapping[str, Any]:
-        """Return the machine's YAML, parsed; of an imported table only what its case file told."""
+        """Return the machine's YAML, parsed; of an imported table only its case file."""
         parsed = parse_yaml(self.machine_text, f"{self.path}: machine") if self.machine_text else {}
         return parsed if isinstance(parsed, Mapping) else {}
 
@@ -197,7 +197,7 @@ class RecordedRun:
         return self.all_readings.batches()
 
     def weather(self) -> list[SensorValue]:
-        """Return what the weather sensors told, in order of time."""
+        """Return the values of the weather sensors, in order of time."""
         told = {
             topics.absolute(topic, self.namespace): (name, field)
             for name, (topic, field) in topics.WEATHER.items()
@@ -277,16 +277,18 @@ def check_version(path: Path, version: int, software_version: str) -> None:
         software_version: of stepdiag_ros that made it.
 
     Raises:
-        BagError: the version is newer than this program, or there is none.
+        BagError: the version is newer than this program, or the version is missing.
     """
     newest = own_types().constant(topics.RUN_DESCRIPTION.type_name, "SCHEMA_VERSION")
     if version > newest:
         raise BagError(
             f"{path} was made by stepdiag_ros {software_version}: its messages have schema "
-            f"version {version}, this program reads up to {newest}; install a newer one"
+            f"version {version}, but this program reads up to {newest}. Install a newer version"
         )
     if version < 1:
-        raise BagError(f"{path}: the run has no schema version; nothing can be said of its numbers")
+        raise BagError(
+            f"{path}: the run has no schema version, so its numbers cannot be interpreted"
+        )
 
 
 def _parts(bag: Bag, run: FoundRun, plan: Plan, readings: RunReadings) -> dict[str, Any]:

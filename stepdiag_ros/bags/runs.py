@@ -110,7 +110,7 @@ def records_of(
         names: full names of the wanted topics; all if None.
 
     Yields:
-        record, and the decoded message where telling whose it is has needed it; None elsewhere.
+        record, and the decoded message where finding its run has needed it; None elsewhere.
 
     Raises:
         BagError: a message cannot be decoded.

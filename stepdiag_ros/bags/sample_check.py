@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.measurement import Reading
 
 @dataclass
 class SampleCheck:
-    """Follows the samples of a bag, makes readings of them anew, and compares those recorded.
+    """Follows the samples of a bag, makes readings of them again, and compares those recorded.
 
     Attributes:
         blocks: that were recorded.
@@ -21,7 +21,7 @@ class SampleCheck:
         rate: in a second, Hz.
         missing: samples that are not there between two that are.
         made: recorded readings that the samples are there for.
-        different: how many of these are not, to the last bit, what the samples say.
+        different: how many of these are not, bit for bit, what the samples say.
     """
 
     blocks: int = 0
@@ -40,7 +40,7 @@ class SampleCheck:
         """Take the next ``InterferometerSamples``.
 
         Raises:
-            ValueError: it is none.
+            ValueError: it is malformed.
         """
         block = to_sample_block(message)
         self.blocks += 1

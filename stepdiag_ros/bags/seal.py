@@ -1,9 +1,9 @@
 """Seals: a detached signature by which a recording is known to be the same as when it was signed.
 
-Checksums and counts find damage and careless changes. Whoever changes a bag with care makes them
-anew; a signature he cannot make without the private key. The seal of ``RUN.mcap`` is a JSON
+Checksums and counts find damage and careless changes. An attacker who changes a bag with
+care also corrects them, but cannot sign without the private key. The seal of ``RUN.mcap`` is a JSON
 document beside it, ``RUN.mcap.sig``: SHA-256 of the file, time, words of who sealed it, public key,
-and the Ed25519 signature (RFC 8032) of all of these. It does not tell that the content is true.
+and the Ed25519 signature (RFC 8032) of all of these. It does not prove that the content is true.
 """
 
 import base64
@@ -34,7 +34,7 @@ _LONGEST = 100_000
 
 @dataclass(frozen=True)
 class Seal:
-    """What a seal tells.
+    """Contents of a seal, and whether it is valid.
 
     Attributes:
         right: the file is the one that was sealed, and the signature is by the key.
@@ -120,15 +120,15 @@ def seal(path: Path, key_path: Path, words: str = "") -> Path:
         Path of the seal.
 
     Raises:
-        ValueError: it is no file, has a seal already, or the key is none.
+        ValueError: it is not a file, has a seal already, or the key is malformed.
         OSError: a file cannot be read or written.
     """
     if not path.is_file():
-        raise ValueError(f"{path} is no file; a seal is of one file")
+        raise ValueError(f"{path} is not a file. Seal one file at a time")
     target = seal_path(path)
     if target.exists():
         raise Refusal(
-            f"{target} exists already; remove it to seal {path.name} anew", fault="exists"
+            f"{target} exists already; remove it to seal {path.name} again", fault="exists"
         )
     key = _private_key(key_path)
     content: dict[str, Any] = {
@@ -145,7 +145,7 @@ def seal(path: Path, key_path: Path, words: str = "") -> Path:
 
 
 def read_seal(path: Path) -> Seal | None:
-    """Return what the seal beside a file tells, compared with the file; None if there is none.
+    """Return the seal beside a file, compared with the file; None without a seal.
 
     Raises:
         OSError: the file or its seal cannot be read.
@@ -160,7 +160,7 @@ def read_seal(path: Path) -> Seal | None:
     except InvalidSignature:
         return Seal(False, problem=f"{beside}: the signature is not by the key that it names")
     except (ValueError, KeyError, TypeError, binascii.Error) as error:
-        return Seal(False, problem=f"{beside} is no seal: {str(error)[:200]}")
+        return Seal(False, problem=f"{beside} is not a seal: {str(error)[:200]}")
     made = Seal(True, told["public_key"], str(told["words"]), str(told["sealed_at"]))
     if told["size"] != path.stat().st_size or told["sha256"] != sha256_of(path):
         problem = f"{path} is not the file that was sealed on {made.sealed_at}"
@@ -176,7 +176,7 @@ def require_seal(path: Path, public_key: Path) -> Seal:
         public_key: file of the public key that is trusted.
 
     Raises:
-        ValueError: there is no seal, it is wrong, by another key, or the key is none.
+        ValueError: there is no seal, it is wrong, by another key, or the key is malformed.
         OSError: a file cannot be read.
     """
     wanted = _public_key(public_key)
@@ -218,12 +218,12 @@ def _private_key(path: Path) -> Ed25519PrivateKey:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm):
         raise Refusal(
-            f"{path} is no private key; make one: stepdiag seal --new-key",
+            f"{path} is not a private key; make one: stepdiag seal --new-key",
             fault="wrong_kind",
             aspect="private key",
         ) from None
     if not isinstance(key, Ed25519PrivateKey):
-        raise ValueError(f"{path} is no Ed25519 key; make one: stepdiag seal --new-key")
+        raise ValueError(f"{path} is not an Ed25519 key; make one: stepdiag seal --new-key")
     return key
 
 
@@ -232,12 +232,12 @@ def _public_key(path: Path) -> str:
         key = serialization.load_pem_public_key(path.read_bytes())
     except (ValueError, UnsupportedAlgorithm):
         raise Refusal(
-            f"{path} is no public key; 'stepdiag seal --new-key' makes one",
+            f"{path} is not a public key; 'stepdiag seal --new-key' makes one",
             fault="wrong_kind",
             aspect="public key",
         ) from None
     if not isinstance(key, Ed25519PublicKey):
-        raise ValueError(f"{path} is no Ed25519 key; 'stepdiag seal --new-key' makes one")
+        raise ValueError(f"{path} is not an Ed25519 key; 'stepdiag seal --new-key' makes one")
     return _base64(key)
 
 

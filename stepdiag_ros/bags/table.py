@@ -29,9 +29,9 @@ class RunTable:
         path: of the CSV.
         text: of the CSV.
         data: its bytes, as they are in the file.
-        case: what the case file tells.
+        case: contents of the case file.
         measurement: box and lines; a line's index is its place in the plan.
-        plan_text: YAML of the plan: as far as the case file does not tell it, one that measures
+        plan_text: YAML of the plan: as far as the case file does not state it, one that measures
             these lines.
         setups: number of setups.
     """
@@ -74,8 +74,8 @@ def load_table(
     if overrun is not None:
         if rows[0].told.overrun is not None:
             raise TableError(
-                f"{path} tells the overrun of every pass itself (column 'overrun_m'); leave"
-                " --overrun out",
+                f"{path} states the overrun of every pass itself (column 'overrun_m'). Leave out"
+                " --overrun",
                 fault="too_many",
             )
         known = {"overrun_m": overrun} if isfinite(overrun) else {}
@@ -136,7 +136,7 @@ def import_table(
             plan=table.plan_text,
             machine=table.case.machine_text(FILE_NAME),
             facts={
-                "time_origin": "start of the run; the table tells no date",
+                "time_origin": "start of the run; the table has no date",
                 **{f"{FACT}{name}": text for name, text in table.case.facts.items()},
                 "source_file": table.path.name,
                 "source_format": "run table",

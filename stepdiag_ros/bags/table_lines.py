@@ -68,7 +68,7 @@ def passes_of(rows: list[TableRow], source: str) -> list[tuple[TableRow, ...]]:
                     source,
                     row.number,
                     f"'{which}' begins again after {expected} stops; count its repeats, "
-                    "or take out the rows that are there twice",
+                    "or remove the duplicate rows",
                     fault="too_many",
                 )
             if row.stop > expected:
@@ -112,7 +112,8 @@ def volume_of(passes: list[tuple[TableRow, ...]], source: str) -> Volume:
     """Find the measured box from the positions.
 
     Raises:
-        TableError: they do not tell all of it, or it is so large that the unit must be mistaken.
+        TableError: they do not determine all of it, or it is so large that the unit must be
+            mistaken.
     """
     # Step diagonals show the most of its stops, and all of the axes that they move.
     steps = [stops for stops in passes if stops[0].which.kind == STEP_DIAGONAL]
@@ -136,7 +137,7 @@ def volume_of(passes: list[tuple[TableRow, ...]], source: str) -> Volume:
         raise refusal(
             source,
             passes[0][0].number,
-            "the line has a single stop; nothing moved",
+            "the line has a single stop, so nothing moved",
             fault="too_few",
         )
     low, high = _with_standing_axis(low, high, stepped, passes[0][0])
@@ -165,7 +166,7 @@ def _with_standing_axis(
     """Return the box of a face's step diagonals with a third side, of an axis that never moved.
 
     A box has three sides, a machine with two axes a face: the third gets the shortest side of the
-    other two. No line tells anything of its errors.
+    other two. No line determines any of its errors.
     """
     never = np.isnan(low)
     if np.count_nonzero(stepped) != 2 or not np.array_equal(never, ~stepped):
@@ -194,8 +195,8 @@ def setups_of(
         passes: with their rows.
         volume: the measured box.
         source: of the table, for the text of an error.
-        one_alignment_per_diagonal: as in ``Plan``, where no column tells the setups.
-        planned: lines of the plan, as far as it is told.
+        one_alignment_per_diagonal: as in ``Plan``, where no column states the setups.
+        planned: lines of the plan, as far as it is known.
 
     Raises:
         TableError: positions or readings contradict what the row says; names the row.

@@ -1,6 +1,6 @@
 """The plan that a run table was measured by, and the table's passes as lines of that plan.
 
-What a case file says of the plan goes first; of the rest, the table tells what it can.
+The case file takes precedence; the table supplies what the case file does not state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ def plan_mapping(
         name: of the plan, in words.
         volume: the measured box.
         groups: the plan's ``lines``, as a plan file has them.
-        told: keys of a plan file that are known (``COURSE_KEYS``); they go first.
+        told: keys of a plan file that are known (``COURSE_KEYS``); they take precedence.
     """
     course = {"name": name, "feed_m_per_s": UNKNOWN, "lines": list(groups), **(told or {})}
     box = {
@@ -78,7 +78,7 @@ def planned_lines(
     """Return the lines in the rows of a table, and the plan that they were measured by.
 
     Args:
-        name: of the plan, where the case does not tell it.
+        name: of the plan, where the case does not state it.
         rows: of the table.
         case: what is known beside it.
         overrun: how far beyond its first stop each line but a step diagonal was begun, m; NaN if
@@ -195,8 +195,8 @@ def _places_in_groups(groups: Sequence[_Group], passes: Sequence[_Pass], source:
             raise refusal(
                 source,
                 one.stops[0].number,
-                "'line_index' counts the lines of a plan, which is not told; put its 'lines' into"
-                " a case.yaml beside the table, or leave the column out",
+                "'line_index' counts the lines of a plan, but no plan is given. Copy the 'lines'"
+                " of the plan into a case.yaml beside the table, or leave the column out",
                 fault="undetermined",
             )
     places: list[int] = []
@@ -211,7 +211,7 @@ def _places_in_groups(groups: Sequence[_Group], passes: Sequence[_Pass], source:
 
 
 def _places_in_plan(passes: Sequence[_Pass], plan: Plan, source: str) -> list[int]:
-    """Return the places of the passes in a plan that was told."""
+    """Return the places of the passes in a plan that was given."""
     free = dict(enumerate(plan.lines))
     places = []
     for one in passes:

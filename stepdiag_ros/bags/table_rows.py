@@ -47,7 +47,7 @@ OPTIONAL_COLUMNS = (
     "standard_uncertainty_m",
     "settled",
 )
-"""What a run table may tell beyond that; each is explained in docs/import.md."""
+"""Optional columns of a run table; each is explained in docs/import.md."""
 
 _MISSPELT = 0.75
 """Likeness from which on a column's name is taken for a known one with a typing error; a column of
@@ -79,7 +79,7 @@ class PassKey(NamedTuple):
 
 
 class PassColumns(NamedTuple):
-    """What optional columns tell of a pass; None where the table has no such column.
+    """What optional columns state about a pass; None where the table has no such column.
 
     Attributes:
         line_index: place of the pass in the plan, from 0.
@@ -109,7 +109,7 @@ class TableRow:
         position: commanded X Y Z, m.
         reading: m; NaN where the stop was rejected.
         environment: air and material; NaN where the cell is empty.
-        told: what optional columns tell of the pass.
+        told: what optional columns state about the pass.
         standard_uncertainty: of the reading, m; NaN if unknown, None without a column for it.
     """
 
@@ -134,7 +134,7 @@ def refusal(
 ) -> TableError:
     """Return the error that refuses a table because of one row, in one line and not without end.
 
-    A cell in quotes may hold line breaks, and so may what is said of it.
+    A cell in quotes may hold line breaks, and so may a message about it.
     """
     sentence = " ".join(reason.splitlines())
     if len(sentence) > _LONGEST_REASON:
@@ -161,7 +161,7 @@ def read_text(path: Path) -> str:
         raise TableError(f"there is no table {path}", fault="not_found") from None
     except UnicodeDecodeError:
         raise TableError(
-            f"{path} is no text in UTF-8; save it as CSV (UTF-8)",
+            f"{path} is not text in UTF-8; save it as CSV (UTF-8)",
             fault="wrong_kind",
             aspect="text",
         ) from None
@@ -177,7 +177,7 @@ def parse_rows(text: str, source: str) -> list[TableRow]:
         source: what the user calls it; named in errors.
 
     Raises:
-        TableError: a column is missing or its name misspelt, a value is no number, not finite or
+        TableError: a column is missing or its name misspelt, a value is not a number, not finite or
             implausible, a name is unknown, or time goes back; names the row.
     """
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -193,8 +193,8 @@ def parse_rows(text: str, source: str) -> list[TableRow]:
                 raise refusal(
                     source,
                     reader.line_num,
-                    f"it has {len(cells)} cells under {len(header)} columns; is there a decimal"
-                    " comma?",
+                    f"it has {len(cells)} cells under {len(header)} columns; check for a decimal"
+                    " comma",
                     fault="too_many",
                 )
             row = _row(_RowCells(cells, places, source, reader.line_num))
@@ -212,13 +212,13 @@ def parse_rows(text: str, source: str) -> list[TableRow]:
         raise refusal(
             source,
             reader.line_num,
-            f"this is no CSV ({error})",
+            f"this is not CSV ({error})",
             fault="malformed",
             aspect="quoting",
         ) from None
     if not rows:
         raise TableError(
-            f"{source} has no rows; there is nothing measured in it", fault="too_few", aspect="row"
+            f"{source} has no rows, so it contains no measurement", fault="too_few", aspect="row"
         )
     return rows
 
@@ -264,7 +264,7 @@ class _RowCells:
             raise refusal(
                 source,
                 number,
-                f"it has only {len(cells)} cells; is the table cut off?",
+                f"it has only {len(cells)} cells; the table may be cut off",
                 fault="too_few",
             )
 
@@ -391,7 +391,7 @@ def _told(cells: _RowCells) -> PassColumns:
 
 
 def same_in_pass(stops: Sequence[TableRow], source: str) -> None:
-    """Check that the rows of one pass agree in what is told of all of it.
+    """Check that the rows of one pass agree in what they state about the whole pass.
 
     Raises:
         TableError: an optional column changes within the pass, or only some rows have a time.

@@ -1,6 +1,6 @@
 """A run as a run table and its case file: the way back of ``bags.table``.
 
-The documented columns and keys are written always. What an import could not tell from them alone
+The documented columns and keys are written always. What an import cannot derive from them alone
 (another setup, an overrun, a rejected stop, the rest of the plan …) stands in optional columns and
 keys, and only then.
 """
@@ -51,7 +51,7 @@ class WrittenTable:
     Attributes:
         columns: of the table.
         rows: of the table; every one has a value for each column.
-        case: what the case file tells.
+        case: contents of the case file.
         refused: why the table cannot be imported again; empty if it can.
     """
 
@@ -177,7 +177,7 @@ def _needed(lines: Sequence[MeasuredLine], case: Case) -> tuple[str, ...]:
 
 
 def _differing(lines: Sequence[MeasuredLine], found: Sequence[MeasuredLine]) -> set[str]:
-    """Return the optional columns that tell in what the lines are not those that were found."""
+    """Return the optional columns that state how the lines differ from those found."""
     if len(lines) != len(found):
         return set(OPTIONAL_COLUMNS)
     pairs = list(zip(lines, found, strict=True))

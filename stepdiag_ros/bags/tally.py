@@ -1,8 +1,8 @@
 """Whether a recording holds what was recorded: each message once, none missing, in its order.
 
-Checksums tell damage. A bag that was changed by a program has the right ones, whatever it lacks.
-What tells of it are counts. Our writer numbers the messages of each topic and writes at the end how
-many there were; the file's statistics count them as well.
+Checksums show damage. A bag that was changed by a program has the right ones, whatever
+it lacks. Counts show what it lacks. Our writer numbers the messages of each topic and writes at the
+end how many there were; the file's statistics count them as well.
 """
 
 import re
@@ -25,7 +25,7 @@ LIBRARY = "stepdiag_ros"
 COUNTS_METADATA = "stepdiag_ros.counts"
 """Name of the metadata record that our writer ends with: full name of a topic → messages."""
 RECOVERY_METADATA = "stepdiag_ros.recovery"
-"""Name of the metadata record by which a bag that was recovered tells of what, and what is lost."""
+"""Name of the metadata record in which a recovered bag names its source and what is lost."""
 NOTHING_LOST = "Nothing was lost."
 _NEVER_TWICE = (
     topics.READING,

@@ -94,12 +94,12 @@ def parse_table(text: str, source: str, *, planned: bool = False) -> tuple[Track
         raise refusal(
             source,
             reader.line_num,
-            f"this is no CSV ({error})",
+            f"this is not CSV ({error})",
             fault="malformed",
             aspect="quoting",
         ) from None
     if not readings:
-        raise TableError(f"{source} has no rows; there is nothing in it", fault="too_few")
+        raise TableError(f"{source} has no rows", fault="too_few")
     return tuple(readings)
 
 

@@ -89,7 +89,7 @@ class MessageTypes:
             cdr: serialised message with its four bytes of encapsulation.
 
         Raises:
-            BagError: the type is not known, or these bytes are no message of it.
+            BagError: the type is not known, or these bytes are not a message of this type.
         """
         self._require(type_name)
         try:
@@ -104,7 +104,7 @@ class MessageTypes:
                 raise ValueError("the end is missing")
         except _UNDECODABLE as error:
             raise BagError(
-                f"these {len(cdr)} bytes are no {type_name} ({error})", fault="malformed"
+                f"these {len(cdr)} bytes are not a {type_name} ({error})", fault="malformed"
             ) from None
         return message
 
@@ -236,21 +236,21 @@ class MessageTypes:
         given = np.asarray(value)
         array = given.astype(DTYPES.get(inner[0], inner[0]))
         if inner[0] in _WHOLE and not np.array_equal(array, given):
-            raise ValueError(f"values that are no {inner[0]}")
+            raise ValueError(f"values that are not {inner[0]}")
         return array
 
 
 def _primitive(name: str, value: Any) -> Any:
     if name == "string":
         if not isinstance(value, str):
-            raise TypeError(f"{value!r} is no text")
+            raise TypeError(f"{value!r} is not text")
         return value
     if name == "bool":
         return bool(value)
     if name in _WHOLE:
         whole = int(value)
         if whole != value:
-            raise ValueError(f"{value!r} is no whole number")
+            raise ValueError(f"{value!r} is not a whole number")
         limits = np.iinfo(DTYPES.get(name, name))
         if not limits.min <= whole <= limits.max:
             raise ValueError(f"{value!r} is outside {limits.min} to {limits.max}")
@@ -286,7 +286,7 @@ def types_from_schemas(schemas: Mapping[str, str]) -> MessageTypes:
         schemas: ``ros2msg`` text of each type of the bag, by full type name.
 
     Raises:
-        BagError: a text is no message definition, or two define one type differently.
+        BagError: a text is not a message definition, or two define one type differently.
     """
     own = own_types()
     if all(name in own and own.schema(name) == text for name, text in schemas.items()):

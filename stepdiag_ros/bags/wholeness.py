@@ -1,7 +1,8 @@
 """Whether a run holds what its own messages promise: by numbers that the nodes gave them.
 
-These hold for bags of every recorder. Readings count by one, commands too. A settled stop tells
-which readings it was made of, a line which stops, and a stop which command led to it.
+These hold for bags of every recorder. Readings count by one, commands too. A settled
+stop names the readings that it was made from, a line its stops, and a stop the command that led to
+it.
 """
 
 from array import array
@@ -111,7 +112,7 @@ class Recorded(NamedTuple):
         stops: settled or rejected.
         blocks: of the stops.
         lines: every attempt.
-        last_state: ``RunState.state`` as it was told last; None if it never was.
+        last_state: ``RunState.state`` as last published; None if it never was.
         readings: their numbers.
     """
 
@@ -126,7 +127,7 @@ class Recorded(NamedTuple):
 
     @property
     def first_command(self) -> int:
-        """Return the lowest number of a command; 0 if there is none."""
+        """Return the lowest number of a command; 0 without a command."""
         return min(self.command_ids, default=0)
 
     def flaws(self, known: Collection[str], stops_of_lines: Sequence[int]) -> Iterator[Flaw]:

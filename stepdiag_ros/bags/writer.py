@@ -28,7 +28,7 @@ SCHEMA_ENCODING = "ros2msg"
 
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 _FOREIGN = Topic("", "", Qos.COMMAND)
-"""Quality of service that is told of a topic that is none of the suite's."""
+"""Quality of service that is stated for a topic from outside the suite."""
 Result = TypeVar("Result")
 
 
@@ -293,8 +293,8 @@ def _rosbag2_record(start_time: int) -> dict[str, str]:
     """Return what rosbag2 looks for in an MCAP file.
 
     Humble takes the numbers in offered_qos_profiles because ROS_DISTRO is there, later versions
-    because the version told here is one that had numbers. Times, counts, topics and files it takes
-    from the file's summary; it only wants to see the keys.
+    because the version stated here is one that had numbers. Times, counts, topics and files it
+    takes from the file's summary; it only wants to see the keys.
     """
     distro = os.environ.get("ROS_DISTRO", "jazzy")
     told = {

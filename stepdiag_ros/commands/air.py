@@ -16,20 +16,20 @@ AS_MEASURED = dict.fromkeys(("air", *_OPTIONS))
 
 
 def add_air_options(parser: ArgumentParser) -> None:
-    """Add the options of a compensation that is made anew from a bag."""
+    """Add the options of a compensation that is made again from a bag."""
     parser.add_argument(
         "--air",
         choices=("own", "off"),
-        help="compensate the recorded counts for the air anew; own: with the recorded weather; off:"
-        " not at all, displacements are in vacuum wavelengths. Without it, displacements are those"
-        " of the run",
+        help="compensate the recorded counts for the air again; own: with the recorded weather;"
+        " off: no compensation, displacements are in vacuum wavelengths (default: displacements"
+        " of the run)",
     )
     parser.add_argument(
         "--dead-path",
         type=partial(number, low=0.0, high=100.0),
         metavar="M",
-        help="with --air own: from the interferometer's reference to the mirror at the first stop"
-        " of a line, in m; default 0",
+        help="with --air own: distance from the interferometer's reference to the mirror at the"
+        " first stop of a line, in m; default 0",
     )
     parser.add_argument(
         "--index-equation",
@@ -40,18 +40,18 @@ def add_air_options(parser: ArgumentParser) -> None:
         "--wavelength",
         type=partial(number, low=300e-9, high=1700e-9),
         metavar="M",
-        help="with --air own: of the laser in vacuum, in m; default 632.9908e-9",
+        help="with --air own: wavelength of the laser in vacuum, in m; default 632.9908e-9",
     )
     parser.add_argument(
         "--weather-age",
         type=partial(number, low=0.1, high=86400.0),
         metavar="S",
-        help="with --air own: age in s from which on the value of a sensor is unknown; default 10",
+        help="with --air own: age in s above which the value of a sensor is unknown; default 10",
     )
 
 
 def air_choice(arguments: Namespace) -> "AirChoice | None":
-    """Return how to compensate anew; None if it was not asked for.
+    """Return how to compensate again; None if it was not asked for.
 
     Raises:
         ValueError: an option serves nothing without another.

@@ -165,7 +165,7 @@ def _namespace(text: str) -> str:
     if not text:
         return ""
     if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
-        raise argparse.ArgumentTypeError(f"'{text}' is no namespace, such as /cell_1")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a namespace. Write it like /cell_1")
     return "/" + text.lstrip("/")
 
 
@@ -173,10 +173,10 @@ def whole(text: str, low: int, high: int) -> int:
     """Return the whole number that an option was given.
 
     Raises:
-        argparse.ArgumentTypeError: it is none, or not within [low, high].
+        argparse.ArgumentTypeError: it is not a whole number, or not within [low, high].
     """
     if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from {low} to {high}")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
     return int(text)
 
 
@@ -184,10 +184,12 @@ def port(text: str) -> int:
     """Return the port that an option was given.
 
     Raises:
-        argparse.ArgumentTypeError: it is none.
+        argparse.ArgumentTypeError: it is not a port.
     """
     if not text.isascii() or not text.isdigit() or int(text) > _HIGHEST_PORT:
-        raise argparse.ArgumentTypeError(f"'{text}' is no port: 0 to {_HIGHEST_PORT}")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a port. Use a number from 0 to {_HIGHEST_PORT}"
+        )
     return int(text)
 
 
@@ -196,14 +198,14 @@ COMMON: dict[str, dict[str, Any]] = {
         "action": "store_true",
         "help": "print all tables, as in report.txt, and draw all methods beside each other",
     },
-    "force": {"action": "store_true", "help": "overwrite files that are there"},
+    "force": {"action": "store_true", "help": "overwrite existing files"},
     "json": {"action": "store_true", "help": "print JSON in SI units"},
-    "method": {"default": "", "help": "of the solver (default: the one to rely on)"},
+    "method": {"default": "", "help": "method of the solver (default: the most reliable one)"},
     "namespace": {
         "type": _namespace,
         "default": "",
         "metavar": "NS",
-        "help": "of the nodes, such as /cell_1 (default: none)",
+        "help": "namespace of the nodes, such as /cell_1 (default: none)",
     },
     "output": {"flags": ("-o",), "type": Path, "metavar": "FOLDER"},
     "pictures": {
@@ -214,12 +216,12 @@ COMMON: dict[str, dict[str, Any]] = {
     "run": {
         "dest": "run_id",
         "metavar": "ID",
-        "help": "which run, where a recording of 'ros2 bag record' holds several",
+        "help": "run to use, if a recording of 'ros2 bag record' holds several",
     },
     "seed": {
         "type": partial(whole, low=0, high=_HIGHEST_SEED),
         "default": 0,
-        "help": "of the noise (default: 0)",
+        "help": "seed of the noise (default: 0)",
     },
 }
 """Options that several commands have: name → how argparse declares them."""

@@ -18,14 +18,14 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--instrument",
         metavar="NAME|FILE",
-        help="what is known of laser, sensors, material and setup: a YAML file, or a name in"
-        " config/instruments such as demo (default: nothing is known but the readings)",
+        help="instrument file, with the uncertainties of laser, sensors, material and setup: a"
+        " YAML file, or a name in config/instruments such as demo (default: readings only)",
     )
     add_common(
         parser,
         "method",
         default="least_squares",
-        help="of the solver, one of those below (default: least_squares)",
+        help="method of the solver, see below (default: least_squares)",
     )
     parser.add_argument(
         "--coverage",
@@ -37,7 +37,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--monte-carlo",
         action="store_true",
-        help="check the budget by the adaptive Monte Carlo method, and say where it is valid",
+        help="check the budget by the adaptive Monte Carlo method, and state where it is valid",
     )
     parser.add_argument(
         "--digits",
@@ -53,7 +53,7 @@ def _add_options(parser: ArgumentParser) -> None:
         metavar="N",
         help="most trials of the Monte Carlo method (default: 400000)",
     )
-    add_common(parser, "seed", help="of the random numbers of Monte Carlo (default: 0)")
+    add_common(parser, "seed", help="seed of the Monte Carlo method (default: 0)")
     parser.add_argument(
         "--recorded-lines",
         action="store_true",
@@ -138,14 +138,14 @@ COMMAND = Command(
     _add_options,
     run,
     help="uncertainty budget by source, checked by Monte Carlo",
-    description="Show for every result of a bag (squareness, positioning, straightness, the"
-    " curves at every node) what each source adds to its uncertainty: laser, air, dead path,"
-    " material, setup, repeatability, drift. Combined by the GUM with all correlations, and on"
-    " request checked by Monte Carlo over all sources through the solver itself (JCGM 101)."
-    " What the instrument file does not tell stays unknown, and the total is then a lower"
-    " bound.",
+    description="List the uncertainty contributions to every result of a bag (squareness,"
+    " positioning, straightness, the curves at every node) by source: laser, air, dead path,"
+    " material, setup, repeatability, drift. The contributions are combined by the GUM with all"
+    " correlations and, on request, checked by a Monte Carlo run of the solver over all sources"
+    " (JCGM 101). A source that the instrument file does not state is unknown, and the total is"
+    " then a lower bound.",
     epilog="examples:\n"
-    "  stepdiag budget run.mcap                        what the readings alone tell\n"
+    "  stepdiag budget run.mcap                        from the readings alone\n"
     "  stepdiag budget run.mcap --instrument demo      with config/instruments/demo.yaml\n"
     "  stepdiag budget run.mcap --instrument my.yaml --monte-carlo\n"
     "  stepdiag budget run.mcap --instrument demo --expansion-per-K 11.5e-6 --json",

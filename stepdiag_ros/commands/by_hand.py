@@ -22,12 +22,14 @@ def _add_options(parser: ArgumentParser) -> None:
         metavar="recording",
         help="file with readings over time, or a bag with them; several in order of measurement",
     )
-    parser.add_argument("--plan", required=True, help="that was measured: YAML file, or a name")
+    parser.add_argument(
+        "--plan", required=True, help="plan that was measured: YAML file, or a name"
+    )
     parser.add_argument(
         "--mapping",
         default="",
         metavar="FILE",
-        help="YAML that says what the columns are: a path, or a name of config/imports",
+        help="YAML file that describes the columns: a path, or a name of config/imports",
     )
     parser.add_argument(
         "--lines",
@@ -37,7 +39,9 @@ def _add_options(parser: ArgumentParser) -> None:
         help="lines of the plan, from 1, that the recording holds, such as 1-4 or 3; once for each"
         " recording (default: all; of several recordings one setup each, or one line each)",
     )
-    parser.add_argument("--machine", help="YAML file, or a name; for the order of its axes")
+    parser.add_argument(
+        "--machine", help="machine: YAML file, or a name; for the order of its axes"
+    )
     add_common(
         parser, "output", metavar="BAG", help="(default: NAME_by_hand.mcap beside the first)"
     )
@@ -47,7 +51,7 @@ def _add_options(parser: ArgumentParser) -> None:
 def _lines(text: str) -> tuple[int, int]:
     first, _, last = text.partition("-")
     if not first.isascii() or not first.isdigit() or not (last or first).isdigit():
-        raise argparse.ArgumentTypeError(f"'{text}' is no range of lines such as 1-4")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a range of lines. Write it like 1-4")
     return int(first), int(last or first)
 
 
@@ -95,8 +99,8 @@ def run(arguments: Namespace) -> int:
 def _given_lines(arguments: Namespace, count: int) -> list[list[int]]:
     if len(arguments.lines) != len(arguments.recordings):
         raise ValueError(
-            f"{len(arguments.lines)} times --lines for {len(arguments.recordings)} recordings; "
-            "say it once for each, or not at all"
+            f"{len(arguments.lines)} times --lines for {len(arguments.recordings)} recordings."
+            " Give it once for each, or not at all"
         )
     for first, last in arguments.lines:
         if not 1 <= first <= last <= count:
@@ -141,13 +145,13 @@ COMMAND = Command(
     50,
     _add_options,
     run,
-    help="find the stops of a plan in a recording of readings alone",
-    description="Make a run from recordings of an instrument that was not connected to the"
-    " control: the NC program of 'stepdiag plan --nc' ran on the machine, the laser was"
-    " recorded. The rests in the readings are matched to the stops of the plan; a line of which"
-    " it is not certain which rest is which stop gives no result, and it is said why. The bag"
-    " is like that of any other run: solve, diagnose, iso230, replay --check take it."
-    " docs/by_hand.md says how to measure so.",
+    help="find the stops of a plan in a recording without commands",
+    description="Make a run from the recording of an instrument that was not connected to the"
+    " control. The machine ran the NC program of 'stepdiag plan --nc' while the laser was"
+    " recorded. The command matches the rests in the readings to the stops of the plan. A"
+    " line with an ambiguous match gives no result, and the output states why. The bag is"
+    " like that of any other run: use it with solve, diagnose, iso230 and replay --check."
+    " docs/by_hand.md explains how to measure.",
     epilog="examples:\n"
     "  stepdiag by-hand laser.csv --mapping readings_in_time --plan my_plan.yaml\n"
     "  stepdiag by-hand x.csv y.csv z.csv ppp.csv --mapping my_laser.yaml --plan my_plan.yaml\n"

@@ -45,8 +45,8 @@ COMMAND = Command(
     _add_options,
     run,
     help="start the nodes of a simulated cell and wait for runs",
-    description="Start every node of the simulated cell as a process of its own, and keep them up"
-    " until Ctrl-C. Nothing moves before somebody starts a run: 'stepdiag measure', the action"
+    description="Start every node of the simulated cell in its own process, and keep them running"
+    " until Ctrl-C. Nothing moves before you start a run: 'stepdiag measure', the action"
     " /sequencer/measure or the service /sequencer/start. ROS 2 need not be installed: without it"
     " the nodes run on the embedded client, and any ROS 2 node on this computer sees them.",
     epilog="examples:\n"

@@ -34,15 +34,16 @@ def _add_options(parser: ArgumentParser) -> None:
     add_common(
         parser,
         "method",
-        help="of the solver (default: the one to rely on of those that both are enough for)",
+        help="method of the solver (default: the most reliable one that both suffice for)",
     )
     parser.add_argument(
         "--instrument",
         action="append",
         default=[],
         metavar="NAME|FILE",
-        help="what is known of laser, sensors, material and setup, as for 'stepdiag budget'; given"
-        " twice: of BEFORE and of AFTER (default: as 'stepdiag solve' tells uncertainties)",
+        help="instrument file: uncertainties of laser, sensors, material and setup, as for"
+        " 'stepdiag budget'; given twice: of BEFORE and of AFTER (default: uncertainties as"
+        " in 'stepdiag solve')",
     )
     parser.add_argument(
         "--same-instrument",
@@ -56,10 +57,8 @@ def _add_options(parser: ArgumentParser) -> None:
     add_common(
         parser,
         "output",
-        help=(
-            "folder for the page, changes.json and changes.txt (default, with --html or --pdf:"
-            " NAME_changes beside AFTER)"
-        ),
+        help="folder for the page, changes.json and changes.txt (default, with --html or --pdf:"
+        " NAME_changes beside AFTER)",
     )
 
 
@@ -96,7 +95,7 @@ def report_of(arguments: Namespace) -> "ChangesReport":
         raise ValueError("--instrument is given more than twice: expected of BEFORE and of AFTER")
     if arguments.same_instrument and len(set(given)) != 1:
         raise ValueError(
-            "--same-instrument needs one --instrument, which tells what both measurements share"
+            "--same-instrument needs one --instrument, which states what both measurements share"
         )
     before, after = (
         _solved(getattr(arguments, when), getattr(arguments, f"run_{when}"), arguments)
@@ -225,8 +224,8 @@ COMMAND = Command(
     help="what changed between two measurements, with E_n values",
     description="Compare two measurements of the same box, before and after compensation, or"
     " last year and now: positioning, straightness, squareness, the error vectors in the volume"
-    " and every curve node by node, each with the uncertainty of its change and E_n; and say"
-    " whether the change is more than the measurements can tell.",
+    " and every curve node by node, each with the uncertainty of its change and E_n; and state"
+    " whether the change exceeds the uncertainty of the measurements.",
     epilog="examples:\n"
     "  stepdiag changes before.mcap after.mcap               tables here\n"
     "  stepdiag changes before.mcap after.mcap --html --pdf  a page, in after_changes/\n"

@@ -47,7 +47,7 @@ def _add_options(parser: ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         required=True,
-        help="table of what was measured directly (.csv), see below",
+        help="table of direct measurements (.csv), see below",
     )
     add_result_options(parser, "NAME_comparison beside the bag")
 
@@ -71,7 +71,7 @@ def run(arguments: Namespace) -> int:
         raise ValueError(f"{arguments.measured}: {error}") from None
     if experiment is None:
         reason = report.refused.get("setup_robust", "not all nine curves are determined")
-        raise ValueError(f"{arguments.bag}: there is nothing to compare with: {reason}")
+        raise ValueError(f"{arguments.bag}: no result to compare with: {reason}")
 
     def draw() -> "dict[str, Picture]":
         from stepdiag_ros.plots.files.experiment import draw_experiment
@@ -96,7 +96,7 @@ COMMAND = Command(
     70,
     _add_options,
     run,
-    help="compare a result with errors that were measured directly",
+    help="compare a result with directly measured errors",
     description="Compare the errors identified from a bag with errors measured directly with"
     " an artefact or another instrument: Table 1 and Figures 7 to 10 of Ibaraki and Hata"
     " (2010), differences and normalised errors E_n, with pictures.",

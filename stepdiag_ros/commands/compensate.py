@@ -23,8 +23,8 @@ _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
 settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
 
-nothing is ever installed, and no file is overwritten. How to load the tables, what they do not
-correct and how to go back: docs/compensation.md
+the command installs nothing and overwrites no file. How to load the tables, what they
+do not correct and how to undo them: docs/compensation.md
 
 examples:
   stepdiag compensate run.mcap --for linuxcnc
@@ -61,7 +61,8 @@ def _add_options(parser: ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="MM",
-        help="between entries of a table (default: as the nodes of the measurement; fanuc: finer)",
+        help="distance between entries of a table (default: as the nodes of the measurement;"
+        " fanuc: finer)",
     )
     parser.add_argument(
         "--reference",
@@ -86,14 +87,12 @@ def _add_options(parser: ArgumentParser) -> None:
         "--on-top-of",
         type=Path,
         metavar="FOLDER",
-        help="tables that were at work when the run was measured: the new ones contain them",
+        help="tables that were active during the run: the new ones contain them",
     )
     add_seal_option(parser)
     add_despite_option(parser)
     add_common(parser, "json")
-    add_common(
-        parser, "pictures", help="format of the picture of what remains, or none (default: png)"
-    )
+    add_common(parser, "pictures", help="format of the picture, or none (default: png)")
 
 
 def add_seal_option(parser: ArgumentParser) -> None:
@@ -131,8 +130,8 @@ def add_despite_option(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--despite-verdict",
         action="store_true",
-        help="compensate even where the diagnosis of the run says that something acts that would"
-        " not be compensated; it is written into everything that is made",
+        help="compensate even if the diagnosis finds an effect that the tables would not"
+        " compensate; every file written states this",
     )
 
 
@@ -308,7 +307,7 @@ def _tables_before(chosen: "Control", folder: Path | None) -> "TableSet":
     }
     found = chosen.read(files)
     if not isinstance(found, TableSet):
-        raise ValueError(f"a map has no tables that could be contained in others: leave {folder}")
+        raise ValueError(f"a map has no tables that others could contain: leave out {folder}")
     return found
 
 
@@ -358,9 +357,9 @@ COMMAND = Command(
     10,
     _add_options,
     run,
-    help="write compensation tables and state what they leave",
-    description="Write the compensation tables of a control from a measurement: positioning,"
-    " and where the control can, straightness and squareness. What remains of the errors is"
-    " computed from the written files and shown, before and after.",
+    help="write compensation tables and show the remaining errors",
+    description="Write the compensation tables of a control from a measurement: positioning, and"
+    " where the control supports it, straightness and squareness. The command computes the"
+    " remaining errors from the written files and shows the errors before and after.",
     epilog=_EPILOG,
 )

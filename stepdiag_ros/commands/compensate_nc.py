@@ -24,9 +24,10 @@ _MILLI, _MICRO = 1e-3, 1e-6
 _BYTES = "latin-1"
 _EPILOG = """\
 read are ISO 6983 programs: G0 to G3 (I J K, or R), G17 to G19, G20/G21, G53 to G59.3, G90/G91,
-G43 H, G28/G30, N words, comments, F S T M. Whatever else moves the axes, or changes what their
-coordinates mean, is refused with its line: cutter compensation, subprograms, macros, probing,
-rotated, scaled and polar coordinates, other axes. docs/compensate_nc.md says more.
+G43 H, G28/G30, N words, comments, F S T M. The command refuses everything else that
+moves the axes or changes the meaning of coordinates, and names the line: cutter compensation,
+subprograms, macros, probing, rotated, scaled and polar coordinates, other axes. See
+docs/compensate_nc.md.
 
 The work offsets are those set in the control when the program runs: machine coordinates of the
 workpiece zero. The errors depend on where the axes really stand, so the program is right for this
@@ -98,21 +99,21 @@ def _add_options(parser: ArgumentParser) -> None:
         type=lambda text: _MICRO * number(text, 0.01, 1000.0),
         default=2e-6,
         metavar="UM",
-        help="that the tool may be away from its way along feed moves, in µm (default: 2)",
+        help="largest deviation of the tool from its path in feed moves, in µm (default: 2)",
     )
     parser.add_argument(
         "--decimals",
         type=int,
         choices=range(3, 8),
         default=4,
-        help="of millimetres in the written program (default: 4)",
+        help="decimals of a millimetre in the written program (default: 4)",
     )
     parser.add_argument(
         "--outside",
         choices=("refuse", "hold"),
         default="refuse",
-        help="outside the measured box: refuse the program, or let the correction of the nearest"
-        " place in the box go on (default: refuse)",
+        help="outside the measured box: refuse the program, or use the correction of the nearest"
+        " point of the box (default: refuse)",
     )
     parser.add_argument(
         "--cycles",
@@ -237,9 +238,9 @@ COMMAND = Command(
     _add_options,
     run,
     help="rewrite an NC program for the errors of a machine",
-    description="Replace every target of an NC program by the one at which the tool of this"
-    " machine comes to where the program wants it, divide feed moves so that the tool stays"
-    " within a tolerance of its way, and run both programs through the model of the machine to"
-    " say what remains.",
+    description="Replace every target of an NC program by the target with which the tool of this"
+    " machine reaches the programmed position, divide feed moves so that the tool stays within a"
+    " tolerance of its path, and run both programs through the model of the machine to show the"
+    " remaining errors.",
     epilog=_EPILOG,
 )

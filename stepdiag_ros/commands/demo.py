@@ -20,7 +20,7 @@ COMMAND = Command(
     run,
     help="measure a simulated machine and show the result (about a minute)",
     description="Measure a simulated machine with three linear axes and four step diagonals of "
-    "12 blocks of 10 mm, both ways, twice, faster than real time; then show what "
-    "each method makes of it beside the truth.",
+    "12 blocks of 10 mm, in both directions, twice, faster than real time; then show what "
+    "each method finds beside the true errors.",
     epilog="example: stepdiag demo --output my_first_run",
 )

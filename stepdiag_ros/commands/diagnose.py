@@ -33,7 +33,7 @@ _EXAMPLES = """\
 verdicts:
   CONSISTENT    the model explains the run to within its noise
   NAMED         what is missing, with size, uncertainty and what else was tried
-  AMBIGUOUS     the gap closes, but this run does not tell which of several effects closes it
+  AMBIGUOUS     the gap closes, but this run does not show which of several effects closes it
   UNEXPLAINED   there is a gap that nothing in the catalogue closes; where and how large
   NOT TESTABLE  the run has no data that could contradict the model
 
@@ -42,7 +42,7 @@ examples:
   stepdiag diagnose run.csv --model mill.yaml    compared with what is known of the machine
   stepdiag diagnose run.mcap --extend mill.yaml  writes a model that has the named effects
   stepdiag diagnose later.mcap --model mill.yaml does it still hold?
-  stepdiag diagnose run.mcap --propose more.yaml AMBIGUOUS: writes the shortest plan that would tell
+  stepdiag diagnose run.mcap --propose more.yaml AMBIGUOUS: writes the shortest plan to decide
   stepdiag run --plan more.yaml                  measures it
   stepdiag diagnose run.mcap more.mcap           both runs together: which effect it is"""
 
@@ -75,18 +75,18 @@ def _add_options(parser: ArgumentParser) -> None:
         "--status",
         choices=("fixed", "fitted"),
         default="fitted",
-        help="of the effects that --extend adds: fitted, every later run tells its own size"
-        " (default); fixed, the size holds",
+        help="status of the effects that --extend adds: fitted: determined again from every later"
+        " run (default); fixed: keep the size",
     )
     parser.add_argument(
         "--propose",
         type=Path,
         metavar="PLAN",
         help="where several effects may be the cause: write the shortest extra plan (YAML) that"
-        " tells them apart, with the run's own box, feed and dwell",
+        " distinguishes them, with the run's own box, feed and dwell",
     )
     add_common(
-        parser, "seed", help="of the random draws that guard against false names (default: 0)"
+        parser, "seed", help="seed of the random draws that guard against false names (default: 0)"
     )
     add_output_options(parser, "NAME_diagnosis beside the bag")
 
@@ -231,9 +231,9 @@ class _Run(NamedTuple):
     Attributes:
         measurement: its lines.
         run_id: its identity; empty if it has none.
-        remarks: in words where the lines come from.
-        conditions: its plan, if that tells the feed.
-        machine: that measured it; None if not told.
+        remarks: where the lines come from, in words.
+        conditions: its plan, if the plan states the feed.
+        machine: that measured it; None if unknown.
     """
 
     measurement: "Measurement"
@@ -296,9 +296,9 @@ COMMAND = Command(
     _add_options,
     run,
     help="compare a run with a model and name the missing effect",
-    description="Compare a recorded run with a model of the machine: say whether they agree,"
-    " and if not, where the gap is and which effect of the catalogue closes it, with size,"
-    " uncertainty and proof on data that took no part in the fit. The noise is taken from the"
-    " repeats. Any verdict is a result: the exit code is 0.",
+    description="Compare a recorded run with a model of the machine. The command reports whether"
+    " they agree, and if not, where the gap is and which effect of the catalogue closes it, with"
+    " size, uncertainty and a proof on data that took no part in the fit. The noise is estimated"
+    " from the repeats. Every verdict is a result: the exit code is 0.",
     epilog=_EXAMPLES,
 )

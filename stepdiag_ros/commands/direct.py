@@ -14,8 +14,8 @@ _UNITS = ("urad", "mrad", "arcsec", "nm", "um", "mm")
 """As in ``bags.imports.renishaw_direct``, which is slow to import."""
 
 _EXAMPLES = """\
-the file names neither the error nor its unit nor its uncertainty, so you say them. What its text
-does tell (angles or straightness, the axis) must agree.
+the file states neither the error nor its unit nor its uncertainty, so you give them.
+They must agree with what it does state (angles or straightness, the axis).
 
 examples:
   stepdiag direct pitch.rta --curve E_BX --unit arcsec --uncertainty 0.2
@@ -31,24 +31,24 @@ def _add_options(parser: ArgumentParser) -> None:
         "--curve", required=True, choices=_CURVES, metavar="NAME", help="the error, such as E_BX"
     )
     parser.add_argument(
-        "--unit", required=True, choices=_UNITS, help="of the deviations in the file"
+        "--unit", required=True, choices=_UNITS, help="unit of the deviations in the file"
     )
     parser.add_argument(
         "--uncertainty",
         required=True,
         type=partial(number, low=1e-9, high=1e6),
         metavar="U",
-        help="standard uncertainty of a deviation but for its scatter over the runs, in that unit",
+        help="standard uncertainty of a deviation without its scatter over the runs, in this unit",
     )
     for name, what in (
         (
             "standing",
-            "where the axes stood, machine coordinates in mm; that of the moving one"
-            " counts for nothing (default: not told)",
+            "positions of the axes, machine coordinates in mm; the value for the moving axis is"
+            " ignored (default: unknown)",
         ),
         (
             "reflector",
-            "from the mirror of the laser lines to the point that was measured, in mm"
+            "vector from the mirror of the laser lines to the point that was measured, in mm"
             " (default: 0 0 0)",
         ),
     ):
@@ -62,7 +62,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--decimal", choices=(".", ","), default=".", help="sign in numbers (default: .)"
     )
-    parser.add_argument("--encoding", default="", help="of the text (default: found out)")
+    parser.add_argument("--encoding", default="", help="encoding of the text (default: detected)")
     add_common(parser, "output", metavar="TABLE", help="default: NAME_CURVE.csv beside the file")
 
 
@@ -106,8 +106,8 @@ COMMAND = Command(
     _add_options,
     run,
     help="make a table of directly measured errors (.rta, .rts)",
-    description="Make the table of direct measurements that 'stepdiag solve --direct' weighs in"
-    " and 'stepdiag compare --measured' compares with, from a file of Renishaw's laser"
-    " software: angles (.rta), straightness (.rts) or positioning (.rtl).",
+    description="Make the table of direct measurements for 'stepdiag solve --direct' and"
+    " 'stepdiag compare --measured' from a file of Renishaw's laser software: angles (.rta),"
+    " straightness (.rts) or positioning (.rtl).",
     epilog=_EXAMPLES,
 )

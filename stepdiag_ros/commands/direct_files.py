@@ -16,9 +16,9 @@ def add_direct_option(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="table of angles, straightness or squareness that were measured directly (.csv, form:"
-        " 'stepdiag compare --help'), weighed in by their uncertainty; may be given more than once."
-        " 'stepdiag direct' makes it from files of other programs",
+        help="table of angles, straightness or squareness that were measured directly (.csv,"
+        " form: 'stepdiag compare --help'), weighted by their uncertainty; may be given more than"
+        " once. 'stepdiag direct' makes it from files of other programs",
     )
 
 

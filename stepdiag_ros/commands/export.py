@@ -13,7 +13,10 @@ def _add_options(parser: ArgumentParser) -> None:
     add_common(parser, "run")
     add_common(parser, "output", help="default: NAME_tables beside the bag")
     parser.add_argument(
-        "--format", choices=("csv", "parquet"), default="csv", help="of the tables (default: csv)"
+        "--format",
+        choices=("csv", "parquet"),
+        default="csv",
+        help="format of the tables (default: csv)",
     )
     parser.add_argument(
         "--readings", action="store_true", help="write every reading of the interferometer, too"
@@ -21,11 +24,9 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--attachments",
         action="store_true",
-        help="write the files in the bag, too: plan, machine, what it was imported from",
+        help="write the files in the bag, too: plan, machine, source of an import",
     )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace files that are there already"
-    )
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     add_common(parser, "json", help="print the names of the files as JSON")
 
 

@@ -19,23 +19,25 @@ def _add_options(parser: ArgumentParser) -> None:
         "--rate",
         type=lambda text: number(text, 0.001, 1000.0),
         default=None,
-        help="of a bag: recorded seconds in a real second, until a viewer changes it (default: 1)",
+        help="for a bag: recorded seconds in a real second, until a viewer changes it (default: 1)",
     )
     add_common(parser, "run")
     add_common(parser, "namespace")
     parser.add_argument(
         "--use-sim-time",
         action="store_true",
-        help="go by the clock of a simulated cell or of 'stepdiag replay'",
+        help="use the clock of a simulated cell or of 'stepdiag replay'",
     )
-    parser.add_argument("--address", default="127.0.0.1", help="to serve on (default: %(default)s)")
+    parser.add_argument(
+        "--address", default="127.0.0.1", help="address to serve on (default: %(default)s)"
+    )
     parser.add_argument(
         "--port", type=port, default=_DEFAULT_PORT, help="(default: %(default)s; 0: any)"
     )
     parser.add_argument(
         "--open-to-network",
         action="store_true",
-        help="an address that other computers can reach is wanted; everybody there may look on",
+        help="allow an address that other computers can reach; everyone there can view the run",
     )
 
 
@@ -74,7 +76,7 @@ def _replay(arguments: Namespace) -> int:
         replay.server.start()
         say(f"viewers connect to {replay.server.url}; Ctrl-C ends it")
         if not place.is_local:
-            say(f"everybody who can reach {place.address} may look on: viewers do not log in")
+            say(f"everyone who can reach {place.address} can view the run: viewers do not log in")
         replay.play(stop)
     finally:
         replay.close()
@@ -90,13 +92,13 @@ COMMAND = Command(
     _add_options,
     run,
     help="in Foxglove",
-    description="Serve what the nodes on this ROS domain publish, or a bag, to Foxglove and "
-    "other viewers that speak its WebSocket protocol. Viewers look on; they control nothing "
-    "but the playing of a bag. Load the layout config/foxglove/stepdiag.json there. It is "
-    "served to this computer alone unless --address and --open-to-network say otherwise "
-    "(docs/foxglove.md). Ctrl-C ends it.",
+    description="Serve what the nodes on this ROS domain publish, or a bag, to Foxglove and other"
+    " viewers that speak its WebSocket protocol. Viewers only display; they control nothing but"
+    " the playback of a bag. Load the layout config/foxglove/stepdiag.json there. Only this"
+    " computer can connect, unless you give --address and --open-to-network (docs/foxglove.md)."
+    " End with Ctrl-C.",
     epilog="examples:\n"
-    "  stepdiag foxglove                       the run that goes on\n"
+    "  stepdiag foxglove                       the live run\n"
     "  stepdiag foxglove RUN.mcap --rate 10    a recorded run, 10 times as fast\n"
     "  ssh -L 8765:127.0.0.1:8765 CELL         a run on another computer",
 )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.bags.imports.source import SourceFile
 
 _FORMATS = """\
-formats, found by content (docs/import.md says of each what is known and what is refused):
+formats, detected by content (docs/import.md describes each of them):
   run table            the plain form in which measurements are exchanged, see below
   Renishaw .rtl        linear positioning (also .rtl2, as far as it is text of this form)
   table of an axis     cycle,direction,target_mm,position_mm (as 'stepdiag iso230' reads it)
@@ -56,71 +56,75 @@ def _add_options(parser: ArgumentParser) -> None:
         type=Path,
         nargs="*",
         metavar="file",
-        help="the file; or several that are tests of one line each, with an --axis for each. The"
-        " bag to make may follow (default: NAME.mcap beside the first file)",
+        help="file to import; or several files with a test of one line each, with an --axis for"
+        " each. The bag to make may follow (default: NAME.mcap beside the first file)",
     )
     parser.add_argument(
         "--case",
         type=Path,
         metavar="FILE",
         help="of a run table: YAML with chain, origin_m, step_m, blocks, dead_path_m,"
-        " reading_noise_m, one_alignment_per_diagonal and what else is known of the plan"
-        " (docs/import.md; default: case.yaml beside the table, if there is one)",
+        " reading_noise_m, one_alignment_per_diagonal and other keys of the plan (docs/import.md;"
+        " default: case.yaml beside the table, if there is one)",
     )
     parser.add_argument(
         "--mapping",
         default="",
         metavar="FILE",
-        help="YAML that says what the columns are: a path, or a name of config/imports",
+        help="YAML file that describes the columns: a path, or a name of config/imports",
     )
     parser.add_argument(
         "--axis",
         nargs="+",
         default=[],
         metavar="NAME",
-        help="what each file is a test of, in the order of the files: X Y Z, or a diagonal (ppp npp"
-        " pnp ppn, pp0 np0 p0p n0p 0pp 0np: p, the axis runs up, n, it runs down). Targets of a"
-        " diagonal are distances along it",
+        help="tested axis or diagonal of each file, in the order of the files: X Y Z, or a"
+        " diagonal (ppp npp pnp ppn, pp0 np0 p0p n0p 0pp 0np: p, the axis runs up, n, it runs"
+        " down). Targets of a diagonal are distances along it",
     )
     parser.add_argument(
         "--box",
         nargs=6,
         type=lambda text: number(text, -1000.0, 1000.0),
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="of diagonals: two corners of the measured volume, between which they run from the"
+        help="for diagonals: two corners of the measured volume, between which they run from the"
         " first target to the last, machine coordinates in m",
     )
     parser.add_argument(
         "--chain",
         default="",
         choices=("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
-        help="of a tracker's table: order of the axes from workpiece to tool",
+        help="for a tracker's table: order of the axes from workpiece to tool",
     )
     parser.add_argument(
         "--standing",
         type=_position,
         metavar="X,Y,Z",
-        help="where the axes stood that did not move, machine coordinates in m",
+        help="positions of the standing axes, machine coordinates in m",
     )
     parser.add_argument(
         "--directions",
         default="",
         choices=("same", "alternating"),
-        help="how runs were measured that all stand in the same order in the file",
+        help="direction of the runs, if all have the same order in the file",
     )
     parser.add_argument(
         "--overrun",
         type=lambda text: number(text, 0.0, 1.0),
         metavar="M",
-        help="how far beyond its first target each run along an axis began, so that this was"
-        " approached in the sense of the run (default: not at all in a run table, else not known)",
+        help="how far beyond its first target each run along an axis began, so that the first"
+        " target was approached in the direction of the run (default: 0 in a run table, else"
+        " unknown)",
     )
-    parser.add_argument("--encoding", default="", help="of the text (default: found out)")
+    parser.add_argument("--encoding", default="", help="encoding of the text (default: detected)")
     parser.add_argument(
         "--decimal", default=".", choices=(".", ","), help="decimal sign in a .rtl (default: .)"
     )
     parser.add_argument(
-        "--plan", default="", metavar="PLAN", help="that a stream of readings was measured by"
+        "--plan",
+        default="",
+        metavar="PLAN",
+        help="plan of the measurement, for a stream of readings",
     )
     add_common(parser, "json", help="print what was imported as JSON")
 
@@ -154,7 +158,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _undetermined(bag: Path) -> str:
-    """Say which errors the lines in a bag do not tell; empty where they tell them all."""
+    """Return which errors the lines in a bag do not determine; empty if they determine all."""
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.planning.undetermined import undetermined
 
@@ -171,7 +175,7 @@ def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], lis
     behind = [Path(one) for one in named if one.lower() not in known]
     for one in behind:
         if not one.suffix and not one.exists():
-            raise ValueError(f"--axis: '{one}' is none of {', '.join(TESTED)}")
+            raise ValueError(f"--axis: '{one}' is unknown. Use one of {', '.join(TESTED)}")
     if not paths and not behind:
         raise ValueError("no file is named; say which to import")
     return axes, [*paths, *behind]
@@ -204,7 +208,9 @@ def _run_table(
 
     for name in ("axis", "box", "standing", "directions", "plan", "chain"):
         if getattr(arguments, name):
-            raise ValueError(f"{table} is a run table and tells that itself: leave --{name} out")
+            raise ValueError(
+                f"{table} is a run table and contains this already. Leave out --{name}"
+            )
     made = import_table(table, arguments.case, target, arguments.overrun)
     measurement = made.measurement
     return {
@@ -288,8 +294,8 @@ COMMAND = Command(
     run,
     help="make a bag from a measurement of another program",
     description="Make a bag from a run table, a file of another laser system or any table of"
-    " text. The file goes into the bag byte for byte. What cannot be read, is incomplete or"
-    " contradicts itself is refused with the row and the reason; what the file does not tell"
-    " is unknown.",
+    " text. The file goes into the bag byte for byte. The command refuses a file that it cannot"
+    " read or that is incomplete or contradictory, and names the row and the reason. Values that"
+    " the file does not state are unknown.",
     epilog=_FORMATS,
 )

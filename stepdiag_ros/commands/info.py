@@ -78,7 +78,7 @@ def _print(info: "BagInfo") -> None:
 
 
 def _source(facts: "Mapping[str, str]") -> list[str]:
-    """Return what an imported bag tells of the file that it was made from, in lines."""
+    """Return what an imported bag states about its source file, in lines."""
     if "source_file" not in facts:
         return []
     told = [f"{facts['source_file']}, SHA-256 {facts.get('source_sha256', 'unknown')}"]
@@ -105,7 +105,7 @@ def _state(info: "BagInfo") -> str:
 
 
 def _messages(info: "BagInfo") -> str:
-    again = f"; {info.repetitions} of them said again" if info.repetitions else ""
+    again = f"; {info.repetitions} of them repeated" if info.repetitions else ""
     return f"{info.messages} over {info.duration:.1f} s in {info.chunks} chunks{again}"
 
 
@@ -141,7 +141,7 @@ def _samples(check: "SampleCheck") -> str:
     told = f"{check.samples:,} at {check.rate:,.0f} Hz in {check.blocks:,} blocks, {missing}"
     if check.different:
         return f"{told}; {check.different} of {check.made} readings DO NOT FOLLOW from them"
-    return f"{told}; {check.made:,} readings follow from them, to the last bit"
+    return f"{told}; {check.made:,} readings follow from them, bit for bit"
 
 
 def _timing(timing: "RunTiming", settle: float) -> str:
@@ -170,9 +170,9 @@ COMMAND = Command(
     10,
     _add_options,
     run,
-    help="show what is in a bag, and whether it is whole",
-    description="Show whose measurement a bag is, what was recorded, whether every checksum is"
-    " right and whether readings of the interferometer are missing. A damaged or cut bag is"
-    " reported with exit code 1.",
+    help="show the contents of a bag, and whether it is complete",
+    description="Show the measurement that a bag holds, the recorded topics, whether every"
+    " checksum is right and whether readings of the interferometer are missing. The exit code is"
+    " 1 if the bag is damaged or cut off.",
     epilog="example:\n  stepdiag info run.mcap",
 )

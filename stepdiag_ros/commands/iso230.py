@@ -19,7 +19,7 @@ a table is CSV, one row a reading:
   target_mm    commanded position
   position_mm  measured position
 
---uncertainty names a YAML file; what is missing in it is unknown:
+--uncertainty names a YAML file; missing values are unknown:
   device_U_m_per_m             of the calibrated laser, k = 2
   misalignment_m               parallel deviation of beam and axis over the length
   temperature_range_K          range of the error of the measured machine temperature
@@ -46,7 +46,7 @@ def _add_options(parser: ArgumentParser) -> None:
         "--uncertainty",
         type=Path,
         metavar="FILE",
-        help="what is known of the conditions, see below",
+        help="measuring conditions, see below",
     )
     parser.add_argument(
         "--published", type=Path, metavar="FILE", help="figures to compare with, see below"

@@ -19,7 +19,7 @@ def _add_options(parser: ArgumentParser) -> None:
         "--plan", default="", help="YAML file, or a name (default: the plan of the sequencer)"
     )
     add_common(parser, "namespace")
-    add_common(parser, "json", help="print what the run came to as JSON")
+    add_common(parser, "json", help="print the outcome of the run as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -52,7 +52,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _warn_beside(text: str) -> None:
-    """Warn of what the lines of the sequencer's own plan do not tell.
+    """Warn of what the lines of the sequencer's own plan do not determine.
 
     In a thread of its own: who follows a run must not fall silent.
     """
@@ -65,7 +65,7 @@ def _warn_beside(text: str) -> None:
 
 
 class _Attendant:
-    """Whoever sits before the terminal, if there is one."""
+    """The user at the terminal, if there is a terminal."""
 
     def __init__(self) -> None:
         self._said = ""
@@ -108,7 +108,7 @@ def _enter_was_pressed() -> bool:
 
 
 def _lead(measured: "RunOutcome") -> "RunLead":
-    """Return what is said first of the run, before anything is solved."""
+    """Return the summary of the run before anything is solved."""
     from stepdiag_ros.bags.passes import Completeness
     from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
@@ -161,13 +161,13 @@ COMMAND = Command(
     _add_options,
     run,
     help="run a test plan on nodes that are already running",
-    description="Start a run on the nodes that are in the ROS graph, by the sequencer's action,"
-    " and follow it until it is recorded and evaluated. Where the run waits for a setup, or was"
-    " stopped by a fault, it says so: Enter goes on once all is in order. Without a terminal a"
-    " fault ends the run, and a setup is confirmed by the service sequencer/resume. Ctrl-C"
+    description="Start a run on the nodes in the ROS graph, by the sequencer's action, and follow"
+    " it until it is recorded and evaluated. If the run waits for a setup or was stopped by a"
+    " fault, the command reports it: press Enter to continue once everything is in order. Without"
+    " a terminal, a fault ends the run, and the service sequencer/resume confirms a setup. Ctrl-C"
     " stops the machine and ends the run. The exit code is 0 if all lines were measured and the"
     " bag is whole, 1 if not, 130 after Ctrl-C.",
     epilog="examples:\n"
-    "  stepdiag measure                        the plan that the sequencer was started with\n"
-    "  stepdiag measure --plan my_plan.yaml    another one; the file need be here only",
+    "  stepdiag measure                        plan of the sequencer\n"
+    "  stepdiag measure --plan my_plan.yaml    another plan, in a file on this computer",
 )

@@ -21,10 +21,12 @@ def _add_options(parser: ArgumentParser) -> None:
     add_rate_option(parser)
     add_common(parser, "run")
     add_common(parser, "namespace")
-    parser.add_argument("--address", default="127.0.0.1", help="to serve on (default: %(default)s)")
+    parser.add_argument(
+        "--address", default="127.0.0.1", help="address to serve on (default: %(default)s)"
+    )
     parser.add_argument("--port", type=port, default=8470, help="(default: %(default)s; 0: any)")
     parser.add_argument(
-        "--token-file", default="", metavar="FILE", help="whose first line is the token"
+        "--token-file", default="", metavar="FILE", help="file whose first line is the token"
     )
 
 
@@ -85,14 +87,14 @@ COMMAND = Command(
     _add_options,
     run,
     help="in the browser, as a live page",
-    description="Serve one page that shows where the run is, the beam, stops and blocks as they"
-    " come, the error curves with their uncertainty, squareness, the gap to the model, the air"
-    " and what is wrong. Without a bag it shows what runs on this ROS domain, and whoever has"
-    " the token may start, pause, resume and abort from the page. With a bag it plays that, and"
-    " controls nothing. It is served to this computer alone unless --address and --token-file"
-    " say otherwise (docs/monitor.md). Ctrl-C ends it.",
+    description="Serve one page that shows the progress of the run, the beam, stops and blocks as"
+    " they arrive, the error curves with their uncertainty, squareness, the gap to the model,"
+    " the air and all faults. Without a bag, the page shows the run on this ROS domain, and"
+    " an operator with the token can start, pause, resume and abort it. With a bag, the page"
+    " plays the bag and controls nothing. Only this computer can open the page, unless you"
+    " give --address and --token-file (docs/monitor.md). End with Ctrl-C.",
     epilog="examples:\n"
-    "  stepdiag monitor                        the run that goes on\n"
+    "  stepdiag monitor                        the live run\n"
     "  stepdiag monitor RUN.mcap --rate 50     a recorded run, 50 times as fast\n"
     "  stepdiag monitor --address 0.0.0.0 --token-file ~/.stepdiag_token",
 )

@@ -46,7 +46,7 @@ COMMAND = Command(
     _add_options,
     run,
     help="start one node of a measurement",
-    description="Start one node and run it until Ctrl-C. Parameters and names are given the "
-    "ROS 2 way, behind --ros-args; 'stepdiag parameters NAME' shows what there is.",
+    description="Start one node and run it until Ctrl-C. Give parameters and names as in ROS 2,"
+    " after --ros-args; 'stepdiag parameters NAME' lists the parameters.",
     epilog="example: stepdiag node solver --ros-args -p use_sim_time:=true",
 )

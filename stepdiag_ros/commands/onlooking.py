@@ -18,7 +18,7 @@ def add_rate_option(parser: ArgumentParser) -> None:
         "--rate",
         type=lambda text: number(text, 0.0, 1e6),
         default=None,
-        help="of a bag: recorded seconds in a real second; 0: as fast as possible"
+        help="for a bag: recorded seconds in a real second; 0: as fast as possible"
         f" (default: {_BAG_RATE:g})",
     )
 

@@ -38,24 +38,24 @@ def number(text: str, low: float, high: float) -> float:
     """Return the number that an option was given.
 
     Raises:
-        argparse.ArgumentTypeError: it is none, or not within [low, high].
+        argparse.ArgumentTypeError: it is not a number, or not within [low, high].
     """
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
     if not low <= value <= high:
         raise argparse.ArgumentTypeError(f"{text} is not between {low:.15g} and {high:.15g}")
     return value
 
 
 def say(text: str) -> None:
-    """Tell the user something that is not the result."""
+    """Print information that is not the result."""
     print(printable(text), file=sys.stderr)
 
 
 def warn(text: str) -> None:
-    """Tell the user what is not as it should be, and yet no refusal."""
+    """Print a warning."""
     say(f"stepdiag: warning: {text}")
 
 
@@ -66,7 +66,7 @@ def warn_of_flaws(recorded: "RecordedRun") -> None:
 
 
 def warn_of_undetermined(plan: "Plan") -> None:
-    """Warn of the errors that a plan's lines do not tell, before the time for them is spent.
+    """Warn of the errors that a plan's lines do not determine, before they are measured.
 
     Args:
         plan: that is to be measured.
@@ -84,7 +84,7 @@ def warn_of_undetermined(plan: "Plan") -> None:
 
 
 class Progress(Protocol):
-    """Told how far a piece of work has come."""
+    """Callback for the progress of a piece of work."""
 
     def __call__(self, done: float, text: str = "") -> None:
         """Say that ``done`` (0..1) of the work is done, and what is being done."""
@@ -92,7 +92,7 @@ class Progress(Protocol):
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """Show a progress bar on standard error while the block runs; nothing if that is no terminal.
+    """Show a progress bar on standard error while the block runs, if that is a terminal.
 
     Args:
         title: what is being done.
@@ -203,8 +203,5 @@ def show_report(
         if not same and method not in report.rounded
     ]
     if differing:
-        warn(
-            f"{', '.join(differing)}: not the same numbers as the result that"
-            " is recorded in the bag"
-        )
+        warn(f"{', '.join(differing)}: the numbers differ from the result recorded in the bag")
     return 0

@@ -20,7 +20,7 @@ def _add_options(parser: ArgumentParser) -> None:
         "nodes",
         nargs="*",
         metavar="NODE",
-        help=f"which nodes (default: all): {', '.join(names)}",
+        help=f"nodes to list (default: all): {', '.join(names)}",
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--yaml", action="store_true", help="print a ROS 2 parameter file")
@@ -78,7 +78,7 @@ COMMAND = Command(
     _add_options,
     run,
     help="list the parameters of the nodes: unit, range, default",
-    description="Show the parameters of the nodes with unit, range, default and meaning, or"
-    " print a ROS 2 parameter file in which they are explained.",
+    description="Show the parameters of the nodes with unit, range, default and meaning, or print"
+    " a ROS 2 parameter file that explains them.",
     epilog=_EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""``stepdiag plan``: proposes a test plan, or says what an existing one will tell."""
+"""``stepdiag plan``: proposes a test plan, or states what an existing one will determine."""
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
@@ -21,8 +21,8 @@ CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 
 def _add_options(parser: ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--for", dest="purpose", choices=PURPOSES, help="what the plan is for")
-    what.add_argument("--check", metavar="PLAN", help="look at this plan: YAML file, or a name")
+    what.add_argument("--for", dest="purpose", choices=PURPOSES, help="purpose of the plan")
+    what.add_argument("--check", metavar="PLAN", help="check this plan: YAML file, or a name")
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--machine", help="YAML file, or a name, for example demo")
     where.add_argument(
@@ -41,15 +41,15 @@ def _add_options(parser: ArgumentParser) -> None:
         "--acceleration",
         type=_positive,
         metavar="M/S2",
-        help="with --travel: of an axis (default: 1)",
+        help="with --travel: acceleration of an axis (default: 1)",
     )
     parser.add_argument(
         "--noise",
         type=_positive,
         default=0.1,
         metavar="UM",
-        help="standard uncertainty of one stop in µm, readings and return of the machine to the"
-        " place together (default: 0.1)",
+        help="standard uncertainty of one stop in µm, readings and repeatability of the machine"
+        " together (default: 0.1)",
     )
     _add_wishes(parser)
     _add_assumptions(parser)
@@ -62,7 +62,7 @@ def _add_wishes(parser: ArgumentParser) -> None:
         "--uncertainty",
         type=_positive,
         metavar="U",
-        help="wanted expanded uncertainty (95 %%): µm; for squareness, angular and iso230-6 µm/m",
+        help="required expanded uncertainty (95 %%): µm; for squareness, angular and iso230-6 µm/m",
     )
     group.add_argument("--hours", type=_positive, help="longest duration, alignments included")
     group.add_argument(
@@ -71,7 +71,7 @@ def _add_wishes(parser: ArgumentParser) -> None:
         nargs=3,
         type=_coordinate,
         metavar=("X", "Y", "Z"),
-        help="first corner of the box in machine coordinates (default: that of the travel)",
+        help="first corner of the box in machine coordinates (default: corner of the travel)",
     )
     group.add_argument(
         "--to",
@@ -85,15 +85,17 @@ def _add_wishes(parser: ArgumentParser) -> None:
         "--margin",
         type=_not_negative,
         metavar="M",
-        help="kept free at every end of the travel (default: 0.005)",
+        help="margin at every end of the travel (default: 0.005)",
     )
-    group.add_argument("--blocks", type=_count, help="number of blocks (default: sought)")
+    group.add_argument("--blocks", type=_count, help="number of blocks (default: optimised)")
     group.add_argument(
         "--spacing", type=_positive, metavar="M", help="largest distance between targets"
     )
-    group.add_argument("--repeats", type=_count, help="of every line (default: sought)")
+    group.add_argument("--repeats", type=_count, help="repeats of every line (default: optimised)")
     group.add_argument("--one-way", action="store_true", help="run every line forward only")
-    group.add_argument("--feed", type=_positive, metavar="M/S", help="of moves (default: 0.033)")
+    group.add_argument(
+        "--feed", type=_positive, metavar="M/S", help="feed of moves (default: 0.033)"
+    )
     group.add_argument(
         "--dwell", type=_positive, metavar="S", help="shortest stay at a stop (default: 1)"
     )
@@ -101,7 +103,7 @@ def _add_wishes(parser: ArgumentParser) -> None:
         "--overrun",
         type=_not_negative,
         metavar="M",
-        help="of iso230-2 and iso230-6: how far beyond its first target a pass begins"
+        help="for iso230-2 and iso230-6: how far beyond its first target a pass begins"
         " (default: 0.002)",
     )
 
@@ -118,7 +120,7 @@ def _add_assumptions(parser: ArgumentParser) -> None:
         "--align-diagonal",
         type=_not_negative,
         metavar="MIN",
-        help="minutes to align them for a diagonal (default: 20)",
+        help="minutes to align laser and mirror for a diagonal (default: 20)",
     )
 
 
@@ -155,9 +157,13 @@ def _add_files(parser: ArgumentParser) -> None:
     )
     group.add_argument("--nc-number", type=_count, metavar="N", help="O-number, 1 to 9999")
     group.add_argument("--nc-line-numbers", action="store_true", help="N10 N20 ...")
-    group.add_argument("--nc-no-percent", action="store_true", help="without the lines '%%'")
+    group.add_argument("--nc-no-percent", action="store_true", help="leave out the lines '%%'")
     group.add_argument(
-        "--nc-decimals", type=_count, default=4, metavar="N", help="of mm, 3 to 6 (default: 4)"
+        "--nc-decimals",
+        type=_count,
+        default=4,
+        metavar="N",
+        help="decimals of a mm, 3 to 6 (default: 4)",
     )
     add_common(parser, "json", help="print JSON (SI units) instead of tables")
 
@@ -180,7 +186,7 @@ def _coordinate(text: str) -> float:
 
 def _count(text: str) -> int:
     if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 100_000:
-        raise ArgumentTypeError(f"'{text}' is no whole number from 1 on")
+        raise ArgumentTypeError(f"'{text}' is not a whole number from 1 on")
     return int(text)
 
 
@@ -205,8 +211,8 @@ def run(arguments: Namespace) -> int:
         plan = configuration.load_plan(arguments.check)[0]
         if plan.tracker is not None:
             raise ValueError(
-                f"{arguments.check} is a plan with a tracker: 'stepdiag tracker plan' checks it"
-                " while it makes it"
+                f"{arguments.check} is a plan with a tracker, which 'stepdiag tracker plan'"
+                " checks when it makes the plan"
             )
         stem = None
     else:
@@ -233,7 +239,7 @@ def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
         for option in ("chain", "acceleration"):
             if getattr(arguments, option) is not None:
                 raise ValueError(
-                    f"--{option} goes with --travel; --machine says it in its file already"
+                    f"--{option} goes with --travel; the file of --machine states it already"
                 )
     if arguments.check is None:
         return
@@ -349,11 +355,11 @@ COMMAND = Command(
     run,
     help="propose a test plan for a machine, or check a plan",
     description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
-    " move orders, repeats. Shows duration, alignments, what every error's visibility and"
-    " uncertainty will be, and what the plan will not tell; writes the plan (YAML, as"
-    " 'stepdiag run --plan' takes it), a picture, and with --nc the program for a machine that"
-    " is not connected (ISO 6983 G-code). With --check it shows the same for a plan that is"
-    " there. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
+    " move orders, repeats. The command shows the duration, the alignments, the visibility and"
+    " expected uncertainty of every error, and what the plan will not determine. It writes the"
+    " plan (YAML, for 'stepdiag run --plan'), a picture, and with --nc the program for a machine"
+    " that is not connected (ISO 6983 G-code). With --check it shows the same for an existing"
+    " plan. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
     epilog="examples:\n"
     "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
     "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --hours 2\n"

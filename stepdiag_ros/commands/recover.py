@@ -1,4 +1,4 @@
-"""``stepdiag recover``: make a clean bag from one that was cut off or damaged."""
+"""``stepdiag recover``: recover a bag that was cut off or damaged."""
 
 import math
 from argparse import ArgumentParser, Namespace
@@ -17,7 +17,7 @@ def _add_options(parser: ArgumentParser) -> None:
         nargs="?",
         help="the clean bag (default: NAME_recovered.mcap beside it)",
     )
-    add_common(parser, "json", help="print what was saved and lost as JSON")
+    add_common(parser, "json", help="print what was recovered and lost as JSON")
 
 
 def run(arguments: Namespace) -> int:
@@ -55,9 +55,9 @@ COMMAND = Command(
     20,
     _add_options,
     run,
-    help="make a clean bag from one that was cut off or damaged",
-    description="Copy everything that is whole out of a bag whose recording was cut off (power,"
-    " full disk, a killed program) or whose bytes were damaged, and say what was lost. The"
-    " damaged bag is not touched.",
+    help="recover a bag that was cut off or damaged",
+    description="Copy all complete records from a bag whose recording was cut off (power, full"
+    " disk, a killed program) or whose bytes were damaged, and report what was lost. The command"
+    " does not change the damaged bag.",
     epilog="example:\n  stepdiag recover run.mcap      writes run_recovered.mcap beside it",
 )

@@ -33,9 +33,9 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=(),
         metavar="NODE",
-        help="begin when these nodes listen, for example assembler solver",
+        help="begin when these nodes subscribe, for example assembler solver",
     )
-    add_common(parser, "json", help="print what was done as JSON")
+    add_common(parser, "json", help="print the outcome as JSON")
 
 
 def _rate(text: str) -> float:
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for topic, same in played.same.items():
             words = played.differences.get(topic, "")
-            print(f"{topic}: {'the same to the last bit' if same else f'DIFFERENT: {words}'}")
+            print(f"{topic}: {'bit-identical' if same else f'DIFFERENT: {words}'}")
     if all(played.same.values()):
         return 0
     print("stepdiag: error: the replay differs from the recording", file=sys.stderr)
@@ -86,11 +86,10 @@ COMMAND = Command(
     _add_options,
     run,
     help="publish a recorded run to live nodes, with its clock",
-    description="Publish what the devices and the sequencer said in a recorded run, with "
-    "/clock, so that assembler, solver and diagnosis that run now see it as if it "
-    "happened again; to look at a run alone: stepdiag monitor RUN. With --check the "
-    "nodes that evaluate are started for it, and their words are compared with the "
-    "recorded ones to the last bit; of the diagnoses, the one that was made when the run "
-    "was over.",
+    description="Publish the recorded messages of the devices and the sequencer, with /clock, so"
+    " that a running assembler, solver and diagnosis process them again. Only to view a run,"
+    " use: stepdiag monitor RUN. With --check the command starts the evaluating nodes and"
+    " compares their messages with the recorded ones bit for bit; of the diagnoses, only the"
+    " final one.",
     epilog="example: stepdiag replay stepdiag_results/RUN.mcap --rate 100 --check",
 )

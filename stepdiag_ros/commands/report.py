@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.report.pages.tracker import TrackerHandover
 
 _PIECES = 20
-"""So many pieces of work, or a few more, are told to a progress bar."""
+"""Approximate number of pieces of work that a progress bar counts."""
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -45,10 +45,10 @@ def _add_options(parser: ArgumentParser) -> None:
         parser.add_argument(f"--{name}", action="store_true", help=what)
     add_common(parser, "output", help="folder for the files (default: NAME_report beside the bag)")
     for name, what in (
-        ("customer", "for whom it was measured"),
+        ("customer", "name of the customer"),
         ("operator", "who measured"),
-        ("place", "where it was measured"),
-        ("serial", "number of the machine"),
+        ("place", "place of the measurement"),
+        ("serial", "serial number of the machine"),
         ("remark", "a further remark"),
     ):
         parser.add_argument(f"--{name}", default="", metavar="TEXT", help=what)
@@ -56,19 +56,20 @@ def _add_options(parser: ArgumentParser) -> None:
         "--tolerance",
         type=partial(number, low=1e-6, high=1e6),
         metavar="UM",
-        help="longest error vector in the volume that is allowed, µm; the first page then says"
-        " whether the machine keeps it (ISO 14253-1)",
+        help="largest permissible error vector in the volume, µm; the first page then states"
+        " whether the machine conforms (ISO 14253-1)",
     )
     parser.add_argument(
         "--instrument",
         metavar="NAME|FILE",
-        help="what is known of laser, sensors, material and setup: see 'stepdiag budget'",
+        help="instrument file: uncertainties of laser, sensors, material and setup, see 'stepdiag"
+        " budget'",
     )
     parser.add_argument(
         "--uncertainty",
         type=Path,
         metavar="FILE",
-        help="what is known of the conditions of the ISO 230 tests: see 'stepdiag iso230'",
+        help="measuring conditions of the ISO 230 tests, see 'stepdiag iso230'",
     )
     add_direct_option(parser)
     parser.add_argument(
@@ -76,7 +77,8 @@ def _add_options(parser: ArgumentParser) -> None:
         choices=Controls(),
         metavar="CONTROL",
         default="generic",
-        help="that compensation is shown for: %(choices)s (default: generic, the whole error map)",
+        help="control to show compensation for: %(choices)s (default: generic, the whole error"
+        " map)",
     )
 
 
@@ -170,7 +172,7 @@ def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandov
         except ValueError as error:
             if not recorded.lines:
                 raise
-            # Tests of axes at uneven targets are no lines of a box, and still tests.
+            # Tests of axes at uneven targets are not lines of a box, and still tests.
             report = unsolved(recorded, sentence(error))
     return Material(recorded, report, given)
 
@@ -186,7 +188,7 @@ def _refuse_options_of_curves(arguments: Namespace) -> None:
 
 
 def _counted(progress: Progress) -> "Callable[[str], None]":
-    """Return what tells a progress bar of one piece of work after another."""
+    """Return a callback that advances a progress bar by one piece of work."""
     count = 0
 
     def tell(text: str) -> None:
@@ -231,12 +233,13 @@ COMMAND = Command(
     _add_options,
     run,
     help="write the report of a measurement: HTML, PDF and JSON",
-    description="Write the report of a measurement: in plain words whether the machine is good,"
-    " its worst error and where, how sure that is and what to do; then machine, instrument,"
-    " plan and weather, readings, error curves by all methods, Table 1, squareness, ISO 230-2"
-    " and ISO 230-6, the volume, uncertainty, what the lines can tell, whether the model"
-    " explains the run, what compensation would leave, and what is not known. Without --html,"
-    " --pdf or --json all three are written. Parts that the bag has no data for say so.",
+    description="Write the report of a measurement: first, in plain words, whether the machine is"
+    " within its limit, its largest error and where, how certain that is and what to do. Then"
+    " machine, instrument, plan and weather, readings, error curves by all methods, Table 1,"
+    " squareness, ISO 230-2 and ISO 230-6, the volume, uncertainty, the visibility of errors,"
+    " whether the model explains the run, the remaining errors after compensation, and what"
+    " is unknown. Without --html, --pdf or --json the command writes all three. A part"
+    " without data in the bag says so.",
     epilog="examples:\n"
     "  stepdiag report run.mcap\n"
     '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'

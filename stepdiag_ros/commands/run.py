@@ -46,8 +46,8 @@ def add_cell_options(parser: argparse.ArgumentParser, plan: str, factor: float) 
     parser.add_argument(
         "--model",
         default="free",
-        help="model of the machine that the run is compared with while it goes on: YAML file, or a"
-        " name (default: free, all error curves free and no further effects)",
+        help="model of the machine to compare with the run: YAML file, or a name (default: free,"
+        " all error curves free and no further effects)",
     )
     parser.add_argument(
         "--factor",
@@ -68,7 +68,7 @@ def add_cell_options(parser: argparse.ArgumentParser, plan: str, factor: float) 
         help="correct every target by this error map, volumetric_map.json of 'stepdiag compensate"
         " --for generic' (default: targets are sent as they are)",
     )
-    add_common(parser, "seed", help="of the noise of the readings")
+    add_common(parser, "seed", help="seed of the noise of the readings")
 
 
 def _factor(text: str) -> float:
@@ -143,7 +143,7 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
     correction = ""
     if arguments.correction is not None:
         correction = str(arguments.correction.resolve())
-        # What is no map is refused here; how large a correction may be, the bridge judges.
+        # What is not a map is refused here; how large a correction may be, the bridge judges.
         correction_from_file(arguments.correction, math.inf)
     folder = make_folder((arguments.output or RESULTS).resolve())
     nodes = simulated_cell(
@@ -167,12 +167,12 @@ COMMAND = Command(
     _add_options,
     run,
     help="start all nodes, run a test plan, solve and show the result",
-    description="Execute a test plan in the simulated cell: starts every node as a process of "
-    "its own, runs the plan, records it into a bag, solves the bag and shows the "
-    "result, with what the diagnosis beside the run has found. A pause for a setup is "
-    "passed at once, because the simulated cell is aligned already. Ctrl-C stops the "
-    "machine and ends the run; what was measured stays in the bag.",
+    description="Execute a test plan in the simulated cell: start every node in its own process,"
+    " run the plan, record it into a bag, solve the bag and show the result, with the findings of"
+    " the diagnosis. A pause for a setup ends at once, because the simulated cell is aligned"
+    " already. Ctrl-C stops the machine and ends the run; the measured data stay in the bag.",
     epilog="examples:\n"
     "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
-    "  stepdiag run --cell hidden_backlash --factor 20   an effect is hidden: see it named",
+    "  stepdiag run --cell hidden_backlash --factor 20   with a hidden effect, which the"
+    " diagnosis names",
 )

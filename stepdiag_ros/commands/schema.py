@@ -36,7 +36,7 @@ COMMAND = Command(
     _add_options,
     run,
     help="print the schema of a JSON document",
-    description="Print the JSON Schema (2020-12) of a document that another command prints"
-    " with --json. The document names its schema in its field 'schema'.",
+    description="Print the JSON Schema (2020-12) of the document that another command prints with"
+    " --json. The field 'schema' of the document names its schema.",
     epilog=_EXAMPLES,
 )

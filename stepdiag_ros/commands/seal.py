@@ -29,7 +29,10 @@ def run(arguments: Namespace) -> int:
         if arguments.bag is not None or arguments.key is not None:
             raise ValueError("--new-key makes a key and seals nothing: give nothing else with it")
         public = new_key(arguments.new_key)
-        say(f"{arguments.new_key} is the private key: whoever has it can seal. Give away {public}.")
+        say(
+            f"{arguments.new_key} is the private key: everyone who has it can seal. Give to"
+            f" others only {public}."
+        )
         return 0
     if arguments.bag is None:
         raise ValueError("give the recording to seal, or --new-key FILE")
@@ -56,10 +59,11 @@ COMMAND = Command(
     _add_options,
     run,
     help="sign a recording, or check its signature",
-    description="Sign a recording (Ed25519), so that everybody who has the public key can tell"
-    " that it is the same since: writes RUN.mcap.sig beside it. 'stepdiag info' and 'stepdiag"
-    " report' say whether a seal is there and right, and 'stepdiag compensate --require-seal'"
-    " refuses without. Without --key the seal that is there is checked.",
+    description="Sign a recording (Ed25519), so that everyone with the public key can verify that"
+    " it has not changed since. The command writes RUN.mcap.sig beside the recording."
+    " 'stepdiag info' and 'stepdiag report' show whether there is a valid seal, and 'stepdiag"
+    " compensate --require-seal' refuses a recording without one. Without --key, the command"
+    " checks the existing seal.",
     epilog="examples:\n"
     "  stepdiag seal --new-key cell.key            makes cell.key (keep it) and cell.key.pub\n"
     '  stepdiag seal run.mcap --key cell.key --words "A. Dent, acceptance"\n'

@@ -20,15 +20,15 @@ def _add_options(parser: ArgumentParser) -> None:
         "seed",
         type=partial(whole, low=0, high=_LARGEST_SEED),
         default=None,
-        help="whole number that the problems are drawn from (default: a new one each time)",
+        help="seed of the problems (default: a new one each time)",
     )
     parser.add_argument(
         "--problems",
         type=partial(whole, low=1, high=_MOST_PROBLEMS),
         default=_DEFAULT_PROBLEMS,
         metavar="N",
-        help="number of step-diagonal problems; their kinds take turns"
-        f" (default: {_DEFAULT_PROBLEMS})",
+        help="number of step-diagonal problems; the kinds alternate (default:"
+        f" {_DEFAULT_PROBLEMS})",
     )
     parser.add_argument(
         "--every-check",
@@ -99,7 +99,9 @@ def _command(main: Callable[[Sequence[str]], int], *words: str) -> str:
     with redirect_stdout(output), redirect_stderr(errors):
         code = main(words)
     if code != 0:
-        raise ValueError(f"stepdiag {words[0]} ended with {code}: {errors.getvalue().strip()}")
+        raise ValueError(
+            f"stepdiag {words[0]} ended with exit code {code}: {errors.getvalue().strip()}"
+        )
     return output.getvalue()
 
 
@@ -110,11 +112,11 @@ COMMAND = Command(
     _add_options,
     run,
     help="solve random reference problems with known answers",
-    description="Draw random machines, setups and noise, simulate their readings by rigid"
-    " bodies, and solve them the way a user does: a run table on the disk, imported, solved."
-    " Every result is compared with the known answer; the limit and the reason for it stand"
-    " beside each deviation. The record names version and platform; the same seed draws the"
-    " same problems. The exit code is 1 if any comparison fails.",
+    description="Draw random machines, setups and noise, simulate their readings by rigid bodies,"
+    " and solve them as a user does: a run table on the disk, imported, solved. The command"
+    " compares every result with the known answer, and shows the limit and its reason beside each"
+    " deviation. The record names version and platform; the same seed draws the same problems."
+    " The exit code is 1 if any comparison fails.",
     epilog="examples:\n"
     "  stepdiag selftest                          a new seed each time\n"
     "  stepdiag selftest --seed 7 --problems 70   more problems, the same each time\n"

@@ -33,13 +33,13 @@ def _add_options(parser: ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="compare with known error curves: YAML with E_XX ... E_ZZ, one value in m for each"
-        " node; not needed for a simulated cell, whose truth is in the bag",
+        " node; not needed for a simulated cell, whose true errors are in the bag",
     )
     parser.add_argument(
         "--visibility",
         action="store_true",
-        help="say of each of the 21 errors whether these lines determine it, what it is confounded"
-        " with, and how certain it can be",
+        help="show for each of the 21 errors whether these lines determine it, what it is"
+        " confounded with, and its expected uncertainty",
     )
     add_direct_option(parser)
     parser.add_argument(
@@ -47,8 +47,8 @@ def _add_options(parser: ArgumentParser) -> None:
         type=rotation_size,
         metavar="SIZE",
         help="plausible size of the angular errors over the measured travel, in all uncertainties"
-        " where the lines do not tell: rad, or precision, machining_centre, large_machine"
-        " (default: as the machine's file says, else machining_centre, 10e-6)",
+        " where the lines do not determine them: rad, or precision, machining_centre, large_machine"
+        " (default: as in the machine file, else machining_centre, 10e-6)",
     )
     add_air_options(parser)
     add_correction_options(parser)
@@ -103,7 +103,7 @@ def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = Non
 
     Args:
         bag: the file.
-        with_visibility: say of each error whether these lines tell it.
+        with_visibility: state for each error whether these lines determine it.
         run_id: which run, where the bag holds several.
 
     Raises:
@@ -129,19 +129,18 @@ COMMAND = Command(
     _add_options,
     run,
     help="compute the volumetric errors of a recorded measurement",
-    description="Compute positioning, straightness and squareness errors of all axes from a"
-    " bag, by every method that the measured lines are enough for. Where the bag has the"
-    " interferometer's readings, the lines are assembled again from them, as in the live run;"
-    " the result is then compared with the recorded one to the last bit. The lines are"
-    " diagnosed too: what is said in short begins with whether the run is complete, with the"
-    " verdict and with what stays unknown.",
+    description="Compute positioning, straightness and squareness errors of all axes from a bag,"
+    " by every method that the measured lines suffice for. If the bag has the interferometer's"
+    " readings, the command assembles the lines again from them, as in the live run, and compares"
+    " the result with the recorded one bit for bit. It also diagnoses the lines: the summary"
+    " begins with whether the run is complete, the verdict and what remains unknown.",
     epilog="examples:\n"
     "  stepdiag solve run.mcap                 tables here, pictures in run_results/\n"
     "  stepdiag solve run.mcap --json          the same as JSON\n"
     "  stepdiag solve run.mcap --pictures pdf  pictures for print\n"
-    "  stepdiag solve run.mcap --visibility    what these lines can tell of each error\n"
+    "  stepdiag solve run.mcap --visibility    what these lines show of each error\n"
     "  stepdiag solve run.mcap --expansion-per-K 11.5e-6   corrected to 20 °C\n"
-    "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air anew\n"
+    "  stepdiag solve run.mcap --air own --dead-path 0.35  compensated for the air again\n"
     "  stepdiag solve run.mcap --direct angles.csv             with angles measured directly",
     further_help=methods_help,
 )

@@ -21,7 +21,7 @@ a table is CSV, one row a diagonal; a single reading at each end is enough:
   same_approach                            yes if both ends were read after a move in the same
                                            direction, no if not; empty if not known
 
-the diagonals must start and finish at identical coordinates; others are refused.
+the diagonals must start and finish at identical coordinates; the command refuses others.
 
 examples:
   stepdiag squareness run.mcap         every pair of diagonals in the bag
@@ -59,7 +59,7 @@ def report_of(source: Path, run_id: str | None = None) -> "SquarenessReport":
         run_id: which run, where a bag holds several.
 
     Raises:
-        ValueError: the file cannot be read, or its diagonals tell no squareness; one sentence.
+        ValueError: the file cannot be read, or its diagonals determine no squareness; one sentence.
     """
     from stepdiag_ros.evaluation.squareness import SquarenessReport
     from stepdiag_ros.metrology.standards.axis_test import all_runs
@@ -93,8 +93,8 @@ COMMAND = Command(
     run,
     help="squareness of the axes from face and body diagonals",
     description="Compute the squareness of the axes from the lengths of diagonals (ISO"
-    " 230-1:2012, 10.3.2.6), in both sign definitions and with its uncertainty: two diagonals"
-    " of a face tell one angle, four body diagonals all three, and with linear tests there is"
-    " one check. Shows how far a shift of the laser's reading would falsify the result.",
+    " 230-1:2012, 10.3.2.6), in both sign definitions and with its uncertainty: two diagonals of"
+    " a face determine one angle, four body diagonals all three, and linear tests add one check."
+    " The output shows how much a shift of the laser's reading would falsify the result.",
     epilog=_FORM,
 )

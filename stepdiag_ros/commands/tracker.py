@@ -38,18 +38,18 @@ examples:
   stepdiag tracker plan --machine demo --station -0.2 0.1 0.05 --nc
   stepdiag tracker plan --box 0 0 0 .12 .12 .12 --station -.15 .15 -.15   where the cell has errors
   stepdiag tracker simulate tracker_plan/places.csv --cell angular --station -.15 .15 -.15
-  stepdiag tracker evaluate readings.csv --chain YXZ --cell angular       beside the truth
+  stepdiag tracker evaluate readings.csv --chain YXZ --cell angular       beside the true errors
   stepdiag tracker locate readings.csv          only where the tracker stands
   stepdiag tracker multilaterate grid.csv --chain YXZ
   stepdiag tracker figures                      Figs. 4 and 5 of Chen et al. 2018, computed"""
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    what = parser.add_subparsers(title="what to do", metavar="WHAT", dest="what", required=True)
+    what = parser.add_subparsers(title="subcommand", metavar="WHAT", dest="what", required=True)
     _add_plan(what)
     _add_simulate(what)
     for name, run, text in (
-        ("locate", run_locate, "find where the tracker stands, from six or more places"),
+        ("locate", run_locate, "locate the tracker from six or more places"),
         ("evaluate", run_evaluate, "evaluate a seven-line test"),
     ):
         one = _command(what, name, text, run)
@@ -68,7 +68,7 @@ def _add_options(parser: ArgumentParser) -> None:
             )
             _add_cell(one)
     points = _command(
-        what, "multilaterate", "points and error curves from four stations or more", run_points
+        what, "multilaterate", "find points and error curves from four or more stations", run_points
     )
     _add_readings(points)
     points.add_argument(
@@ -100,7 +100,7 @@ def _add_readings(parser: ArgumentParser) -> None:
 
 def _add_cell(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "--cell", metavar="NAME", help="compare with the truth of this simulated cell"
+        "--cell", metavar="NAME", help="compare with the true errors of this simulated cell"
     )
 
 
@@ -123,7 +123,9 @@ def _add_station(parser: ArgumentParser) -> None:
 
 
 def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
-    parser = _command(what, "plan", "make the places, a picture and the NC program", run_plan)
+    parser = _command(
+        what, "plan", "plan the target positions, a picture and the NC program", run_plan
+    )
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--machine", help="YAML file, or a name: its travel is the volume")
     where.add_argument(
@@ -141,15 +143,19 @@ def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="N",
         help="plan N x N x N places for multilateration instead of seven lines",
     )
-    parser.add_argument("--targets", type=int, default=11, help="on each line (default: 11)")
-    parser.add_argument("--runs", type=int, default=5, help="each way (default: 5)")
-    parser.add_argument("--places", type=int, default=10, help="that locate it (default: 10)")
+    parser.add_argument(
+        "--targets", type=int, default=11, help="targets on each line (default: 11)"
+    )
+    parser.add_argument("--runs", type=int, default=5, help="runs in each direction (default: 5)")
+    parser.add_argument(
+        "--places", type=int, default=10, help="places that locate it (default: 10)"
+    )
     parser.add_argument(
         "--overrun",
         type=partial(number, low=0.0, high=1.0),
         default=2e-3,
         metavar="M",
-        help="beyond the first and last target, m (default: 0.002)",
+        help="overrun beyond the first and last target, m (default: 0.002)",
     )
     parser.add_argument("--nc", action="store_true", help="write the NC programs (ISO 6983)")
     parser.add_argument(
@@ -157,18 +163,18 @@ def _add_plan(what: "_SubParsersAction[ArgumentParser]") -> None:
         type=partial(number, low=1e-6, high=10.0),
         default=0.05,
         metavar="M/S",
-        help="of all moves, m/s (default: 0.05)",
+        help="feed of all moves, m/s (default: 0.05)",
     )
     parser.add_argument(
         "--dwell",
         type=partial(number, low=0.0, high=600.0),
         default=3.0,
         metavar="S",
-        help="at each place, s (default: 3)",
+        help="dwell at each place, s (default: 3)",
     )
     add_common(parser, "output", default=Path("tracker_plan"))
     add_common(parser, "pictures")
-    add_common(parser, "force", help="replace files that are there")
+    add_common(parser, "force", help="replace existing files")
     add_common(parser, "json", help="print the names of the files as JSON")
 
 
@@ -182,8 +188,8 @@ def _add_simulate(what: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("--cell", required=True, help="YAML file, or a name: the machine's errors")
     add_common(parser, "seed")
     add_common(parser, "output", metavar="FILE", help="default: readings.csv beside the table")
-    add_common(parser, "force", help="replace a file that is there")
-    add_common(parser, "json", help="print what was written as JSON")
+    add_common(parser, "force", help="replace an existing file")
+    add_common(parser, "json", help="print the names of the files as JSON")
 
 
 def run_plan(arguments: Namespace) -> int:
@@ -400,8 +406,8 @@ COMMAND = Command(
     None,
     help="measure with an autotracking laser interferometer",
     description="Seven-line test and multilateration with a tracking interferometer: plan the"
-    " places and the NC program, find where the tracker stands, tell positioning from"
-    " squareness, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and error"
-    " curves from four or more stations.",
+    " target positions and the NC program, locate the tracker, separate positioning errors from"
+    " squareness errors, evaluate the lines by ISO 230-2 and ISO 230-6, and find all points and"
+    " error curves from four or more stations.",
     epilog=_TABLE + "\n" + _EXAMPLES,
 )

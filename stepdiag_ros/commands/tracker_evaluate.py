@@ -108,7 +108,7 @@ def show_run(recorded: "RecordedRun", arguments: Namespace, default_folder: Path
             folder,
         )
         if report.equals_recorded is False:
-            warn(f"station {report.station}: not the same numbers as the result in the bag")
+            warn(f"station {report.station}: the numbers differ from the result in the bag")
     return 0
 
 

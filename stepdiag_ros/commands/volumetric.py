@@ -72,8 +72,9 @@ COMMAND = Command(
     run,
     help="volumetric accuracy: the longest error vector in the volume",
     description="Solve a bag and find the longest error vector between target and actual"
-    " position anywhere in the measured volume, by every method that its lines are enough for."
-    " Without a bag: the examples that show why diagonal tests alone do not tell it.",
+    " position anywhere in the measured volume, by every method that its lines suffice for."
+    " Without a bag, the command shows examples of why diagonal tests alone do not determine the"
+    " volumetric error.",
     epilog="examples:\n"
     "  stepdiag volumetric run.mcap   of the machine in the bag\n"
     "  stepdiag volumetric            three machines: E_d 0, 29, 14 µm; 122, 50, 115 µm",

@@ -26,9 +26,11 @@ if TYPE_CHECKING:
     from stepdiag_ros.viewers.terminal.screen import Screen
 
 _ONCE_LIMIT = 10.0
-"""Real seconds that --once waits for a run to be heard of."""
+"""Real seconds that --once waits for a run."""
 _ONCE_MORE = 1.5
-"""Real seconds in which all that holds comes to whoever joins late, once the state is known."""
+"""Real seconds in which a late subscriber receives all current messages, once the state is
+known.
+"""
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -167,7 +169,7 @@ class _Logged:
         self._contact = ""
 
     def look(self, node: "ViewerNode") -> bool:
-        """Say how many nodes are heard, where that has changed; all else is said as it comes."""
+        """Print how many nodes answer, where changed; all else as it arrives."""
         if node.watch.peers and node.contact() != self._contact:
             self._contact = node.contact()
             self._journal.write(self._contact)
@@ -218,8 +220,8 @@ class _Once:
         if run["state"]:
             raise ValueError(f"no run has begun: {run['words']} ({self._contact})")
         raise ValueError(
-            f"no run was heard of within {_ONCE_LIMIT:g} s ({self._contact}): check ROS_DOMAIN_ID"
-            " and --namespace"
+            f"no run found within {_ONCE_LIMIT:g} s ({self._contact}). Check ROS_DOMAIN_ID and"
+            " --namespace"
         )
 
 
@@ -230,15 +232,15 @@ COMMAND = Command(
     _add_options,
     run,
     help="in the terminal, also over ssh",
-    description="Show where the run is, what is wrong, the beam, the last stop and blocks, the"
-    " largest errors with their uncertainty, squareness, the gap to the model and the air, in a"
-    " terminal of 80 x 24 or more. It looks on and controls nothing. Where the output is no"
-    " terminal, it is a log: a line, with the time (UTC), for each change of what matters."
-    " Without a bag it shows what runs on this ROS domain; with a bag it plays that. Ctrl-C"
-    " ends it (docs/watch.md).",
+    description="Show the progress of the run, all faults, the beam, the last stop and blocks,"
+    " the largest errors with their uncertainty, squareness, the gap to the model and the"
+    " air, in a terminal of 80 x 24 characters or more. The command controls nothing. If the"
+    " output is not a terminal, it is a log with one line and the time (UTC) for each"
+    " important change. Without a bag, it shows the run on this ROS domain; with a bag, it"
+    " plays the bag. End with Ctrl-C (docs/watch.md).",
     epilog="examples:\n"
-    "  stepdiag watch                       the run that goes on\n"
+    "  stepdiag watch                       the live run\n"
     "  stepdiag watch | tee watch.log       the same as a log\n"
-    "  stepdiag watch --once                where it stands now; 1 if no run is known\n"
+    "  stepdiag watch --once                the present state; exit code 1 without a run\n"
     "  stepdiag watch RUN.mcap --rate 50    a recorded run, 50 times as fast",
 )

@@ -2,8 +2,8 @@
 
 One control a module behind the interface in ``control``; ``identified`` is what goes in,
 ``applied`` what a control does with its tables, ``remaining`` what is left of the errors then.
-Nothing here writes a file, and nothing is ever installed on a machine: whoever loads a table does
-so by hand.
+Nothing here writes a file, and nothing is ever installed on a machine: the operator loads
+a table by hand.
 
 A control is found, not listed: a module here holds it as ``CONTROL``, another package names it by
 an entry point of the group ``stepdiag_ros.controls``.
@@ -23,7 +23,8 @@ def controls() -> dict[str, Control]:
     """Return all controls by name: those of this package, then those that others add.
 
     Raises:
-        ValueError: an entry point cannot be loaded, is no control, or takes a name that is there.
+        ValueError: an entry point cannot be loaded, is not a control, or takes a name that is
+            there.
     """
     own: list[Control] = of_modules("stepdiag_ros.compensation", "CONTROL")
     return with_added(own, ENTRY_POINTS, "control", _fault)
@@ -33,7 +34,7 @@ def control(name: str) -> Control:
     """Return a control.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: the name is unknown.
     """
     known = controls()
     if name not in known:

@@ -1,7 +1,7 @@
 """The one interface of all controls, and what their tables have in common.
 
 A control is one module: what it calls itself, which of the nine translations it can correct, its
-settings, how its files are written, and how they are read back. Reading back is no luxury: what
+settings, how its files are written, and how they are read back. Reading back is not a luxury: what
 remains of the errors, and the proof of every sign, is computed from the written text.
 
 The error of a machine that is sent to q is e(q), so a table must add -e(q). A constant is added to
@@ -133,14 +133,14 @@ def checked_files(control: Control, identified: Identified, layout: Layout) -> F
     """Return the files of a control, read once more for anything that is not ours.
 
     Raises:
-        ValueError: the control cannot take the errors, or a file has a line that is no line of a
+        ValueError: the control cannot take the errors, or a file has a line that is not a line of a
             table, of its setting or of a comment; one sentence.
     """
     files = control.write(identified, layout)
     for name, text in files.items():
         known = [lines for pattern, lines in control.grammar.items() if re.fullmatch(pattern, name)]
         if not known:
-            raise ValueError(f"'{name}' is no name of a file for {control.title}")
+            raise ValueError(f"'{name}' is not a file name for {control.title}")
         refuse_foreign(name, text, *known[0])
     return files
 
@@ -181,7 +181,7 @@ def table_positions(identified: Identified, axis: int, layout: Layout) -> Vector
     taken, so that both ends of the travel have an entry.
 
     Raises:
-        ValueError: a position is no number, or beyond what a control takes.
+        ValueError: a position is not a number, or beyond what a control takes.
     """
     nodes = identified.error_map.nodes[axis]
     refuse_far(nodes, f"the travel of {AXES[axis]}")
@@ -216,7 +216,7 @@ def wanted(
     if not np.all(np.isfinite(error_there)):
         raise Refusal(
             f"{name} is not determined by these lines, so it cannot be compensated; "
-            "'stepdiag plan' proposes lines that tell it",
+            "'stepdiag plan' proposes lines that determine it",
             fault="undetermined",
         )
     if error == axis:
@@ -230,12 +230,12 @@ def wanted(
 
 
 def refuse_far(positions: Vector, what: str) -> None:
-    """Refuse positions (m) that are no numbers, or that a control has no digits for.
+    """Refuse positions (m) that are not numbers, or that a control has no digits for.
 
     Raises:
         ValueError: names the first.
     """
-    # Written so that what is no number is refused, too.
+    # Written so that what is not a number is refused, too.
     wrong = ~(np.abs(positions) <= FARTHEST)
     if np.any(wrong):
         raise Refusal(

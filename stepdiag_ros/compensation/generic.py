@@ -74,8 +74,8 @@ class _Generic:
         " parameter 'correction' of the bridge, or a rewritten NC program",
         "it holds in the measured box; beyond its edge the bridge goes on with the correction of"
         " the nearest place, and nothing is claimed there",
-        "reversal errors are told, but a target cannot know from which side it is approached: the"
-        " mean of both directions is corrected",
+        "reversal errors are listed, but the direction of approach to a target is unknown:"
+        " targets are corrected by the mean of both directions",
     )
     source = "ISO 230-1 (names and signs), this package (schema volumetric_map)"
     grammar: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -159,14 +159,14 @@ def map_from_text(text: str, source: str) -> Identified:
         source: what the user calls it, for the text of an error.
 
     Raises:
-        ValueError: it is no such document; names the source and what is wrong.
+        ValueError: it is not such a document; names the source and what is wrong.
     """
     document = parse_json(text, source)
     expected = schemas.identifier("volumetric_map")
     if not isinstance(document, dict) or document.get("schema") != expected:
         raise Refusal(
-            f"{source} is no volumetric map ({expected}); 'stepdiag compensate RESULT --for"
-            " generic' makes one",
+            f"{source} is not a volumetric map ({expected}). Make one with 'stepdiag compensate"
+            " RESULT --for generic'",
             fault="wrong_kind",
         )
     try:
@@ -211,7 +211,7 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
         limit: largest correction of an axis, m.
 
     Raises:
-        ValueError: the file cannot be read, is no map, or tells no error at all.
+        ValueError: the file cannot be read, is not a map, or contains no error.
     """
     from stepdiag_ros.run.target_correction import TargetCorrection
 
@@ -223,7 +223,7 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
             f"correction: {path} cannot be read: {error.strerror}", fault="unreadable"
         ) from None
     except UnicodeDecodeError:
-        raise ValueError(f"correction: {path} is no text file") from None
+        raise ValueError(f"correction: {path} is not text file") from None
     identified = map_from_text(text, str(path))
     if not identified.error_map.tells_any_node():
         raise Refusal(

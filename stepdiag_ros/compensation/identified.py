@@ -25,8 +25,8 @@ from stepdiag_ros.text.controls import one_line
 from stepdiag_ros.text.intake import parse_json
 
 NO_REVERSAL = (
-    "the reversal errors are not known: no linear line was measured both ways, or the source does"
-    " not hold the lines; both directions are corrected by the same values"
+    "the reversal errors are not known: no linear line was measured in both directions, or the"
+    " source does not hold the lines; both directions are corrected by the same values"
 )
 
 
@@ -47,7 +47,7 @@ class Origin:
         despite_verdict: the verdict that the user has overruled; empty: none.
 
     Raises:
-        ValueError: ``sha256`` is no such number.
+        ValueError: ``sha256`` is not such a number.
     """
 
     file: str = ""
@@ -96,7 +96,7 @@ NO_MORE_THAN_NOISE = (
 
 @dataclass(frozen=True)
 class Identified:
-    """The errors of a machine as far as a measurement has told them.
+    """The errors of a machine as far as a measurement has determined them.
 
     Attributes:
         error_map: of the measured box; mean of both directions of approach where both were
@@ -189,8 +189,9 @@ def _disagreement(result: VolumetricErrors, agreement: Misfit) -> str:
     )
     if agreement is Misfit.UNCLEAR:
         return (
-            told + "they repeat worse than their windows tell, or something acts that is not in it;"
-            " see 'stepdiag diagnose' first"
+            told
+            + "they repeat worse than their windows show, or an effect acts that the model lacks."
+            " Run 'stepdiag diagnose' first"
         )
     return (
         told + "something acts that is not in it, such as angular errors, drift or growth, and part"
@@ -208,7 +209,7 @@ def reversal_of(runs: BidirectionalRuns, stop_uncertainty: float = nan) -> tuple
     of its standard deviations. With unknown noise the values are taken as they are.
 
     Args:
-        runs: of the axis, both ways.
+        runs: of the axis, in both directions.
         stop_uncertainty: standard uncertainty of a reading at a stop, m; NaN if not known.
 
     Returns:
@@ -266,15 +267,15 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
         digest: SHA-256 of the file.
 
     Raises:
-        ValueError: it is no such document, or lacks the method or what a map needs.
+        ValueError: it is not such a document, or lacks the method or what a map needs.
     """
     try:
         document = parse_json(path.read_text(encoding="utf-8"), str(path))
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no JSON document: {error}") from None
+        raise ValueError(f"{path} is not a JSON document: {error}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or not schema.startswith("urn:stepdiag_ros:result:"):
-        raise ValueError(f"{path} is no result of 'stepdiag solve' (results.json), nor a bag")
+        raise ValueError(f"{path} is not a result of 'stepdiag solve' (results.json), nor a bag")
     try:
         methods = document["methods"]
         known = list(methods)

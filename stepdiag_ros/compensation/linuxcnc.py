@@ -5,8 +5,8 @@ COMP_FILE_TYPE. Found by trying it on LinuxCNC 2.9: three numbers a line, ``nomi
 reverse``, in machine units, nominal strictly rising, at most 256 lines; linear between lines and
 constant beyond them; read at start only; BACKLASH is ignored where there is a table. Type 0: the
 columns are the positions that were measured for the nominal one; type 1: they are added to the
-motor's command. A comment or header would silently end the table, so there is none: the origin
-stands in the text beside it.
+motor's command. A comment or header would silently end the table, so the file has neither:
+the origin stands in the text beside it.
 """
 
 import re
@@ -38,7 +38,7 @@ INI = "joints.ini"
 COMMENT = Comment("# ")
 _UNITS = {"mm": 1e-3, "inch": INCH}
 _DIGITS = {"mm": 7, "inch": 9}
-"""Decimals: 0.1 nm or less, so that rounding is no source of error."""
+"""Decimals: 0.1 nm or less, so that rounding is not a source of error."""
 
 
 class _LinuxCnc:

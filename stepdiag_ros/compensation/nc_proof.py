@@ -127,7 +127,7 @@ def prove(
         original: text.
         rewritten: the other program, and which of its lines stand for which of the original.
         error_map: the machine; beyond its box the errors of its edge hold.
-        settings: what the programs do not tell.
+        settings: what the programs do not state.
 
     Raises:
         NcError: a text cannot be followed.

@@ -25,8 +25,8 @@ def refuse_foreign_words(original: str, rewritten: Rewritten) -> None:
         rewritten: what was made of it.
 
     Raises:
-        NcError: a line is no block, has a word or comment that its original lacks, or a coordinate
-            beyond what a control takes; names the line.
+        NcError: a line is not a block, has a word or comment that its original lacks, or a
+            coordinate beyond what a control takes; names the line.
     """
     source = blocks_of(original, "the original")
     made = blocks_of(rewritten.text, SOURCE)
@@ -47,7 +47,7 @@ def refuse_foreign_words(original: str, rewritten: Rewritten) -> None:
         if block.number not in owned and not re.fullmatch(COMMENT.pattern, block.text):
             raise _foreign(
                 block,
-                "it is no comment, and stands for no line of the original",
+                "it is neither a comment nor does it replace a line of the original",
                 fault="too_many",
                 aspect="comment",
             )

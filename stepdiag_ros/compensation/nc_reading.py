@@ -64,7 +64,7 @@ _ALLOWED = "NGXYZIJKRFSTMHD"
 
 @dataclass(frozen=True)
 class NcSettings:
-    """What the program does not tell of itself.
+    """Settings that the program does not state.
 
     Attributes:
         offsets: coordinate system (G54 …) → machine coordinates of its zero, m.
@@ -131,7 +131,7 @@ def steps_of(text: str, source: str, settings: NcSettings) -> Iterator[BlockActi
     Args:
         text: of the program.
         source: what the user calls it.
-        settings: what the program does not tell.
+        settings: what the program does not state.
 
     Raises:
         NcError: something in it cannot be followed safely; names the line.
@@ -302,8 +302,8 @@ def _zero(state: ModalState, machine: bool, settings: NcSettings, refuse: Refuse
         return np.zeros(3)
     if state.system not in settings.offsets:
         raise refuse(
-            f"where the zero of {state.system} lies on the machine is not told (--offset"
-            f" {state.system}=X,Y,Z)",
+            f"the position of the zero of {state.system} in machine coordinates is not given. Add"
+            f" --offset {state.system}=X,Y,Z",
             "undetermined",
             "zero",
         )

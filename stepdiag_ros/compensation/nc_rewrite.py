@@ -9,7 +9,7 @@ known of the machine: a move there is refused, unless the correction of the near
 is allowed to go on (``hold``), which the report says line by line.
 
 The map holds for the tool that it was measured with: with a tool longer by L, rotations ε of the
-axes displace the tip by a further ε × L, which the map cannot tell.
+axes displace the tip by a further ε × L, which the map does not contain.
 """
 
 import re
@@ -43,7 +43,7 @@ class RewriteSettings:
         tolerance: that the tool may be away from its way along feed moves, m.
         decimals: of coordinates in millimetre programs; inch programs get one more.
         outside: what happens outside the measured box: ``REFUSE`` or ``HOLD``.
-        program: what the program does not tell of itself.
+        program: settings that the program does not state.
     """
 
     tolerance: float = 2e-6
@@ -137,7 +137,7 @@ class _Writer:
 
         Args:
             step: what it does.
-            target: for the end of its move, m, shape (3,); None if there is none that is known.
+            target: for the end of its move, m, shape (3,); None if it is not known.
         """
         block = step.block
         if block.mark and self._front == len(self._groups):

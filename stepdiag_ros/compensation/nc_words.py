@@ -76,7 +76,8 @@ def blocks_of(text: str, source: str) -> list[Block]:
         source: what the user calls it.
 
     Raises:
-        NcError: a line is no block of words, or has a word twice; macros and subprograms are such.
+        NcError: a line is not a block of words, or has a word twice; macros and subprograms are
+            such.
     """
     return [
         _block(line, number, source)
@@ -121,7 +122,7 @@ def _block(line: str, number: int, source: str) -> Block:
             raise refusal(
                 source,
                 number,
-                f"'{shown}' is no word of a letter and a number; macros, variables and calls of"
+                f"'{shown}' is not a letter followed by a number; macros, variables and calls of"
                 " subprograms cannot be corrected",
                 fault="malformed",
                 aspect="word",

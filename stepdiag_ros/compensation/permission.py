@@ -80,7 +80,7 @@ def not_held(verdict: Verdict, identified: Identified, reversal: bool) -> tuple[
 
     Geometric are squareness and scale, which are in the curves; angular errors, where the errors
     were solved with these rotations; backlash, where the tables hold reversal errors and those of
-    that axis are known from linear lines measured both ways.
+    that axis are known from linear lines measured in both directions.
 
     Args:
         verdict: on the run.

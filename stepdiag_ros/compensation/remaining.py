@@ -3,8 +3,8 @@
 The control sends the axes from a target w to s(w); the tool is then at s + e(s), so what remains is
 s(w) + e(s(w)) - w, with the reversal error of each axis added on the way forward and taken off on
 the way back. Everything is counted from the first corner of the box, as the errors are: a constant
-shift of the whole volume is no error. No new measurement is in it: the figures say what the table
-does to the errors that were found, not how well they were found.
+shift of the whole volume is not an error. No new measurement is in it: the figures say what the
+table does to the errors that were found, not how well they were found.
 """
 
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class Remainder:
         """Return the figure of that name.
 
         Raises:
-            KeyError: there is none.
+            KeyError: the name is unknown.
         """
         for one in self.changes:
             if one.name == name:

@@ -246,7 +246,7 @@ def _collect(
         try:
             values.setdefault(key, {})[int(parts[1])] = float(value)
         except (IndexError, ValueError):
-            raise ValueError(f"{name} line {number}: '{line.strip()}' is no point") from None
+            raise ValueError(f"{name} line {number}: '{line.strip()}' is not a point") from None
 
 
 def _grid(entry: Mapping[str, str], points: int, where: str) -> Vector:

@@ -1,9 +1,9 @@
 """Drivers of controllers, interferometers and weather stations: one driver a module.
 
-A driver knows no ROS and holds no clock: time is given to it in whole nanoseconds, and it is asked
-(``poll``) for what has happened since. It holds no thread unless its library needs one. ``prepare``
-finds one by its name, checks its settings, and returns what opens the device; a device that there
-is, is open until its ``close``.
+A driver does not import ROS and holds no clock: time is given to it in whole nanoseconds, and it is
+asked (``poll``) for what has happened since. It holds no thread unless its library needs one.
+``prepare`` finds one by its name, checks its settings, and returns what opens the device; a device
+object is open until its ``close``.
 
 Drivers of other packages are found by entry points: group ``stepdiag_ros.cnc``,
 ``stepdiag_ros.interferometer`` or ``stepdiag_ros.weather``, name of the driver, a function like
@@ -11,8 +11,8 @@ those in the table below.
 
 Nothing of it takes long: while a device is opened or asked, its node is silent, and after 2 s the
 others take the node for lost. Opening a device, and any of its methods, may raise OSError (it does
-not answer) or ValueError (what it answers makes no sense, or it refuses). Whoever uses it closes it
-then, and opens it anew.
+not answer) or ValueError (what it answers makes no sense, or it refuses). The caller closes
+it then, and opens it again.
 """
 
 from collections.abc import Callable, Mapping
@@ -45,7 +45,7 @@ class Surroundings:
     cell: SimulatedCell | None = None
 
     def machine_for(self, driver: str) -> Machine:
-        """Return the machine for a driver that needs one; ``Refusal`` if there is none."""
+        """Return the machine for a driver that needs one; ``Refusal`` if none was given."""
         if self.machine is None:
             raise Refusal(f"the {driver} needs a machine", fault="missing", about="machine")
         return self.machine

@@ -31,7 +31,7 @@ class NoMessage(Refusal):
 
 
 class StartedAgain(Lost):
-    """The device says that it was started anew: whatever it counted is lost."""
+    """The device says that it was started again: whatever it counted is lost."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,10 @@ class MessageSettings:
         try:
             text = message.decode(self.encoding)
         except UnicodeDecodeError:
-            raise NoMessage(f"{shown(message)} is no {self.encoding} text") from None
+            raise NoMessage(f"{shown(message)} is not {self.encoding} text") from None
         if self.restarted is not None and self.restarted.search(text):
             raise StartedAgain(
-                f"the device was started again: it said {shown(message)}",
+                f"the device was restarted: it sent {shown(message)}",
                 fault="restarted",
                 aspect="greeting",
             )
@@ -141,7 +141,7 @@ class SentQuantity:
         base: 10 or 16.
         bits: of a number of base 16 in two's complement; 0: it has no sign.
         decimal_comma: it is written with a comma.
-        fine: field that holds a fraction of the last place; empty if there is none.
+        fine: field that holds a fraction of the last place; empty without one.
         fine_parts: how many parts of the fraction make one of the last place.
         unknown: what the device writes where it does not know the value.
     """
@@ -159,7 +159,7 @@ class SentQuantity:
         """Return the number in our unit; NaN where the message does not have or know it.
 
         Raises:
-            NoMessage: it is no number.
+            NoMessage: it is not a number.
         """
         text = fields.get(self.source)
         if text is None or text in self.unknown:
@@ -179,9 +179,9 @@ class SentQuantity:
             plain = text.replace(" ", "")
             number = float(plain.replace(",", ".") if self.decimal_comma else plain)
         except ValueError:
-            raise NoMessage(f"'{text[:40]}' is no number") from None
+            raise NoMessage(f"'{text[:40]}' is not a number") from None
         if not isfinite(number) or "_" in text:
-            raise NoMessage(f"'{text[:40]}' is no number")
+            raise NoMessage(f"'{text[:40]}' is not a number")
         return number
 
 
@@ -264,7 +264,7 @@ def _pattern(section: Section, key: str) -> re.Pattern[str] | None:
         return re.compile(text)
     except re.error as error:
         raise Refusal(
-            f"{section.source}: '{key}' is no regular expression: {error}", fault="malformed"
+            f"{section.source}: '{key}' is not a regular expression: {error}", fault="malformed"
         ) from None
 
 

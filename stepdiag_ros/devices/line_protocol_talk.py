@@ -51,7 +51,7 @@ class TalkSettings:
 
         Args:
             section: settings of the device; other keys are left to the caller.
-            rate: of the requests, Hz, where the settings tell none.
+            rate: of the requests, Hz, where the settings state none.
 
         Raises:
             ValueError: a setting is wrong.
@@ -151,7 +151,7 @@ class Talk:
         if not self._link.ready:
             if time_ns - self._heard > CONNECT_WITHIN:
                 limit = CONNECT_WITHIN // NANOSECONDS
-                raise TimeoutError(f"{self.url} could not be connected within {limit} s")
+                raise TimeoutError(f"{self.url} does not accept a connection within {limit} s")
             return
         self._begun = True
         self._heard = self._next_round = time_ns

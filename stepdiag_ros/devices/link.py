@@ -5,12 +5,12 @@ The link is a URL of pyserial ("URL handlers", pyserial documentation): ``/dev/t
 its methods waits for the device. What pyserial does slowly is done beside: opening (a host that
 does not answer takes seconds) and closing (pyserial pauses after it). What it does endlessly is not
 asked of it: it spins in ``write`` while the other side takes nothing, so a link writes only where
-there is room, and keeps the rest, up to a limit. Only behind ``rfc2217://`` pyserial does not tell
-how much room there is: a terminal server that takes nothing holds up what does not fit into the
-buffers of the network.
+there is room, and keeps the rest, up to a limit. Only behind ``rfc2217://`` pyserial does
+not report how much room there is: a terminal server that takes nothing holds up what does not fit
+into the buffers of the network.
 
-A link does not come back by itself. It raises OSError once it is broken; whoever uses the device
-closes it then, and opens a new one.
+A link does not come back by itself. It raises OSError once it is broken; the caller closes
+the device then, and opens a new one.
 """
 
 import io
@@ -74,7 +74,7 @@ class LinkSettings:
 
         Args:
             section: of the device's settings; it is finished here.
-            baud_rate: where the section does not tell one.
+            baud_rate: where the section does not state one.
 
         Raises:
             ValueError: a setting is wrong.
@@ -180,7 +180,7 @@ class Link:
         self._check()
         if len(self._unsent) + len(data) > MOST_UNSENT:
             raise Lost(
-                f"{self.url} takes nothing of what is sent to it", fault="lost", aspect="writing"
+                f"{self.url} does not accept the data sent to it", fault="lost", aspect="writing"
             )
         self._unsent += data
         if self._done.is_set():

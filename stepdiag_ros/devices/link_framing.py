@@ -1,7 +1,8 @@
 """Messages out of a stream of bytes: lines, records of fixed length, or what lies between marks.
 
 A framing keeps what is not whole yet and gives it with the rest. It never keeps more than the
-longest message: whatever goes on longer without an end is no message of this device, and refused.
+longest message: whatever goes on longer without an end is not a message of this device, and
+refused.
 """
 
 from dataclasses import dataclass
@@ -47,19 +48,19 @@ class Lines:
             self._kept = b""
             raise Refusal(
                 f"more than {self._longest} bytes came without the terminator {self._terminator!r}:"
-                " are the terminator and the speed of the port right?",
+                " check the terminator and the speed of the port",
                 fault="too_many",
             )
         return [stripped for line in lines if (stripped := line.strip(b"\r\n"))]
 
 
 class FixedLength:
-    """Messages of one length, told apart by what each begins with.
+    """Messages of one length, recognised by their first bytes.
 
     Args:
         length: bytes of a message.
-        start: bytes that each message begins with; what lies before them is left out. Without them
-            nothing tells where a message begins.
+        start: bytes that each message begins with; what lies before them is left out. Without
+            them the beginning of a message is unknown.
     """
 
     def __init__(self, length: int, start: bytes = b"") -> None:
@@ -103,7 +104,7 @@ class Between:
             kept = _from(kept, self._start)
             end = kept.find(self._end, len(self._start))
             whole = end >= 0
-            # A message that was cut off by the loss of its end begins anew with the next mark.
+            # A message that was cut off by the loss of its end starts again with the next mark.
             begin = kept.rfind(self._start, 0, end if whole else len(kept))
             begin = begin if whole and self._start != self._end else 0
             if (end if whole else len(kept)) - begin - len(self._start) > self._longest:

@@ -195,7 +195,8 @@ def _collect(
             if inner == "ros__parameters":
                 if nested is not None and not isinstance(nested, dict):
                     raise ArgumentError(
-                        f"In the parameter file {path}, ros__parameters of '{name}' is no mapping."
+                        f"In the parameter file {path}, ros__parameters of '{name}' is not a"
+                        " mapping."
                     )
                 flat: dict[str, Any] = {}
                 _flatten(nested or {}, "", f"{path}, {name}", flat)

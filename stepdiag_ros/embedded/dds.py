@@ -81,7 +81,7 @@ class Participant:
         return _guid(self.handle)
 
     def close(self) -> None:
-        """Leave the domain with everything made here; peers are told at once."""
+        """Leave the domain with everything made here; peers are notified at once."""
         with self._lock:
             handle, self.handle = self.handle, 0
         if handle:

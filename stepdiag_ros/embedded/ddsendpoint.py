@@ -76,7 +76,7 @@ def make_qos(qos: Qos, user_data: str) -> Any:
 
 
 def read_endpoint(found: ddslib.Endpoint) -> EndpointInfo:
-    """Return what Cyclone tells of an endpoint."""
+    """Return what Cyclone reports about an endpoint."""
     return EndpointInfo(
         bytes(found.key.value),
         bytes(found.participant_key.value),

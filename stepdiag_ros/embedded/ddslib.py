@@ -55,7 +55,7 @@ class Iovec(ctypes.Structure):
 
 
 class SampleInfo(ctypes.Structure):
-    """What Cyclone tells about a sample beside its bytes."""
+    """What Cyclone reports about a sample beside its bytes."""
 
     _fields_ = [
         ("sample_state", c_int32),

@@ -1,4 +1,4 @@
-"""ROS graph: tell the peers which nodes this process has, and learn theirs.
+"""ROS graph: announce the nodes of this process to the peers, and learn theirs.
 
 Each process writes the list of its nodes, with their readers and writers, to the topic
 ``ros_discovery_info``, whole at each change. The message ``rmw_dds_common/msg/

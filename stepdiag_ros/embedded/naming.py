@@ -128,7 +128,7 @@ def dds_type(name: str) -> str:
 
 
 def ros_type(name: str) -> str | None:
-    """Return the ROS name of a DDS type, or ``None`` if it is none of ROS's."""
+    """Return the ROS name of a DDS type, or ``None`` for a type from outside ROS."""
     parts = name.split("::")
     if len(parts) != 4 or parts[2] != "dds_" or not parts[3].endswith("_"):
         return None
@@ -141,7 +141,7 @@ def dds_topic(name: str) -> str:
 
 
 def ros_topic(name: str) -> str | None:
-    """Return the ROS name of a DDS topic, or ``None`` if it is none."""
+    """Return the ROS name of a DDS topic, or ``None`` for a topic from outside ROS."""
     return name[2:] if name.startswith("rt/") else None
 
 

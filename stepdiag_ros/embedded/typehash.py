@@ -1,4 +1,4 @@
-"""Type hashes: the RIHS01 value by which ROS 2 peers tell whether two definitions are the same."""
+"""Type hashes: the RIHS01 value by which ROS 2 peers check whether two definitions are the same."""
 
 from __future__ import annotations
 

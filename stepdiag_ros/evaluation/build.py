@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def truth_of(cell: "SimulatedCell", volume: Volume, lines: Sequence[str]) -> Truth:
-    """Return the truth of a simulated cell over a volume, with the figures of a result.
+    """Return the true errors of a simulated cell over a volume, with the figures of a result.
 
     Args:
         cell: the simulated cell.
@@ -52,18 +52,18 @@ def truth_from_curves(
 
     Raises:
         ValueError: a curve is missing, has another number of values than the box has nodes, or one
-            that is no number.
+            that is not a number.
     """
     known = {}
     turns = chain and any(name in curves for name in ROTATIONS)
     names = CURVES if turns else TRANSLATIONS
     for name in names:
         if name not in curves:
-            raise ValueError(f"the truth has no curve {name}")
+            raise ValueError(f"the true errors lack the curve {name}")
         known[name] = np.asarray(curves[name], dtype=np.float64)
         if known[name].shape != (volume.blocks + 1,) or not np.all(np.isfinite(known[name])):
             raise ValueError(
-                f"the truth of {name} must be {volume.blocks + 1} numbers, one for each node"
+                f"the true errors {name} must be {volume.blocks + 1} numbers, one for each node"
             )
     values = np.concatenate(list(known.values()))
     exact = CurveEstimate(
@@ -107,9 +107,9 @@ def build_report(
         simulated: whether the run was made on a simulated cell; None if unknown.
         truth: of the simulated cell, see ``truth_of``; None if unknown.
         bag: the file that it was recorded in.
-        with_visibility: say of each error whether these lines tell it.
+        with_visibility: state for each error whether these lines determine it.
         recorded: results of the live run in the order of recording; the last of each method is
-            compared with what is solved here, to the last bit.
+            compared with what is solved here, bit for bit.
         remarks: about the run as a whole.
         verdict: of a diagnosis of these lines; None if they were not diagnosed.
         passes: how much of the plan was measured; None if that is not known.

@@ -81,7 +81,7 @@ def side_of_results_file(path: Path, method: str, sha256: str) -> tuple[Side, Id
         sha256: of the file.
 
     Raises:
-        ValueError: the file cannot be read, or tells no errors by this method.
+        ValueError: the file cannot be read, or contains no errors by this method.
     """
     found = from_results_file(path, method, sha256)
     told = found.error_map
@@ -103,7 +103,7 @@ def common_method(before: Side, after: Side) -> str:
     """Return the method to rely on of those that both were solved by.
 
     Raises:
-        ValueError: there is none.
+        ValueError: no method has determined them.
     """
     common = [method for method in before.results if method in after.results]
     if len(common) == 1:
@@ -133,7 +133,7 @@ def changes_of(
         before: the first.
         after: the second.
         instruments: what is known of laser, sensors, material and setup: of both, or of each; none:
-            uncertainties are as the solver tells them.
+            uncertainties are those of the solver.
         same_instrument: one laser with its sensors measured both.
         expansion: coefficient that both were corrected to 20 °C with, 1/K; NaN: they were not.
         material_temperature: °C, instead of the recorded one.

@@ -40,7 +40,7 @@ class CompensationReport:
 def identified_of(
     report: Report, start_time: int, method: str = "", sha256: str | None = None
 ) -> Identified:
-    """Return the errors that a solved run has told, with their origin.
+    """Return the errors that a solved run has determined, with their origin.
 
     Args:
         report: of the run, with its bag.

@@ -1,4 +1,4 @@
-"""Diagnosing in the way that makes a live run, its replay and its bag agree to the last bit."""
+"""Diagnosing in the way that makes a live run, its replay and its bag agree bit for bit."""
 
 import hashlib
 import math
@@ -30,7 +30,7 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.limits import TooLarge
 
 MOST_SETTINGS = 12
-"""Settings of one effect whose detection limits are told one by one; of more, only the range."""
+"""Settings of one effect whose detection limits are listed one by one; of more, only the range."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Reference:
         model: what is taken as known of the machine.
         text: YAML of the model.
         catalogue: effects to try, by name.
-        seed: of the draws that tell what chance does.
+        seed: of the draws that show the influence of chance.
     """
 
     model: MachineModel
@@ -54,7 +54,7 @@ class Reference:
         """Make a reference of the text of a model file, with all effects that are installed.
 
         Raises:
-            ValueError: the text is no model; names the source and the key.
+            ValueError: the text is not a model; names the source and the key.
         """
         return cls(model_from_text(text, source), text, catalogue(), seed)
 

@@ -61,7 +61,7 @@ class DiagnosisReport:
         extended: the model with the named effects; None if nothing was named.
         extended_path: file that it was written to; None if it was not.
         rounds: diagnoses under the extended model, one after another until nothing more is named.
-        held_out: proof on data that took no part in the fit; None if there is none.
+        held_out: proof on data that took no part in the fit; None without a proof.
         curves: error curves before and after the effects were taken off; None if not solved.
         remarks: about the run as a whole.
         further: runs that were diagnosed together with that of ``bag``; the second run of what is
@@ -106,7 +106,7 @@ class Ask:
     """Conditions of an extra plan.
 
     Attributes:
-        conditions: a plan with the feed and sampling of the run; None: its times tell.
+        conditions: a plan with the feed and sampling of the run; None: as its times show.
         machine: that will measure it; None if not known.
     """
 
@@ -143,8 +143,8 @@ def build_diagnosis(
         model_source: file of the model; empty if none was given.
         status: of effects that are added to the model, ``fixed`` or ``fitted``.
         again: compare the run with the extended model too.
-        seed: of the draws that tell what chance does.
-        tell: told what is being done.
+        seed: of the draws that show the influence of chance.
+        tell: called with what is being done.
         remarks: about the run as a whole.
         further: file and identity of each run that is joined to that of ``bag``.
         ask: under which conditions an extra plan is sought for what is left open; None: none is.

@@ -36,7 +36,7 @@ class Experiment:
         measurement: its lines.
         repeats: method → results of each repeat alone; empty with fewer than ``ENOUGH_REPEATS``.
         table: Table 1.
-        setups: setup errors of the three diagonals; empty where they cannot be told.
+        setups: setup errors of the three diagonals; empty where they are undetermined.
         sensitivity: of the conventional result to setup errors.
         displacement_uncertainty: standard uncertainty of a single move's displacement without
             repeats, m; NaN if unknown.
@@ -57,7 +57,7 @@ class Experiment:
     comparisons: tuple[DirectComparison, ...] = ()
 
     def translational(self) -> tuple[VolumetricErrors, ...]:
-        """Return the results that tell all nine translations, in the order of the report."""
+        """Return the results that determine all nine translations, in the order of the report."""
         return _translational(self.report)
 
     def comparison_to_draw(self) -> DirectComparison | None:
@@ -87,7 +87,8 @@ def experiment_of(report: Report, direct: DirectMeasurement | None = None) -> Ex
 
     Returns:
         None where there is nothing to evaluate: no measurement, not the lines of the setup-robust
-        formulation, or no method that tells all nine curves, as where a face alone was measured.
+        formulation, or no method that determines all nine curves, as where a face alone was
+        measured.
 
     Raises:
         ValueError: a direct curve reaches beyond the measured travel.

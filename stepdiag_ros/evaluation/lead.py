@@ -1,4 +1,4 @@
-"""What is said first of a run, wherever it is shown: one lead for terminal, page and documents.
+"""Summary of a run, wherever it is shown: one lead for terminal, page and documents.
 
 First what decides whether the errors may be used at all: whether the recording holds what was
 recorded, whether the run is complete, what the diagnosis says, whether the errors explain the
@@ -30,25 +30,25 @@ from stepdiag_ros.planning.undetermined import undetermined
 
 @dataclass(frozen=True)
 class RunLead:
-    """What is said first of a run.
+    """Summary of a run.
 
     Attributes:
-        verdict: of the diagnosis, or why there is none.
+        verdict: of the diagnosis, or why it is missing.
         passes: how much of the run is there; None if that is not known.
-        bag: the recording; None if there is none at hand.
+        bag: the recording; None if not at hand.
         solved: errors were estimated, and all that follows is of the method to rely on; None: they
             were not asked for.
         misfit: whether the errors explain the readings.
         reduced_chi_squared: of the fit; NaN if not known.
         unknown: names of the curves (of nine) and squareness errors that are not determined.
-        remedy: which lines would tell them, in words; empty if that is not known.
+        remedy: which lines would determine them, in words; empty if that is not known.
         noise: the errors are no more than noise makes.
         volume: longest error vector in the measured box; None if not known.
         expanded_uncertainty: of that (95 %), m; NaN if not known.
         errors: the single errors that are known, largest first.
         directions: of the lines that were measured.
         as_zero: names of the rotations that were taken as zero.
-        told_elsewhere: those of them that another method tells.
+        told_elsewhere: those of them that another method determines.
         recording: what is wrong with the recording: missing, doubled, out of order.
         tracked: the lines were measured with a laser tracker.
     """
@@ -83,13 +83,13 @@ def lead_of(
     expanded_uncertainty: float = math.nan,
     errors: Sequence[SingleError] | None = None,
 ) -> RunLead:
-    """Return what is said first of a run that was solved, or could not be.
+    """Return the summary of a run that was solved, or could not be solved.
 
     Args:
         report: of the run.
         accuracy: of the method to rely on, where it was computed already.
-        expanded_uncertainty: of that, where more is known than what the readings tell, m.
-        errors: by the same method, likewise.
+        expanded_uncertainty: of the accuracy, where more is known than the readings show, m.
+        errors: by the same method, where computed already.
     """
     result, measurement = report.preferred(), report.measurement
     if result is None:
@@ -151,7 +151,7 @@ def _known(curve: Vector | None) -> bool:
 
 
 def _remedy(measurement: Measurement | None, passes: Completeness | None) -> str:
-    """Return which lines would tell what is unknown; of a run cut short, its own are named."""
+    """Return which lines would determine the unknown errors; of a run cut short, its own lines."""
     cut_short = passes is not None and not passes.whole
     if measurement is None or not measurement.lines or cut_short:
         return ""

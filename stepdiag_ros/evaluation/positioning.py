@@ -45,13 +45,14 @@ class Published:
             unit: that unit, m.
 
         Raises:
-            ValueError: a name that is no parameter.
+            ValueError: a name that is not a parameter.
         """
         halves = {}
         for name, number in numbers.items():
             if name not in PARAMETERS:
                 raise Refusal(
-                    f"{source}: '{name}' is no parameter of ISO 230-2; use {', '.join(PARAMETERS)}",
+                    f"{source}: '{name}' is not a parameter of ISO 230-2; use"
+                    f" {', '.join(PARAMETERS)}",
                     fault="unknown",
                 )
             exponent = Decimal(repr(float(number))).as_tuple().exponent
@@ -78,7 +79,7 @@ class PositioningReport:
         run_id: identity of the run; empty if it has none.
         unknown: inputs of the uncertainty that are not known, in words.
         published: figures to compare with; None if there are none.
-        equals_recorded: setup → whether the test equals the one in the bag to the last bit; tests
+        equals_recorded: setup → whether the test equals the one in the bag bit for bit; tests
             without a recorded one are not there.
     """
 

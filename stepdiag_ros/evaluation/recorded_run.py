@@ -25,12 +25,12 @@ from stepdiag_ros.text.intake import refusals_of
 Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]
 """Returns a measurement corrected, and in words how."""
 TARGET_CORRECTION = "target correction"
-"""End of the name under which the bridge tells of target correction on /diagnostics."""
+"""End of the name under which the bridge reports target correction on /diagnostics."""
 _WARN = 1
 
 
 def silent(_: object) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
 
 
 def report_of_run(
@@ -51,23 +51,23 @@ def report_of_run(
 
     Args:
         recorded: the run.
-        progress: told how far the reading has come, 0..1.
+        progress: called with the part that has been read, 0..1.
         recorded_lines: take the lines as recorded even where the bag has the readings.
         truth: file of known error curves; that of a simulated cell is in the bag.
         correct: returns a measurement corrected, and in words how; a result that was corrected is
             not compared with the recorded one.
-        with_visibility: say of each error whether these lines tell it.
-        air: compensate the readings for the air anew; None: as it was done in the run.
-        warn: told in a sentence if the lines are not those that were recorded, and before solving
-            what is left out of a very large run.
+        with_visibility: state for each error whether these lines determine it.
+        air: compensate the readings for the air again; None: as it was done in the run.
+        warn: called with a sentence if the lines differ from the recorded ones, and before
+            solving if parts of a very large run are left out.
         with_verdict: diagnose the lines that are solved.
         direct: errors that were measured directly, weighed in; a result with them is not compared
             with the recorded one, which was made without.
-        rotation: plausible size of the axes' rotations, rad; None: as the machine's file tells.
+        rotation: plausible size of the axes' rotations, rad; None: as the machine's file states.
         further: evaluations that are to follow, named too where they will be left out.
 
     Raises:
-        ValueError: the run cannot be solved, or the truth does not fit; one sentence.
+        ValueError: the run cannot be solved, or the true errors do not fit; one sentence.
     """
     require_standing_beam(recorded)
     with refusals_of(recorded.path):
@@ -210,12 +210,12 @@ def measurement_of(
     Args:
         recorded: the run.
         recorded_lines: take the lines as recorded even where the bag has the readings.
-        progress: told how far the reading has come, 0..1.
-        air: compensate the readings for the air anew; None: as it was done in the run.
-        warn: told in a sentence if the lines are not those that were recorded.
+        progress: called with the part that has been read, 0..1.
+        air: compensate the readings for the air again; None: as it was done in the run.
+        warn: called with a sentence if the lines differ from the recorded ones.
 
     Raises:
-        ValueError: they are to be compensated anew, and there is nothing to do it with.
+        ValueError: they are to be compensated again, and there is nothing to do it with.
     """
     with refusals_of(recorded.path):
         return _measured(recorded, recorded_lines, progress, air, warn)[:2]
@@ -247,7 +247,7 @@ def _measured(
     if recorded.begun_late:
         return recorded.measurement, _late(recorded.lines, lines, readings.count), flaws
     if _same_lines(lines, recorded.lines):
-        comparison = "the same lines to the last bit as recorded"
+        comparison = "the lines are bit-identical to the recorded ones"
     else:
         comparison = "NOT the same lines as recorded"
         differs = (
@@ -296,13 +296,13 @@ def _compensated_anew(
     if not any(line.complete for line in lines):
         raise ValueError(
             f"{recorded.path}: no line is complete when its readings are compensated by --air"
-            f" {air.kind}: is the count recorded, and was the weather known throughout the run?"
+            f" {air.kind}: check that the bag has the count, and the weather throughout the run"
         )
     if air.kind == "off":
         how = "not compensated for the air: displacements are those of the count"
     else:
         how = (
-            f"compensated anew for the recorded air: equation {air.equation}, dead path"
+            f"compensated again for the recorded air: equation {air.equation}, dead path"
             f" {air.dead_path:g} m, wavelength {air.wavelength * 1e9:.4f} nm"
         )
     return (
@@ -321,8 +321,8 @@ def _late(
     """
     same = sum(any(_same_lines((a,), (b,)) for b in assembled) for a in recorded)
     return (
-        f"the recording began after the run did: solved from its {len(recorded)} lines as recorded;"
-        f" {same} of them were assembled again from {readings} readings, the same to the last bit"
+        f"the recording began after the run: solved from its {len(recorded)} lines as recorded;"
+        f" {same} of them were assembled again from {readings} readings and are bit-identical"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a report is made of, and how a result compares with the truth of a simulated cell."""
+"""Contents of a report, and comparison of a result with the true errors of a simulated cell."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -60,14 +60,14 @@ class Truth(CurveSet):
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """How far a result lies from the truth.
+    """Deviation of a result from the true errors.
 
     Attributes:
-        rms: over all determined points of all curves, m or rad; NaN if there is none.
-        largest: largest absolute deviation of a point, m or rad; NaN if there is none.
+        rms: over all determined points of all curves, m or rad; NaN without a point.
+        largest: largest absolute deviation of a point, m or rad; NaN without a point.
         points: number of determined points.
         points_with_uncertainty: of those, the ones whose uncertainty is known and not zero.
-        points_inside: of those, the ones whose 95 % band holds the truth.
+        points_inside: of those, the ones whose 95 % coverage interval contains the true value.
     """
 
     rms: float
@@ -78,7 +78,7 @@ class TruthComparison:
 
     @property
     def coverage(self) -> float:
-        """Return the share (0..1) of points whose 95 % band holds the truth; NaN without bands."""
+        """Return the share (0..1) of ``points_inside``; NaN without any uncertainty."""
         if not self.points_with_uncertainty:
             return float("nan")
         return self.points_inside / self.points_with_uncertainty
@@ -100,12 +100,12 @@ class Report:
         simulated: whether the run was made on a simulated cell; None if unknown.
         truth: of the simulated cell; None if unknown.
         measurement: the lines; None leaves their picture out.
-        visibility: what these lines can tell of each error; None if it was not asked for.
-        equals_recorded: method → whether the result equals the one in the bag to the last bit;
+        visibility: what these lines show of each error; None if it was not asked for.
+        equals_recorded: method → whether the result equals the one in the bag bit for bit;
             methods without a recorded result are not there.
         rounded: methods whose result differs from the recorded one by rounding alone.
         remarks: about the run as a whole, in words.
-        verdict: of a diagnosis of these lines, or why there is none.
+        verdict: of a diagnosis of these lines, or why it is missing.
         passes: how much of the plan was measured; None if that is not known.
         recording: what is wrong with the recording: missing, doubled, out of order.
     """
@@ -135,7 +135,7 @@ class Report:
         return tuple(sorted(self.results, key=lambda one: order.index(one.method)))
 
     def preferred(self) -> VolumetricErrors | None:
-        """Return the result to rely on; None if there is none of a method to rely on."""
+        """Return the result to rely on; None without a result of a method to rely on."""
         best = to_rely_on(one.method for one in self.results)
         return next((one for one in self.results if one.method == best), None)
 
@@ -153,14 +153,14 @@ def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:
 def compare_with_truth(
     result: VolumetricErrors, truth: Truth, rotations: bool = False
 ) -> TruthComparison:
-    """Compare the translations of a result with the truth, node by node, or its rotations.
+    """Compare the translations (or rotations) of a result with the true errors, node by node.
 
     Points without uncertainty are fixed by the definition of the frame; they count for the rms, but
     not for the coverage.
 
     Raises:
-        ValueError: the truth lacks a curve or has it at other nodes. (A truth without any rotation
-            leaves nothing to compare rotations with.)
+        ValueError: the true errors lack a curve or have it at other nodes. (True errors
+            without any rotation leave nothing to compare rotations with.)
     """
     names = [name for name in result.curves if (name in ROTATIONS) == rotations]
     if rotations and not any(name in truth.curves for name in ROTATIONS):
@@ -169,11 +169,11 @@ def compare_with_truth(
     for name in names:
         estimated = np.asarray(result.curves[name], dtype=np.float64)
         if name not in truth.curves:
-            raise ValueError(f"the truth has no curve {name}")
+            raise ValueError(f"the true errors lack the curve {name}")
         true = np.asarray(truth.curves[name], dtype=np.float64)
         if true.shape != estimated.shape:
             raise Refusal(
-                f"the truth of {name} has {true.size} nodes, the result has {estimated.size}",
+                f"the true curve {name} has {true.size} nodes, the result has {estimated.size}",
                 fault="mismatch",
             )
         deviations.append(estimated - true)

@@ -138,7 +138,7 @@ def _expanded_range(budget: Budget | None, name: str, values: Vector) -> float:
         if quantity.curve == name
     }
     ends = _ends_of_range(values)
-    # What the frame fixes is no quantity of the budget, and has no uncertainty.
+    # What the frame fixes is not a quantity of the budget, and has no uncertainty.
     known = [place for place, node in enumerate(ends) if node in rows]
     if not known:
         return nan

@@ -1,4 +1,4 @@
-"""Solving in the way that makes a live run, its replay and its bag agree to the last bit."""
+"""Solving in the way that makes a live run, its replay and its bag agree bit for bit."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -42,7 +42,7 @@ class TrackerReport:
         truth: of the simulated machine, in the order of ``joint.NAMES``; None: it is not known.
         remarks: on the run that the readings are of, in words.
         left_out: what was measured and is not among the readings, in words.
-        equals_recorded: the joint estimate is the recorded one to the last bit; None if none was
+        equals_recorded: the joint estimate is the recorded one bit for bit; None if none was
             recorded.
     """
 
@@ -75,10 +75,10 @@ def reports_of_run(
 
     Args:
         recorded: the run; its plan has a tracker.
-        progress: told how far the reading has come, 0..1.
+        progress: called with the part that has been read, 0..1.
         recorded_lines: take the lines as recorded even where the bag has the readings.
-        air: compensate the readings for the air anew; None: as it was done in the run.
-        warn: told in a sentence if the lines are not those that were recorded.
+        air: compensate the readings for the air again; None: as it was done in the run.
+        warn: called with a sentence if the lines differ from the recorded ones.
         description: of the measuring conditions, for the uncertainty of ISO 230-2 and -6.
 
     Raises:
@@ -127,12 +127,13 @@ def grid_report(
 
     Args:
         recorded: the run; its plan has a tracker and a grid.
-        progress: told how far the reading has come, 0..1.
+        progress: called with the part that has been read, 0..1.
         recorded_lines: take the lines as recorded even where the bag has the readings.
-        warn: told in a sentence if the lines are not those that were recorded.
+        warn: called with a sentence if the lines differ from the recorded ones.
 
     Raises:
-        ValueError: the machine's chain is not known, or the readings do not tell; names the bag.
+        ValueError: the machine's chain is not known, or the readings do not determine them; names
+            the bag.
     """
     measurement, remark = measurement_of(recorded, recorded_lines, progress, None, warn)
     if not recorded.chain:

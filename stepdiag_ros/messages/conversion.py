@@ -53,7 +53,7 @@ def axis_positions(message: Any) -> tuple[float, float, float] | None:
 def motor_positions(message: Any) -> tuple[float, float, float] | None:
     """Return where the motors of X, Y, Z are (m), before the controller's own compensation.
 
-    None if the ``sensor_msgs/JointState`` does not tell.
+    None if the ``sensor_msgs/JointState`` lacks it.
     """
     return _joints(message, MOTORS)
 

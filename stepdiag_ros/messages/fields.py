@@ -1,6 +1,6 @@
 """Data classes whose fields a message has under the same names: carried over by their types.
 
-What a message has under another name, or in another form, is told beside the data class.
+What a message has under another name, or in another form, is listed beside the data class.
 """
 
 from array import array
@@ -146,7 +146,7 @@ class Carried:
     Args:
         kind: the data class or named tuple.
         suffix: of the message's fields behind the names of the data class.
-        parts: of its fields those that are no numbers, texts, place or time of that name.
+        parts: of its fields those that are not a number, text, place or time of the same name.
     """
 
     def __init__(self, kind: type, suffix: str = "", **parts: "Part | Messages") -> None:

@@ -1,8 +1,9 @@
-"""Descriptions, states, lines and results are said again slowly; nobody takes that for news.
+"""Descriptions, states, lines and results are repeated slowly; receivers drop repetitions.
 
 A monitor that joins late over a bridge (rosbridge, Foxglove, Zenoh) subscribes volatile: what was
-published before it came is never sent to it. So whoever publishes such a message says it again, the
-same bytes with the same stamp, and whoever listens drops what it has heard already. No ROS client
+published before it came is never sent to it. So the publisher of such a message repeats
+it, the same bytes with the same stamp, and a subscriber drops what it has received already. No ROS
+client
 here: publishers and subscriptions (``nodes/links.py``) and bags (``bags/repetitions.py``) share it.
 """
 
@@ -15,7 +16,7 @@ from typing import Any
 from stepdiag_ros.topics import Topic
 
 REPEAT_PERIOD = 5.0
-"""Real seconds after which a message that still holds is said again."""
+"""Real seconds after which a message that still holds is repeated."""
 _REMEMBERED = 20_000
 """Messages of a topic that are known again; more than a run has lines, results or states in an
 hour, and far less memory than the messages."""
@@ -28,14 +29,14 @@ class _Said:
 
 
 class Repeater:
-    """What one publisher has said and still holds, so that it can be said again.
+    """Messages of one publisher that still hold, so that it can repeat them.
 
     Of a topic the newest message holds, or the newest of each kind that ``Topic.newest_of_each``
-    tells apart. What was said of another run than the newest message holds no more.
+    distinguishes. A message about another run than the newest message no longer holds.
 
     Args:
         topic: a topic with ``Qos.repeated``.
-        period: real seconds between two times that a message is said; ``REPEAT_PERIOD``.
+        period: real seconds between two repetitions of a message; ``REPEAT_PERIOD``.
     """
 
     def __init__(self, topic: Topic, period: float) -> None:
@@ -67,7 +68,7 @@ class Repeater:
         self._said.clear()
 
     def due(self, time: float) -> list[bytes]:
-        """Return what is to be said again now, in the order in which it was first said.
+        """Return the messages to repeat now, in the order of their first publication.
 
         Args:
             time: on the clock of ``said``, s.
@@ -79,7 +80,7 @@ class Repeater:
 
 
 class Memory:
-    """What was heard on one topic, so that a repetition is known when it comes.
+    """Messages received on one topic, so that a repetition is recognised.
 
     A recorded run can be played twice. Then the same bytes come as news again, while nodes that
     took part the first time may still repeat what they made of it.
@@ -90,12 +91,13 @@ class Memory:
         self._round = 0
 
     def is_news(self, data: bytes, has_happened: Callable[[], bool] = lambda: True) -> bool:
-        """Say whether these bytes are heard for the first time, and remember them.
+        """Return whether these bytes are received for the first time, and remember them.
 
         Args:
             data: the message.
-            has_happened: called where they were heard before time began anew; says whether what
-                they tell has happened by now. What has not is still said of the time before.
+            has_happened: called for bytes received before time began again; returns whether
+                their event has happened by now. If not, the message still belongs to the time
+                before.
         """
         digest = blake2b(data, digest_size=16).digest()
         heard = self._heard.get(digest)
@@ -108,5 +110,5 @@ class Memory:
         return True
 
     def begin_anew(self) -> None:
-        """Take for news what has been heard before: a recorded run begins anew."""
+        """Accept earlier messages as new: a recorded run starts again."""
         self._round += 1

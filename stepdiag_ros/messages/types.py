@@ -15,7 +15,7 @@ def message_type(type_name: str) -> Any:
     """Return the class of a type, ``stepdiag_ros/msg/RunState``, of the client that runs here.
 
     Raises:
-        ValueError: there is none, as where ROS 2 is sourced and the package run from its sources.
+        ValueError: it is missing, as where ROS 2 is sourced and the package run from its sources.
     """
     activate()
     package, _, name = type_name.split("/")

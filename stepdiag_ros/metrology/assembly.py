@@ -4,7 +4,7 @@ The assembler is a deterministic merge of three streams, each in order in itself
 id, arrivals by their id, readings by their time. A stop is decided from its arrival and from
 readings only, and only when a reading at or after the end of the window in question has come;
 nothing depends on which stream is ahead, or on any clock. A replay of a bag therefore gives the
-live run's results to the last bit.
+live run's results bit for bit.
 
 That also settles what may be used against a stop: only what was sent before its decision can be
 known to every replay. A command that leaves a stop before its window has ended ("moved too early")
@@ -152,7 +152,7 @@ class Assembler:
         return self._advance()
 
     def add_arrival(self, arrival: Arrival) -> list[Event]:
-        """Take the next arrival; arrivals of commands that are no stops may be among them.
+        """Take the next arrival; arrivals of commands that are not stops may be among them.
 
         Raises:
             ValueError: it contradicts one before it.

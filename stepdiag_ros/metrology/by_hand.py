@@ -6,7 +6,7 @@ have left and stood still; from there on everything is as in a run that was comm
 (``assembly``). A line of which it is not certain which rest is which stop gives nothing, and says
 why; it is never shifted.
 
-Which lines are taken, and what is said of them, is in ``hand_lines``.
+``hand_lines`` selects the lines and writes the remarks on them.
 """
 
 from collections import Counter
@@ -71,7 +71,7 @@ def plan_by_hand(plan: Plan) -> Plan:
 
 
 def require_standing_beam(plan: Plan, source: str) -> None:
-    """Refuse a plan with a tracker: rests are told by the way along a beam that stands still.
+    """Refuse a plan with a tracker: rests are recognised along a beam that stands still.
 
     Args:
         plan: that is to be measured by hand.
@@ -138,7 +138,7 @@ def without_strays(
 
     Here and there a rest of the operator's work is where a stop of a line could be of which nothing
     else is there. Such a stray must not tip the scales between two places where a whole line could
-    be, so it is taken out and everything is matched anew.
+    be, so it is taken out and everything is matched again.
 
     Raises:
         ValueError: there are too many rests and stops for one recording.

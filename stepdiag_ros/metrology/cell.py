@@ -1,4 +1,4 @@
-"""The truth of a simulated cell: machine errors, misalignment, noise, weather and drive behaviour.
+"""True state of a simulated cell: machine errors, misalignment, noise, weather and drive behaviour.
 
 The simulated devices run on it, and so does the stop-level simulation; nothing that estimates may
 see it.
@@ -165,7 +165,7 @@ class SimulatedCell:
         weather: air and material over time.
         drive: of all axes.
         effects: of the catalogue that act beyond the error motions, on the readings at stops
-            (``simulation``, ``live_effects``); they are no part of ``truth``.
+            (``simulation``, ``live_effects``); they are not part of ``truth``.
     """
 
     name: str
@@ -298,7 +298,7 @@ class SimulatedCell:
         """
         nodes = volume.all_nodes
         ends = np.array([[axis_nodes[0], axis_nodes[-1]] for axis_nodes in nodes]).T
-        self.require(ends, "the truth of the measured box")
+        self.require(ends, "the true errors of the measured box")
         offset = np.asarray(self.mirror_offset)
         curves: dict[str, Vector] = {}
         for axis, letter in enumerate(AXES):
@@ -331,7 +331,7 @@ def _misalignment(section: Section, source: str) -> Misalignment:
     for name in explicit_section.keys():  # noqa: SIM118
         words = name.split()
         if not words:
-            raise ValueError(f"{source}: lines: an empty name is no line")
+            raise ValueError(f"{source}: lines: an empty name is not a line")
         line_signs(words[0].split("@")[0])
         one, two, three, four = explicit_section.numbers(name, count=4)
         explicit[name] = (one, two, three, four)

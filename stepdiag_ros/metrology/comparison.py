@@ -1,8 +1,9 @@
 """A result beside directly measured errors: differences, and whether they can be chance.
 
-Curves are compared in what both measurements tell: positioning and angles from their first common
-position, straightness as deviations from its least-squares line over the common positions, since
-its slope depends on how the straightedge lay. Squareness is compared as such. The normalised error
+Curves are compared in what both measurements determine: positioning and angles from their first
+common position, straightness as deviations from its least-squares line over the common positions,
+since its slope depends on how the straightedge lay. Squareness is compared as such. The normalised
+error
 
     E_n = (identified - direct) / (U_identified² + U_direct²)^½,  U = 2 u  (ISO 13528:2022, 9.7)
 
@@ -24,12 +25,14 @@ COVERAGE = 2.0
 _FIXED = 1e-15
 """Below this standard uncertainty a point is fixed by the comparison itself (its first one)."""
 _SLOPE_OF = {"E_XY": ("C0Y", "E_YX"), "E_XZ": ("B0Z", "E_ZX"), "E_ZY": ("A0Z", "E_YZ")}
-"""Curve whose slope is not fixed by the frame → the squareness and the other curve that tell it."""
+"""Curve whose slope is not fixed by the frame → the squareness and the other curve that
+determine it.
+"""
 
 
 @dataclass(frozen=True)
 class CurveComparison:
-    """One curve by both ways, at the positions of the direct measurement.
+    """One curve by both methods, at the positions of the direct measurement.
 
     Attributes:
         name: ISO 230-1 name.
@@ -76,7 +79,7 @@ class CurveComparison:
 
 @dataclass(frozen=True)
 class SquarenessComparison:
-    """One squareness by both ways, as right-handed rotation, rad.
+    """One squareness by both methods, as right-handed rotation, rad.
 
     Attributes:
         name: C0Y, B0Z or A0Z.
@@ -144,13 +147,13 @@ def compare_directly(result: VolumetricErrors, direct: DirectMeasurement) -> Dir
             continue
         compared = _compare_curve(result, curve)
         if np.any(np.isnan(compared.identified)):
-            reasons[name] = "which these lines do not tell"
+            reasons[name] = "which these lines do not determine"
             continue
         curves.append(compared)
     known = {figure.name: figure for figure in result.figures}
     for name, angle in direct.squareness.items():
         if name not in known or np.isnan(known[name].value):
-            reasons[name] = "which these lines do not tell"
+            reasons[name] = "which these lines do not determine"
             continue
         squareness.append(
             SquarenessComparison(

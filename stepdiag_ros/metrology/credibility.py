@@ -11,22 +11,24 @@ from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 _LACK = 1e-3
-"""Chance below which a misfit beyond the scatter of repeats is said to be none of chance."""
+"""Probability below which a lack of fit beyond the scatter of repeats is not put down to chance."""
 
 
 class Misfit(Enum):
     """How a result agrees with the readings that it was solved from."""
 
     NONE = "the readings agree, within what they and their repeats scatter"
-    UNCLEAR = "they do not, and without repeats it cannot be told from poor repeatability"
+    UNCLEAR = (
+        "they do not, and without repeats this cannot be distinguished from poor repeatability"
+    )
     SHOWN = "they do not, beyond what repeats scatter: something acts that is not in the result"
 
 
 def misfit(result: VolumetricErrors, measurement: Measurement | None) -> Misfit:
     """Say whether errors explain the readings: lack of fit against pure error (F test).
 
-    A machine repeats worse than the window of one stop tells; that is in the uncertainties, which
-    are enlarged by it, and is no lack of fit. So what is left is compared with the scatter of
+    A machine repeats worse than the window of one stop shows; that is in the uncertainties, which
+    are enlarged by it, and is not lack of fit. So what is left is compared with the scatter of
     repeated stops, where there are any, and not with the stops' own uncertainties.
 
     Args:
@@ -43,7 +45,7 @@ def misfit(result: VolumetricErrors, measurement: Measurement | None) -> Misfit:
     if pure < 1 or freedom <= pure:
         return Misfit.UNCLEAR
     if squares == 0.0:
-        # A coarse display repeats exactly; whatever is left beside that is no scatter.
+        # A coarse display repeats exactly; whatever is left beside that is not scatter.
         return Misfit.SHOWN
     from scipy.special import fdtrc
 
@@ -56,7 +58,7 @@ def is_noise(result: VolumetricErrors) -> bool:
 
     The largest of many values is never zero, and a range never negative: of a machine without
     errors noise alone makes both, larger than their uncertainty. Where the covariance is not known
-    (a recorded result) nothing is said to be noise.
+    (a recorded result) nothing counts as noise.
     """
     if not result.covariance.size:
         return False

@@ -66,7 +66,7 @@ def require_names(names: Sequence[str]) -> None:
     for name in names:
         if name not in CURVES:
             raise Refusal(
-                f"'{name}' is no error curve; use names such as E_XX, E_YX or E_AX",
+                f"'{name}' is not an error curve; use names such as E_XX, E_YX or E_AX",
                 fault="unknown",
                 aspect="curve",
             )

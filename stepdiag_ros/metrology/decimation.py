@@ -14,8 +14,7 @@ that the coefficients at each remainder of the sample's number modulo the factor
   from the mean of the samples, the mean of the readings is within r/M of that of the samples.
 
 A reading depends on the samples in front of and behind it, to ``Decimator.half`` either way, and
-on nothing else, least of all on how they were cut into blocks: a replay gives the same to the last
-bit.
+on nothing else, least of all on how they were cut into blocks: a replay is bit-identical.
 """
 
 from collections import deque
@@ -70,7 +69,7 @@ class Decimator:
 
     Reading k stands at sample k · factor. It is good if all samples that it is made of are: its
     status is the worst of them, its signal the weakest. One that would be made of samples with
-    different zeros is no displacement (NaN) and has lost its zero. One for which a sample is
+    different zeros is not a displacement (NaN) and has lost its zero. One for which a sample is
     missing is not made, so that its number is missing too. The compensation is that of the middle
     sample.
 
@@ -99,7 +98,7 @@ class Decimator:
         """Take the next block; return the readings for which all samples are there now, in order.
 
         A block that does not follow the one before without a gap, or an instrument that has begun
-        to count anew, begins the filter anew.
+        to count again, begins the filter again.
         """
         last = self._blocks[-1] if self._blocks else None
         if last is None or block.sequence != last.end:

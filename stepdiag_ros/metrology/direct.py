@@ -55,7 +55,7 @@ class DirectPlace(NamedTuple):
     """Where an error was measured.
 
     Attributes:
-        standing: machine coordinates of the axes that stood, m; NaN where not told.
+        standing: machine coordinates of the axes that stood, m; NaN where unknown.
         reflector: from the mirror of the laser lines to the point that was measured, m.
     """
 
@@ -64,7 +64,7 @@ class DirectPlace(NamedTuple):
 
 
 ANYWHERE = DirectPlace()
-"""Not told: the mirror's own point."""
+"""Default: the mirror's own point."""
 
 
 @dataclass(frozen=True)

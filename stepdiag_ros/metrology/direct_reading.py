@@ -102,8 +102,8 @@ def _value(number: int, line: str, header: list[str], where: str) -> _Value:
     name = row["name"]
     if name not in CURVES and name not in SQUARENESS:
         raise Refusal(
-            f"{where}: '{name}' is no error; use a curve such as E_XX, E_YX, E_AX or a squareness"
-            f" ({', '.join(SQUARENESS)})",
+            f"{where}: '{name}' is not an error; use a curve such as E_XX, E_YX, E_AX or a"
+            f" squareness ({', '.join(SQUARENESS)})",
             fault="unknown",
         )
     factor = 1.0
@@ -191,7 +191,7 @@ def _curve(values: list[_Value], source: str) -> DirectCurve:
         if value.position in own:
             raise Refusal(
                 f"{source}, row {value.row}: {name} at {value.position:g} m in repeat"
-                f" {value.repeat} is there already in row {own[value.position].row}",
+                f" {value.repeat} appears already in row {own[value.position].row}",
                 fault="twice",
             )
         own[value.position] = value
@@ -230,8 +230,8 @@ def _squareness(values: list[_Value], source: str) -> DirectSquareness:
     for value in values:
         if value.repeat in seen:
             raise Refusal(
-                f"{source}, row {value.row}: {name} in repeat {value.repeat} is there already"
-                f" in row {seen[value.repeat]}",
+                f"{source}, row {value.row}: {name} in repeat {value.repeat} appears already in"
+                f" row {seen[value.repeat]}",
                 fault="twice",
             )
         seen[value.repeat] = value.row

@@ -56,7 +56,7 @@ def to_reference_temperature(
         temperature: of the material, degC, instead of what was recorded; None takes the recorded.
 
     Raises:
-        ValueError: the coefficient is none of a machine's material, or the temperature of the
+        ValueError: the coefficient is not that of a machine's material, or the temperature of the
             material is not known at a stop that has a reading.
     """
     if not 0.0 <= coefficient <= LARGEST_COEFFICIENT:

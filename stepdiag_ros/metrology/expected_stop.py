@@ -12,10 +12,10 @@ off by
 - ``SCALE`` of the way along the beam: errors of the machine that grow with the way, its
   temperature, air, cosine error;
 - ``TILT`` of the way beside the beam, which the single moves of a step diagonal make;
-- ``Tolerance.least``: errors of the machine from place to place, lost motion, drift;
+- ``Tolerance.least``: errors of the machine from place to place, reversal errors, drift;
 
-but never by more than ``Tolerance.most``, the part of the smallest step by which two stops are
-told apart. Nothing is fitted, so nothing can hide a shift.
+but never by more than ``Tolerance.most``, the part of the smallest step by which two
+stops are distinguished. Nothing is fitted, so nothing can hide a shift.
 """
 
 import numpy as np

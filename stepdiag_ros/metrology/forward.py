@@ -58,8 +58,8 @@ class ErrorCurves:
     """Error motions of the three axes, linear between nodes.
 
     Beyond the first and last node nothing is known. ``at`` holds the curves there as at the node,
-    for what is not measured: run-ups, overruns, ways to a line. Who simulates a measurement or asks
-    for the truth of a place looks first whether it is ``outside``.
+    for what is not measured: run-ups, overruns, ways to a line. Code that simulates a measurement
+    or needs the true error at a place first checks whether it is ``outside``.
 
     Attributes:
         nodes: machine coordinates of the nodes of X, Y, Z, m, ascending, each shape (nodes of that
@@ -156,8 +156,8 @@ class Alignment:
 def rotation_matrices(vectors: Vector) -> Vector:
     """Return the right-handed rotations by rotation vectors (direction: axis, length: angle, rad).
 
-    For the three small rotations of an axis the vector is (E_A, E_B, E_C); another order of turning
-    about X, Y, Z changes products of two of them only.
+    For the three small rotations of an axis the vector is (E_A, E_B, E_C); another order
+    of the rotations about X, Y, Z changes products of two of them only.
 
     Args:
         vectors: shape (n, 3).
@@ -230,7 +230,7 @@ def tool_point(
     """
     if chain not in CHAINS:
         raise Refusal(
-            f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+            f"'{chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
         )
     positions = np.asarray(positions, dtype=np.float64)
     turns = errors.turns

@@ -25,7 +25,7 @@ class Placement:
     """Where a frame is in its parent.
 
     Attributes:
-        parent: name of the frame in which the rest is said.
+        parent: name of the frame in which the rest is given.
         child: name of the frame.
         translation: of the child's origin, m.
         rotation: that turns the parent's axes into the child's: unit quaternion x, y, z, w.

@@ -31,7 +31,7 @@ ROUGHNESS = 5e-4
 """Part of a way by which two ways of the same axis may differ: twice the slope of the error motions
 of a poor machine."""
 LEAST_WAY = 1e-3
-"""m: shorter ways tell nothing of the alignment."""
+"""m: shorter ways do not show the alignment."""
 STILL = 1e-6
 """m within which axes stand."""
 MOST_PENDING = 5000

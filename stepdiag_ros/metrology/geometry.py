@@ -74,8 +74,8 @@ def line_signs(line: str) -> NDArray[np.int64]:
     if len(line) == 3 and set(line) <= set(_SENSES) and line.count("0") <= 1:
         return np.array([_SENSES[letter] for letter in line], dtype=np.int64)
     raise Refusal(
-        f"'{line}' is no line: use x, y, z, a body diagonal such as ppp, npp, pnp, ppn, or a face "
-        "diagonal such as pp0, n0p, 0np",
+        f"'{line}' is not a line: use x, y, z, a body diagonal such as ppp, npp, pnp, ppn, or a"
+        " face diagonal such as pp0, n0p, 0np",
         fault="unknown",
     )
 
@@ -94,10 +94,10 @@ def move_orders(line: str) -> tuple[str, ...]:
 
 
 def inner(one: Vector, other: Vector) -> Vector:
-    """Return inner products over the last dimension, the same to the last bit on every processor.
+    """Return inner products over the last dimension, the same bit for bit on every processor.
 
     The libraries behind ``@`` sum in an order that depends on the processor. Readings and lines are
-    compared to the last bit with those of a run on another computer, so they do without.
+    compared bit for bit with those of a run on another computer, so they do without.
 
     Args:
         one: shape (..., n).

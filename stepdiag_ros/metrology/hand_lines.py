@@ -3,8 +3,8 @@
 A line is taken if its first and last stop and at least ``LEAST_PART`` of its stops were found, no
 zero was lost within it, no other matching comes near (``rest_matching.SURE``), each stop is where
 the plan has it (``expected_stop``), and no rest is left unexplained that could be a stop of another
-program (``hand_surplus``). Stops that are missing in it stay without a value. Everything else that
-was seen is said.
+program (``hand_surplus``). Stops that are missing in it stay without a value. A remark
+names everything else that was seen.
 """
 
 from bisect import bisect_left
@@ -31,7 +31,7 @@ from stepdiag_ros.metrology.stillness import Criteria, Rest
 from stepdiag_ros.metrology.window import examine
 
 LONG = 1.7
-"""Multiple of the usual time of a line's rests from which on one is said to be long."""
+"""Multiple of the usual time of a line's rests from which on a rest counts as long."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class LineFinder:
     def of_another_plan(self, lines: Sequence[int]) -> str:
         """Say which stop of a line found whole is not where the plan has it; empty if all are.
 
-        Blocks and steps are those of all lines of a plan, so it tells against the whole recording,
+        Blocks and steps are those of all lines of a plan, so it counts against the whole recording,
         also where another line does not show it.
         """
         for index in lines:

@@ -1,4 +1,4 @@
-"""Rests that are no stops, and what they say of the lines beside them.
+"""Rests that are not stops, and what they say of the lines beside them.
 
 Each rest of a recording must be explained, for one that is not may be a stop of another plan's
 program, of which this plan's line is a part. While a setup is measured, the machine may stand
@@ -6,10 +6,10 @@ program, of which this plan's line is a part. While a setup is measured, the mac
 - at a stop, once or more often;
 - anywhere between the ends of the setup's lines: it was held there, or an overrun ends there;
 
-and nowhere else. Before the first stop and after the last the operator moves things about; there a
-rest tells against a line if it is one step of the line away from its end, and the machine went
-there and stood there as in the line. And a whole pass among the rests that are no stops tells
-against every line that it could be.
+and nowhere else. Before the first stop and after the last the operator moves things about; there
+a rest counts against a line if it is one step of the line away from its end, and the machine went
+there and stood there as in the line. And a whole pass among the rests that are not
+stops counts against every line that it could be.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _TWO_INTERVALS = 2
 
 
 class Surplus:
-    """Says what the rests that are no stops tell against lines.
+    """Returns the evidence of rests that are not stops against lines.
 
     Args:
         plan: of the measurement.
@@ -99,7 +99,7 @@ class Surplus:
             index: of the line.
             step: of the reading, m.
             first: the rest before it; it leads to the next one.
-            number: that one of the two that is no stop.
+            number: that one of the two that is not a stop.
             found: matches of the line.
         """
         line = self._plan.lines[index]
@@ -185,7 +185,7 @@ class Surplus:
         return ""
 
     def _spare_passes(self) -> list[tuple[int, frozenset[tuple[object, ...]]]]:
-        """Return where rests that are no stops hold a whole pass of some lines, and of which."""
+        """Return where rests that are not stops hold a whole pass of some lines, and of which."""
         lines = sorted({line for place in self._places for line, _ in place.stops})
         kinds: dict[tuple[float, ...], set[tuple[object, ...]]] = {}
         for index in lines:

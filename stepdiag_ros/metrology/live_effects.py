@@ -1,6 +1,6 @@
 """The effects of a cell in a run that goes on: what they add to the reading of the present stop.
 
-An effect is told by the stops of a run, all at once: history, sense of moves, time, weather, setup,
+An effect depends on all stops of a run at once: history, sense of moves, time, weather, setup,
 repeat. While a run is made, its later stops are not known; they are taken as the plan has them, so
 that ``Effect.change`` sees a whole run at any time, and only its row for the present stop counts.
 That row depends on what has been, so it is the one that the finished run will have.
@@ -35,7 +35,7 @@ class LiveEffects:
 
     Args:
         plan: of the run.
-        cell: the truth.
+        cell: the true errors.
 
     Raises:
         ValueError: an effect cannot act in this plan; says which and why.
@@ -82,7 +82,7 @@ class LiveEffects:
             line_index: of the plan, from 0.
             stop: of the line, from 0.
             setup: identity of the alignment; another one than before says that the setup was
-                aligned anew, so that what has been no longer counts in it.
+                aligned again, so that what has been no longer counts in it.
             time: of the reading, s since the start of the run.
             environment: true air and material at that time.
             remember: later stops see this time and this environment as those of the stop.
@@ -112,7 +112,7 @@ class LiveEffects:
         )
 
     def _notice(self, identity: str, line_index: int) -> None:
-        """Begin a setup anew if it was aligned again: a new zero, and no move made in it yet."""
+        """Begin a setup again if it was aligned again: a new zero, and no move made in it yet."""
         name = self._run.lines[line_index].setup
         last, self._identity[name] = self._identity[name], identity
         if identity == last:

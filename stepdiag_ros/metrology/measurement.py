@@ -2,7 +2,7 @@
 
 The same classes serve a live run, a bag and a run table. Times are whole nanoseconds, so that a
 replay
-gives the same numbers to the last bit.
+gives the same numbers bit for bit.
 """
 
 from dataclasses import dataclass

@@ -24,12 +24,12 @@ STATUSES = (FIXED, FITTED)
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where an effect in a model comes from; empty texts where that is not told.
+    """Where an effect in a model comes from; empty texts where that is unknown.
 
     Attributes:
         bag: name of the file that holds the run; of several that were diagnosed together, with
             " + " between.
-        sha256: of that file, 64 hexadecimal digits; likewise.
+        sha256: of that file, 64 hexadecimal digits; joined in the same way.
         date: on which it was named, ISO 8601.
         evidence: in words and figures.
     """
@@ -47,7 +47,7 @@ class ModelEffect:
     Attributes:
         active: the effect, its setting and its sizes, SI.
         standard_uncertainty: of each size, SI; NaN if unknown.
-        status: ``fixed``: the sizes hold; ``fitted``: every run may tell its own sizes.
+        status: ``fixed``: the sizes hold; ``fitted``: every run determines its own sizes.
         provenance: where it comes from.
     """
 
@@ -125,7 +125,7 @@ class MachineModel:
         }
 
     def with_effects(self, added: Sequence[ModelEffect]) -> "MachineModel":
-        """Return the model with these effects; one that it has already is put in place of that."""
+        """Return the model with these effects; each replaces one that the model has already."""
         new = {effect.label: effect for effect in added}
         kept = tuple(effect for effect in self.effects if effect.label not in new)
         return replace(self, effects=(*kept, *added))
@@ -151,7 +151,7 @@ def _curves(section: Section, given: Any) -> dict[str, tuple[float, ...]]:
     for name in given:
         if name not in TRANSLATIONS:
             raise Refusal(
-                f"{part.source}: '{name}' is no translation; use {', '.join(TRANSLATIONS)}",
+                f"{part.source}: '{name}' is not a translation; use {', '.join(TRANSLATIONS)}",
                 fault="unknown",
             )
     part.finish()

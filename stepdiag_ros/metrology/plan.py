@@ -108,7 +108,7 @@ class Line:
         run: number of the run, from 1, where several are looked at together
             (``discrepancy.joint``); a plan knows of one.
         tracked: places of a tracker's line; None of other lines, and of a line whose plan is not
-            at hand. It is no part of the line's identity.
+            at hand. It is not part of the line's identity.
     """
 
     kind: str
@@ -236,7 +236,7 @@ class Sampling:
         standard_deviation_limit: of the readings in a window, m.
         drift_limit: change over the window by its fitted slope, m.
         stop_attempts: how often a stop that does not settle, though the zero is kept, is measured
-            before its line is begun anew.
+            before its line is started again.
         line_attempts: how often a line with a rejected stop is measured before ``after_attempts``.
         after_attempts: ``hold``: the run stops until an operator has seen to it; ``leave``: the
             line is left incomplete.
@@ -266,7 +266,7 @@ class Plan:
         pause_for_setup: wait for the operator before each new setup (laser and mirror to be
             aligned).
         one_alignment_per_diagonal: all move orders of a step diagonal are measured in one setup,
-            as Ibaraki & Hata 2010, section 4.2, do; else each order is aligned anew.
+            as Ibaraki & Hata 2010, section 4.2, do; else each order is aligned again.
         overrun: how far the machine goes beyond the first stop of a pass before it comes back to
             it, m, so that every stop of the pass is approached in its direction, as the
             bidirectional tests of ISO 230-2 and ISO 230-6 need it. Step diagonals have none: each
@@ -475,7 +475,7 @@ def _tracked_lines(group: Section, repeats: int, directions: tuple[str, ...]) ->
 
 
 def _orders(names: tuple[str, ...], group: Section) -> dict[str, tuple[str, ...]]:
-    """Return the told orders of each step diagonal of a group; X before Y before Z if none are."""
+    """Return the given orders of each step diagonal of a group; by default X before Y before Z."""
     plainest = tuple(dict.fromkeys(move_orders(name)[0] for name in names))
     told = group.names("orders", STEP_ORDERS, default=plainest)
     orders = {name: tuple(one for one in told if one in move_orders(name)) for name in names}

@@ -16,7 +16,7 @@ def check_command(command: StopCommand, plan: Plan) -> None:
     if not 0 <= command.line_index < len(plan.lines):
         raise Refusal(
             f"command {command.command_id} is for line {command.line_index}, but the plan "
-            f"'{plan.name}' has {len(plan.lines)} lines: was the plan changed?",
+            f"'{plan.name}' has {len(plan.lines)} lines: the plan may have changed",
             fault="mismatch",
             aspect="line",
         )
@@ -24,16 +24,16 @@ def check_command(command: StopCommand, plan: Plan) -> None:
     if not 0 <= command.stop < len(targets):
         raise Refusal(
             f"command {command.command_id} is for stop {command.stop}, but line "
-            f"{command.line_index} has {len(targets)} stops: was the plan changed?",
+            f"{command.line_index} has {len(targets)} stops: the plan may have changed",
             fault="mismatch",
             aspect="stop",
         )
-    # Written so that a target that is no number is refused too.
+    # Written so that a target that is not a number is refused too.
     if not np.max(np.abs(targets[command.stop] - np.asarray(command.target))) <= 1e-9:
         raise Refusal(
-            f"command {command.command_id} goes to {command.target} m, but stop {command.stop} "
-            f"of line {command.line_index} is at {tuple(targets[command.stop].tolist())} m: "
-            "was the plan changed?",
+            f"command {command.command_id} goes to {command.target} m, but stop {command.stop} of"
+            f" line {command.line_index} is at {tuple(targets[command.stop].tolist())} m: the"
+            " plan may have changed",
             fault="mismatch",
             aspect="place",
         )

@@ -9,12 +9,13 @@ makes, by its leading sine functions (Karhunen and Loève):
 
     ε(u) = s Σ_j c_j √2 sin((j - 1/2) π u) / ((j - 1/2) π),     c_j independent, variance 1.
 
-The readings tell ``s`` as far as they see rotations at all. What is known of the machine before
-that is the ``plausible`` size: told by the user, or that of a class of machines. It is the scale of
-Student's distribution with 4 degrees of freedom, so that readings may overrule it by far.
+The readings determine ``s`` as far as they see rotations at all. What is known of the machine
+before that is the ``plausible`` size: given by the user, or that of a class of machines. It is the
+scale of Student's distribution with 4 degrees of freedom, so that readings may overrule it by far.
 
 The laser's scale. An interferometer that is compensated by sensors is wrong by what these are wrong
-by, the same in all setups, and by the air on the beam not being that at the sensor, anew in each.
+by, the same in all setups, and by the air on the beam not being that at the sensor, separately in
+each.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ _LARGEST = 1e-3
 
 
 def size_of(told: object) -> float:
-    """Return the plausible size of rotations that a user tells, rad.
+    """Return the plausible size of rotations that a user gives, rad.
 
     Args:
         told: a class of machine, or a number in rad (0: the axes do not turn), as text or not.
@@ -61,8 +62,8 @@ def size_of(told: object) -> float:
         size = -1.0
     if isinstance(told, bool) or not 0.0 <= size <= _LARGEST:
         raise ValueError(
-            f"'{told}' is no size of rotations: give one of {', '.join(CLASSES)}, or rad from 0 to"
-            f" {_LARGEST:g}, such as 5e-6"
+            f"'{told}' is not a size of rotations. Give one of {', '.join(CLASSES)}, or rad from"
+            f" 0 to {_LARGEST:g}, such as 5e-6"
         )
     return size
 
@@ -74,7 +75,7 @@ class Plausible:
     Attributes:
         rotation: size of the axes' rotations over the measured travel, rad; 0: they do not turn.
         scale: standard uncertainty of the laser's relative scale, common to all setups.
-        shift: the same, anew in each setup.
+        shift: the same, separately in each setup.
         misaligned: beams and mirrors are off their lines by as much as the readings show; if not,
             they stand as the conventional formulation takes them.
     """
@@ -86,7 +87,7 @@ class Plausible:
 
 
 ORDINARY = Plausible()
-"""What is plausible where nothing is told of the machine."""
+"""Plausible size where nothing is known of the machine."""
 NOTHING = Plausible(0.0, 0.0, 0.0, misaligned=False)
 """Nothing acts but what the readings show: their noise alone makes a result uncertain."""
 

@@ -52,7 +52,7 @@ class ErrorFields(Exception):
         where: the file or source that it stands in, as the user calls it.
         row: of a table, or line of a text, counted from 1.
         aspect: which of several demands on the same thing is not met, in a word, such as ``feed``
-            or ``limits`` of a move; empty where the kind of fault tells it.
+            or ``limits`` of a move; empty where the kind of fault is enough.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ def record_fault(found: object, kind: type, told: Iterable[str] = ()) -> str:
     if not re.fullmatch("[a-z][a-z0-9_]*", name):
         return "has a name that is not of small letters, digits and underscores"
     missing = [one for one in told if not getattr(found, one)]
-    return f"does not tell its '{missing[0]}'" if missing else ""
+    return f"does not state its '{missing[0]}'" if missing else ""
 
 
 def installed_points(group: str) -> Iterable["EntryPoint"]:

@@ -4,12 +4,12 @@ The stops of a plan, in order, are places along the beam; the rests of a recordi
 levels of the reading in an unknown zero. A matching gives rests to stops, both in order, at the
 least cost:
 
-- 1 for each stop that no rest is given to, and for each rest within a setup that is no stop;
-- up to ``MISFIT`` for each step, with the square of its misfit; a step that is off by more than
-  ``Tolerance`` allows is none;
+- 1 for each stop that no rest is given to, and for each rest within a setup that is not a stop;
+- up to ``MISFIT`` for each step, with the square of its deviation; a step that is off
+  by more than ``Tolerance`` does not match;
 - ``BREAK`` where the level goes on from another zero, so that no step can be checked;
 - ``SETUP`` (half a setup's stops at most) for each setup of which anything is found, so that a few
-  rests that happen to fit are no setup;
+  rests that happen to fit are not a setup;
 - ``JUNK`` for each rest between two setups, where the operator moves things about.
 
 No zero, sense or scale is fitted, so nothing can hide a shift: where all steps of a line are equal,
@@ -324,7 +324,7 @@ class _Sums:
         self._take(row, reached[way, columns], sources)
 
     def _extras(self, first: int, last: int) -> float:
-        """Return the cost of the rests between two matches; standing there twice is no other."""
+        """Return the cost of the rests between two matches; standing there twice is not another."""
         ends = self._rests[first], self._rests[last]
         return sum(
             JUNK if any(same_level(end, rest, self._tolerance) for end in ends) else EXTRA

@@ -25,7 +25,7 @@ class Rising:
             ValueError: another event was taken under this number or a higher one, or there are
                 more than ``MOST``.
         """
-        told = repr(event)  # in which what is no number is like itself
+        told = repr(event)  # in which what is not a number is like itself
         if number > self._last:
             if len(self._taken) >= MOST:
                 raise Refusal(f"more than {MOST} {self._what}s of one run", fault="too_many")
@@ -35,7 +35,7 @@ class Rising:
         if self._taken.get(number) != told:
             known = f"another {self._what} {number}" if number in self._taken else "a later one"
             raise Refusal(
-                f"{self._what} {number} comes after {known}: who else publishes them?",
+                f"{self._what} {number} comes after {known}: check for another publisher",
                 fault="out_of_order",
             )
         return False

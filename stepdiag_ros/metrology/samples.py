@@ -31,7 +31,7 @@ class SampleBlock:
         offset: m; NaN if the air is not known.
         environment: that scale and offset are for.
         raw_displacement: m, in vacuum wavelengths, shape (n,).
-        signal_strength: 0..1, shape (n,), or (1,) if it is that of all; NaN if it is not told.
+        signal_strength: 0..1, shape (n,), or (1,) if it is that of all; NaN if it is unknown.
         status: STATUS_* of InterferometerReading.msg, shape (n,), or (1,) if it is that of all.
     """
 

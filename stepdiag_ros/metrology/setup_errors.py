@@ -8,12 +8,12 @@ is n + d with the nominal beam n and a small d ⊥ n, so that
 
 and the sum over a block's three moves is ‖a‖ n·d = 0 (eq. 5). To this order d is the tilt of the
 mirror's normal alone. The beam's own tilt δl enters with the second order only, as a scale of the
-whole line, |δl|²/2 - δl·δm (``cosine_error``), which these figures do not tell: beam and mirror
-cannot be told apart here. A mirror is set to return the beam, so its tilt is the beam's as well,
-but for how well that was done.
+whole line, |δl|²/2 - δl·δm (``cosine_error``), which these figures do not contain: beam
+and mirror cannot be distinguished here. A mirror is set to return the beam, so its tilt is the
+beam's as well, but for how well that was done.
 
 Directions are those in the frame of the results (eq. 17): turning the frame turns machine and
-setups together, and no reading tells the difference.
+setups together, and no reading shows the difference.
 """
 
 from collections.abc import Mapping
@@ -251,7 +251,7 @@ def tilts_for_conventional_errors(
         ppp, npp, pnp → two angles along ``forward.perpendiculars``, rad.
 
     Raises:
-        ValueError: a name is none of the nine curves.
+        ValueError: a name is not one of the nine curves.
     """
     step = np.asarray(volume.step)
     columns = []
@@ -260,7 +260,7 @@ def tilts_for_conventional_errors(
             made = conventional_errors(volume, {line: direction})
             unknown = [name for name in errors if name not in made]
             if unknown:
-                raise Refusal(f"'{unknown[0]}' is no translational error curve", fault="unknown")
+                raise Refusal(f"'{unknown[0]}' is not a translational error curve", fault="unknown")
             columns.append([made[name] for name in errors])
     wanted = np.array(list(errors.values()))
     angles = np.linalg.lstsq(np.array(columns).T, wanted, rcond=None)[0].reshape(3, 2)

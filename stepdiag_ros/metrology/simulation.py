@@ -24,7 +24,7 @@ def simulate(
 
     Args:
         plan: what is measured.
-        cell: the truth.
+        cell: the true errors.
         seed: of the noise; the cell's own seed fixes curves and misalignment.
         readings_per_stop: number of readings in the mean of a stop, at least 1.
 
@@ -82,7 +82,7 @@ def read_again(
     Args:
         run: that was made or planned; a setup that lost its zero (``… (zero 2)``) keeps its
             alignment. Stops without a value stay without.
-        cell: the truth; its effects act at the times and in the weather of the run.
+        cell: the true errors; its effects act at the times and in the weather of the run.
         noise: standard deviation of the reading of a stop, m.
         seed: of the noise.
 

@@ -162,7 +162,7 @@ class StillnessDetector:
         """Take the next reading; return the rests that have ended.
 
         A reading that is not later than the one before is left out. Readings that lose the zero, or
-        are no numbers, end a rest.
+        are not numbers, end a rest.
         """
         before = self._latest
         if before is not None and reading.time <= before.time:
@@ -339,7 +339,7 @@ def _beginning(
         samples: time (ns) and value (m) of its readings.
         quantum: smallest difference between readings that was seen so far, m; 0 if none was.
         usual: standard deviation of a reading in the rests before, m; counts where there are too
-            few readings to tell it.
+            few readings to determine it.
 
     Returns:
         time of the first reading at rest, ns; level, m; standard deviation of a reading, m;

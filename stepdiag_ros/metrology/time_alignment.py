@@ -6,7 +6,7 @@ readings stamped late by τ,
     s(t) = c + k · p(t - τ).
 
 τ is looked for in two steps: first where one c and one k for the whole line leave the least (which
-also tells how large it may be), then for each move by least squares, with a c and a k of its own
+also shows how large it may be), then for each move by least squares, with a c and a k of its own
 and a bend q · (p - p₁)(p₂ - p) between its ends, so that misalignment, slope and curvature of the
 machine's errors, and drift of the air do not act on τ. Without the bend, the curvature that the
 moves of one axis have in common would shift them all alike. The moves do not know of each other, so
@@ -16,7 +16,7 @@ back while it loses it. By how much the result differs with a cubic between them
 from both neighbours) is the half-width of a rectangular distribution, which is added (type B): it
 counts where positions are slow and the moves in step with them.
 
-What cannot be told apart: the clocks' offset, the time on the way (where a side stamps what comes
+What cannot be separated: the clocks' offset, the time on the way (where a side stamps what comes
 in), filters on either side, and the lag of the position behind the machine. All of it together is
 what matters to a stop. A line without moves, or a stream that pauses, has no result.
 """
@@ -36,9 +36,9 @@ FEWEST_MOVES = 3
 _MOST_READINGS = 20_000
 """Of a line, that are looked at: enough for every line, and quick."""
 _MOST_IN_SEARCH = 4000
-"""Of these, that are enough to tell roughly where the offset lies."""
+"""Of these, that are enough for a rough offset."""
 _FEWEST_IN_MOVE = 8
-"""Readings on the way, and as many at rest, without which a move tells nothing."""
+"""Readings on the way, and as many at rest, without which a move does not count."""
 _MOVING = 0.02
 """Part of the highest speed above which the axis moves."""
 _REST = 0.5

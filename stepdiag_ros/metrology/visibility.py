@@ -1,4 +1,4 @@
-"""What a test plan or a measurement can tell of each error, and how well, before and after.
+"""What a test plan or a measurement determines of each error, and how well, before and after.
 
 Every error is free at every node, as in ``solvers.rigid_body`` (with a kinematic chain) or
 ``solvers.least_squares`` (without), beside the angles and the zero of every setup. An error is
@@ -91,7 +91,7 @@ class Visibility:
 
 
 def visibility(plan: Plan, chain: str, stop_uncertainty: float) -> Visibility:
-    """Say before measuring what a plan can tell.
+    """Return before measuring what a plan will determine.
 
     Args:
         plan: the test plan.
@@ -108,14 +108,14 @@ def visibility(plan: Plan, chain: str, stop_uncertainty: float) -> Visibility:
             fault="out_of_range",
         )
     if not plan.lines:
-        raise ValueError(f"the plan '{plan.name}' has no lines, so it can tell nothing")
+        raise ValueError(f"the plan '{plan.name}' has no lines, so it determines nothing")
     curves = len(TRANSLATIONS) + (len(ROTATIONS) if chain else 0)
     setups = len({plan.setup_of(line) for line in plan.lines})
     unknowns = curves * plan.volume.blocks + _OF_A_SETUP * setups
     if unknowns > MOST_UNKNOWNS:
         raise ValueError(
-            f"what the plan '{plan.name}' tells is not computed: {plan.volume.blocks} blocks and "
-            f"{setups} setups have {unknowns} unknowns, more than {MOST_UNKNOWNS}; use fewer"
+            f"cannot compute what the plan '{plan.name}' determines: {plan.volume.blocks} blocks"
+            f" and {setups} setups have {unknowns} unknowns, more than {MOST_UNKNOWNS}; use fewer"
         )
     lines = []
     time = 0.0
@@ -142,11 +142,11 @@ def visibility(plan: Plan, chain: str, stop_uncertainty: float) -> Visibility:
 
 
 def measured_visibility(measurement: Measurement) -> Visibility:
-    """Say after measuring what the lines that are there tell, with their own uncertainties.
+    """Return after measuring what the lines determine, with their own uncertainties.
 
     Args:
-        measurement: the lines; those of its stops that were rejected tell nothing. Its chain
-            decides whether rotations are looked at.
+        measurement: the lines; its rejected stops do not count. Its chain decides whether rotations
+            are looked at.
 
     Raises:
         NotDeterminable: there is no reading at all.

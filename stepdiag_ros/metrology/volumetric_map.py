@@ -7,9 +7,9 @@ model (``forward.tool_point``), so that it has the signs of the readings that it
 A map holds for the box that was measured and for nothing beyond it: outside, the error is unknown.
 It is unknown, too, wherever a curve that acts there was not determined: a translation acts
 everywhere, a rotation where an axis after it in the chain is away from the first corner. Rotations
-that the method did not estimate at all are not in it; ``left_out`` names them. What they do is in
-the uncertainty: as the result tells, with what they did to its curves, or else as large as is
-plausible (``metrology.plausible``).
+that the method did not estimate at all are not in it; ``left_out`` names them. Their influence
+is in the uncertainty: as the result states, with what they did to its curves, or else as large as
+is plausible (``metrology.plausible``).
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ class VolumetricMap(CurveSet):
         standard_uncertainty: of some or all of the curves, same shapes; NaN where not known.
         chain: order of the axes from workpiece to tool; empty if not known.
         frame: of the curves, in words.
-        not_determined: what the lines could not tell, in words.
+        not_determined: what the lines did not determine, in words.
         covariance: of all curves stacked in their order, see ``VolumetricErrors``; empty if not
             known.
         turned_factor: of all eighteen, see ``VolumetricErrors``; empty if not known.
@@ -83,7 +83,7 @@ class VolumetricMap(CurveSet):
             )
         if self.chain and self.chain not in CHAINS:
             raise Refusal(
-                f"'{self.chain}' is no kinematic chain; use one of {', '.join(CHAINS)}",
+                f"'{self.chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}",
                 fault="unknown",
                 aspect="chain",
             )
@@ -101,12 +101,12 @@ class VolumetricMap(CurveSet):
         """Return the map of a solver's result.
 
         The frame makes three curves end at zero (``forward.in_result_frame``). Where nothing
-        between the ends was determined, this zero is no finding, and the end counts as unknown.
+        between the ends was determined, this zero is not a finding, and the end counts as unknown.
 
         Args:
             result: of a solver.
             chain: order of the axes from workpiece to tool; needed where it has rotations.
-            plausible: how large rotations are of which the result tells nothing.
+            plausible: size of rotations that the result does not determine.
 
         Raises:
             ValueError: see the class.

@@ -158,9 +158,10 @@ def standard_uncertainty_of_mean(values: Vector) -> float:
 
     (Zhang, Metrologia 43 (2006) S276; Zięba, Metrology and Measurement Systems 17 (2010) 3), summed
     up to the first ρ(i) that is not positive (Zięba & Ramza, the same journal 18 (2011) 529). If
-    ρ(1) is within the 95 % band of independent readings, 1.96/√n, they are taken as independent
-    and u = s/√n. It is never taken below s/√n, because readings that seem to alternate are no
-    reason to trust their mean more, nor above s: the mean is known no worse than one reading.
+    ρ(1) is within the 95 % interval of independent readings, 1.96/√n, they are taken as independent
+    and u = s/√n. It is never taken below s/√n, because readings that seem to alternate
+    give no reason to trust their mean more, nor above s: the mean is known no worse than one
+        reading.
 
     Args:
         values: readings, m, shape (n,).

@@ -58,7 +58,7 @@ class AssemblerNode(StepdiagNode):
         self.listen(topics.JOINT_STATES, self._on_joints, keep_all=True)
 
     def on_run(self, description: Any) -> None:
-        """Begin anew with the plan of the run."""
+        """Start again with the plan of the run."""
         plan = plan_from_text(description.plan, "plan of the run")
         start = to_nanoseconds(description.header.stamp)
         self._assembler = Assembler(plan, start)

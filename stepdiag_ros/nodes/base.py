@@ -157,7 +157,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.on_run_state(state)
 
     def _forgive(self, run_id: str, ended: bool) -> None:
-        """Be well again where a run that could not be taken up is none, or none any more."""
+        """Report OK again when there is no longer a run that could not be taken up."""
         if self._refused is None:
             return
         refused = self._refused
@@ -210,7 +210,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
 
 
 def spin(node_class: Callable[[], StepdiagNode]) -> int:
-    """Run a node until it is told to end; return the exit code, with which the process is to end.
+    """Run a node until it is asked to end; return the exit code of the process.
 
     A node that cannot start says why in one sentence. Signals are ignored afterwards.
     """

@@ -46,7 +46,7 @@ STATE_PERIOD = 0.5
 WATCH_PERIOD = 0.2
 """Real seconds between two looks at who commands the machine; each command is looked at, too."""
 NOWHERE = (nan, nan, nan)
-"""m: of a machine whose controller is not heard."""
+"""m: of a machine whose controller does not answer."""
 
 
 class BridgeNode(DeviceNode[CncDevice]):
@@ -138,7 +138,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         self._publish_state(device.state)
 
     def _learn(self, device: CncDevice) -> None:
-        """Take what the controller tells of itself; some tell it only a while after the opening.
+        """Take what the controller reports about itself; some report it only a while after opening.
 
         Raises:
             ValueError: it must not be used as it is.
@@ -171,7 +171,7 @@ class BridgeNode(DeviceNode[CncDevice]):
     def on_closed(self, reason: str, failed: bool) -> None:
         """Say what has become of the command at work, and that nobody knows where the machine is.
 
-        Whoever moves the machine meanwhile does not tell this node.
+        This node is not notified of moves by others in the meantime.
         """
         self._reason, self._position = reason, NOWHERE
         self._entitlement.withdraw()
@@ -367,7 +367,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         )
 
     def _stop(self, reason: str) -> bool:
-        """Stop the machine if the controller is open; say whether the controller has heard it."""
+        """Stop the machine if the controller is open; return whether it received that."""
         self._stopping = True
         if self.device is not None:
             with self.failing("stop the machine"):
@@ -399,7 +399,7 @@ class BridgeNode(DeviceNode[CncDevice]):
             self._end(self._motion.take(sample.time, sample.position))
 
     def _watch_over(self) -> None:
-        """Stop a move that nobody wants any more, or of which nothing is heard."""
+        """Stop a move that is no longer requested, or about which no message arrives."""
         command, real = self._command, self.real_time()
         if command is None or self._stopping:
             return

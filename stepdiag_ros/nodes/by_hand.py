@@ -50,8 +50,8 @@ def _plan_given(given: str) -> tuple[Plan, str]:
 class ByHandNode(StepdiagNode):
     """Says which stop the machine stands at, as the readings show it, in place of the sequencer.
 
-    Its commands and words on commands only tell what the machine did: they have no feed, no permit
-    to move goes with them, and there is none while a bridge is in the graph.
+    Its commands and their states only report what the machine did: they have no feed, no
+    permit to move goes with them, and the node publishes none while a bridge is in the graph.
 
     Services: ``~/start``, ``~/resume``, ``~/abort`` (std_srvs/Trigger).
     """

@@ -150,8 +150,8 @@ class DeclaringNode(Node):
             raise ValueError(f"{called} cannot be deleted")
         if declaration.change is Changeable.AT_START:
             raise ValueError(
-                f"{called} is set at start only: start the node anew with"
-                f" --ros-args -p {parameter.name}:=VALUE"
+                f"{called} can be set at start only: restart the node with --ros-args -p"
+                f" {parameter.name}:=VALUE"
             )
         self._refuse_wrong(declaration, parameter.value)
         # A device that has failed in a run must not go on in it with other settings.

@@ -77,7 +77,7 @@ class DiagnosisNode(LineNode):
         return value
 
     def take_up(self, description: Any) -> None:
-        """Begin anew; a diagnosis of the run before is dropped."""
+        """Start again; a diagnosis of the run before is dropped."""
         plan = plan_from_text(description.plan, "plan of the run")
         self._chain = chain_from_text(description.machine, "machine of the run")
         with_chain(Measurement(plan.volume, (), self._chain), self._model)

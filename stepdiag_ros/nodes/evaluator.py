@@ -27,7 +27,7 @@ class EvaluatorNode(LineNode):
         self.follow_lines()
 
     def take_up(self, description: Any) -> None:
-        """Begin anew with the plan of the run."""
+        """Start again with the plan of the run."""
         self._plan = plan_from_text(description.plan, "plan of the run")
 
     def on_line(self, line: MeasuredLine) -> None:

@@ -15,8 +15,8 @@ from stepdiag_ros.topics import Qos, Topic
 from stepdiag_ros.viewers.foxglove.server import FoxgloveServer, ServedPlace
 
 SHOWN = tuple(one for one in topics.TOPICS if one not in (topics.CLOCK, topics.MOTION_PERMIT))
-"""What viewers are offered. The time is told them in another way, and a permit to move is for the
-bridge alone."""
+"""Topics offered to viewers. Viewers receive the time in another way, and a permit to
+move is for the bridge alone."""
 STREAMS = tuple(one for one in SHOWN if one.qos is Qos.STREAM)
 """What comes often."""
 LOOK_PERIOD = 0.1
@@ -26,8 +26,8 @@ LOOK_PERIOD = 0.1
 class FoxgloveServerNode(StepdiagNode):
     """Passes on messages as they are; it looks on, and nobody can ask it for anything else.
 
-    What comes often is heard only while a viewer wants it, and on best effort, so that it holds up
-    nobody.
+    Frequent topics are subscribed to only while a viewer wants them, and as best effort,
+    so that they delay nobody.
     """
 
     role = "foxglove_server"

@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics, and whom it hears there.
+"""What a node publishes about itself on /diagnostics, and which nodes it receives there.
 
 The form is that of ROS 2's diagnostic_updater: one array a node, one status for each of its tasks,
 named ``node: task``. The task ``heartbeat`` is what the nodes of a run know each other by.
@@ -27,9 +27,9 @@ from stepdiag_ros.run.supervision import (
 )
 
 TASK_PERIOD = 1.0
-"""Real seconds after which every task is told again, whether it has changed or not."""
+"""Real seconds after which every task is published again, whether it has changed or not."""
 NO_HARDWARE = "none"
-"""diagnostic_updater's identity of what is no hardware."""
+"""diagnostic_updater's identity of what is not a hardware."""
 
 
 @dataclass
@@ -82,7 +82,7 @@ class Health:
         self.hardware_id = NO_HARDWARE
 
     def add_task(self, name: str, judge: Callable[[], HealthFinding], log: bool = True) -> None:
-        """Tell a subject of its own from now on.
+        """Publish a subject of its own from now on.
 
         Args:
             name: of the subject.
@@ -94,7 +94,7 @@ class Health:
     # What is wrong with the node as a whole ------------------------------------------------------
 
     def say(self, level: Level, text: str) -> None:
-        """Say how the node is; if that is new, the others hear it at once."""
+        """Set the state of the node; a new state is published at once."""
         changed = bool(self._missed) or (level, text) != (self._level, self._text)
         self._level, self._text = level, text
         self._missed.clear()
@@ -108,7 +108,7 @@ class Health:
         self.beat()
 
     def miss_only(self, lost: Collection[str]) -> None:
-        """Say no more that a node is silent that is heard again (``lost``: all that are not)."""
+        """No longer report nodes as silent that answer again (``lost``: all that do not)."""
         left = [text for text in self._missed if text in lost]
         changed, self._missed = left != self._missed, left
         if changed:
@@ -126,7 +126,7 @@ class Health:
             self.say(Level.OK, instead)
 
     def not_ready(self, text: str) -> None:
-        """Say what is still missing, whatever else is said, until ``ready`` is called."""
+        """Report what is still missing, until ``ready`` is called."""
         changed, self._waiting = text != self._waiting, text
         if changed:
             self.beat()
@@ -141,7 +141,7 @@ class Health:
     # What the tasks find -------------------------------------------------------------------------
 
     def look(self) -> None:
-        """Judge all tasks. What is new is said at once, what is not well in the log too."""
+        """Judge all tasks. Publish changes at once; faults go to the log, too."""
         changed = False
         for task in self._tasks:
             found = task.judge()
@@ -159,7 +159,7 @@ class Health:
 
     def _log(self, task: _Task, found: HealthFinding) -> None:
         logger, text = self._node.get_logger(), f"{task.name}: {found.message}"
-        # What has not begun yet is no news.
+        # What has not begun yet is not news.
         before = task.found.level if task.found is not None else Level.STALE
         if found.level is Level.ERROR:
             logger.error(text)

@@ -50,7 +50,7 @@ SETTINGS = {
 
 
 class InterferometerNode(DeviceNode[InterferometerDevice]):
-    """Publishes every reading, compensated for the weather that the weather topics tell."""
+    """Publishes every reading, compensated for the weather on the weather topics."""
 
     role = "interferometer"
     thing = "interferometer"
@@ -112,7 +112,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         self._compensator = Compensator(*map(self.parameter, how))
 
     def on_open(self, device: InterferometerDevice) -> None:
-        """Feed the instrument from now on; tell it of a run that goes on already."""
+        """Feed the instrument from now on; pass on a run that is already in progress."""
         highest, late = self.parameter("reading_rate_limit"), self.parameter("stamps_late")
         self._source = ReadingSource(device, highest, late, self._compensator)
         if self._source.factor:
@@ -137,7 +137,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         self._gaps = Gaps()
 
     def on_end(self, device: InterferometerDevice, reason: str) -> None:  # noqa: ARG002
-        """Forget beam and zero: whoever uses the instrument again has to set them up again."""
+        """Forget beam and zero: they must be set up again before the next use."""
         self._setup, self._aligned = "", 0
         self._count_check.end()
         if self.facts.pop("beam", ""):
@@ -195,7 +195,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         if self.device is not None and position is not None:
             self._compensator.move(position)
             self._count_check.add_position(to_nanoseconds(message.header.stamp), position)
-            with self.failing("tell the interferometer the position"):
+            with self.failing("pass the position to the interferometer"):
                 self.device.update_position(to_nanoseconds(message.header.stamp), position)
 
     def _on_weather(self, name: str, field: str, message: Any) -> None:
@@ -204,7 +204,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         self._weather_time = max(stamp, self._weather_time + 1)
         self._air.take(name, float(getattr(message, field)), stamp, self.real_time())
         if self.device is not None:
-            with self.failing("tell the interferometer the weather"):
+            with self.failing("pass the weather to the interferometer"):
                 known = self._air.known.at(self._weather_time)
                 self.device.update_environment(self._weather_time, known)
 

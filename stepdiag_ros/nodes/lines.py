@@ -47,7 +47,7 @@ class LineNode(StepdiagNode):
         """Called with each line, which is in ``lines`` already."""
 
     def on_run(self, description: Any) -> None:
-        """Begin anew; lines that came before the description are taken up now."""
+        """Start again; lines that came before the description are taken up now."""
         self.take_up(description)
         self.lines, self._kept = [], 0
         self.run_id, self._described = description.run_id, True

@@ -1,4 +1,4 @@
-"""Who cannot be understood on a node's topics, and why, from what the ROS graph tells.
+"""Endpoints that do not fit a node's topics, and why, by the ROS graph.
 
 A middleware says nothing to a publisher or subscription whose quality of service or type does not
 fit; the two never meet. So the other ends of each topic are looked at, one topic after another.
@@ -13,9 +13,9 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from stepdiag_ros.topics import Topic
 
 _FOREVER = 2**62
-"""ns: a time that is longer, or zero, is no limit."""
+"""ns: a time that is longer, or zero, is not a limit."""
 _LOOKS_AFTER_EVENT = 4
-"""The graph may tell of an endpoint later than the middleware tells that it does not fit."""
+"""The graph may list an endpoint later than the middleware reports that it does not fit."""
 
 
 def mismatches(offered: QoSProfile, asked: QoSProfile) -> list[str]:
@@ -55,7 +55,7 @@ _WORDS: dict[str, tuple[str, str]] = {
     "durability": ("TRANSIENT_LOCAL", "VOLATILE"),
     "reliability": ("RELIABLE", "BEST_EFFORT"),
     "deadline": ("a deadline", "none as short"),
-    "liveliness": ("its liveliness told in another way", "AUTOMATIC, without a limit"),
+    "liveliness": ("another kind of liveliness", "AUTOMATIC, without a limit"),
 }
 """Policy → what a subscription asks for that does not fit, and what the publisher offers."""
 
@@ -101,7 +101,7 @@ class LinkCheck:
         self._soon.extend([name] * _LOOKS_AFTER_EVENT)
 
     def look_at_suspect(self) -> None:
-        """Look at a topic that the middleware has told of, if there is one."""
+        """Check the topic that the middleware has reported, if any."""
         if self._soon:
             name = self._soon.popleft()
             self._found[name] = self._look_at(name)
@@ -141,7 +141,7 @@ class LinkCheck:
             asks = [end.qos_profile for end in subscribers if self._is_own(end)]
             found += [
                 f"{_who(end)} publishes on {name} with {policy} {_WORDS[policy][1]}, but"
-                f" {_WORDS[policy][0]} is asked for: nothing that it says is heard; publish with"
+                f" {_WORDS[policy][0]} is requested: its messages do not arrive. Publish with"
                 f" {policy} {_WORDS[policy][0]}"
                 for end in publishers
                 for policy in (mismatches(end.qos_profile, asks[0]) if asks else ())
@@ -154,7 +154,7 @@ class LinkCheck:
 
     def _of_another_type(self, name: str, end: Any, publishes: bool) -> str:
         does, lost = (
-            ("publishes", "nothing that it says is heard")
+            ("publishes", "its messages do not arrive")
             if publishes
             else ("subscribes to", "it receives nothing")
         )
@@ -169,7 +169,7 @@ def _who(end: Any) -> str:
 
 
 def _hash(end: Any) -> str:
-    """Return the hash of an endpoint's type as a text; empty where it is not told (Humble)."""
+    """Return the hash of an endpoint's type as a text; empty where it is not available (Humble)."""
     told = getattr(end, "topic_type_hash", None)
     if told is None or getattr(told, "version", 1) < 1:
         return ""

@@ -1,9 +1,9 @@
 """Publishers and subscriptions on the topics of the suite, with what the topics' meaning asks for.
 
-Quality of service follows from ``topics.py``. What holds until it is said anew (descriptions,
-states, lines, results) is repeated slowly, and repetitions are dropped where they arrive, so that a
-node hears each message once however often it comes. Whoever cannot be understood on one of these
-topics is named, in the log and on /diagnostics.
+Quality of service follows from ``topics.py``. Messages that hold until the next one
+(descriptions, states, lines, results) are repeated slowly, and repetitions are dropped where they
+arrive, so that a node receives each message once however often it arrives. The log and /diagnostics
+name every endpoint that does not fit one of these topics.
 """
 
 import time
@@ -34,7 +34,7 @@ BACKLOG = 20
 """Messages that a subscription keeps at least while its node is busy; a publisher may keep fewer,
 so that a late subscriber is shown the present state alone."""
 TEND_PERIOD = 0.5
-"""Real seconds between two looks at what is to be said again."""
+"""Real seconds between two checks for messages to repeat."""
 LOOKS_ALONE = 3
 """Looks in a row that find nobody who says a run's description, and nothing taken since."""
 STEP_BACK = 1_000_000_000
@@ -45,7 +45,7 @@ middleware says that an end does not fit, its topic is looked at at once."""
 PATIENCE = 30.0
 """Real seconds for which an outlet that keeps all waits for its slowest subscriber."""
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN"
-"""As rmw names the node of an endpoint that no node has told of."""
+"""Name that rmw gives the node of an endpoint without a known node."""
 NAP = 0.005
 """Real seconds between two tries to publish."""
 
@@ -83,7 +83,7 @@ def decoded(data: bytes, kind: Any) -> Any:
     try:
         return deserialize_message(data, kind)
     except (RuntimeError, ValueError) as error:
-        raise ValueError(f"{len(data)} bytes are no {kind.__name__}") from error
+        raise ValueError(f"{len(data)} bytes are not a {kind.__name__}") from error
 
 
 class Outlet:
@@ -138,7 +138,7 @@ class Outlet:
             self._repeater.forget()
 
     def repeat(self) -> None:
-        """Publish again what was said a while ago and still holds."""
+        """Publish again the messages that were published a while ago and still hold."""
         if self._repeater is not None:
             for data in self._repeater.due(self._node.real_time()):
                 self._send(data)
@@ -239,14 +239,14 @@ class LinkedNode(TimedNode):
     ) -> None:
         """Call back with each message of a topic of the suite.
 
-        What is repeated is heard once.
+        A repeated message is delivered once.
 
         Args:
             topic: which.
             callback: takes the message.
             keep_all: miss none, however far this node falls behind.
             raw: call back with the CDR bytes.
-            past: events (``Qos.EVENTS``) from before this node came, too: for whoever looks on.
+            past: events (``Qos.EVENTS``) from before this node came, too: for viewers.
         """
         name = self.resolve_topic_name(topic.name)
         events = SubscriptionEventCallbacks(
@@ -316,7 +316,7 @@ class LinkedNode(TimedNode):
         return stamp <= self.now() + STEP_BACK
 
     def _follow_time(self) -> None:
-        """Take everything for news again when a recorded run begins anew: the time goes back.
+        """Take everything for news again when a recorded run starts again: the time goes back.
 
         Where time is that of the computer, nothing is replayed, and a clock that is set back shall
         not make a run of what is long over.
@@ -344,7 +344,7 @@ class LinkedNode(TimedNode):
         """Take a run's description for news again once who replayed it has ended.
 
         The next replay may be of the same run, and its description may come before the time is seen
-        to go back. What was said last may still be on its way when its publisher has gone; and on a
+        to go back. The last message may still be on its way when its publisher has gone; and on a
         busy computer one look may follow the other before anything is taken.
         """
         name = self.resolve_topic_name(RUN_DESCRIPTION.name)

@@ -1,4 +1,4 @@
-"""Nodes of devices: managed nodes, which open, use and close their device as they are told.
+"""Nodes of devices: managed nodes, which open, use and close their device on request.
 
 The states are those of every managed node of ROS 2:
 
@@ -226,7 +226,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         return stream
 
     def add_device_task(self, name: str, judge: Callable[[], HealthFinding]) -> None:
-        """Tell a subject of the device on /diagnostics; judged only while the node is active."""
+        """Publish a subject of the device on /diagnostics; judged only while the node is active."""
 
         def judge_if_active() -> HealthFinding:
             if self.active:
@@ -334,9 +334,9 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self._phase = Phase.UNCONFIGURED
         if self._autostart:
             self._retrying.reset()
-            after = f"the device is closed and will be opened anew in {self._retry_after:g} s"
+            after = f"the device is closed and will be opened again in {self._retry_after:g} s"
         else:
-            after = "the device is closed: configure and activate the node to open it anew"
+            after = "the device is closed: configure and activate the node to open it again"
         text = f"{self._failure}; {after}"
         if text != self._said:
             self.get_logger().error(text)

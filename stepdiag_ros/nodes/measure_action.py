@@ -20,7 +20,7 @@ START_PATIENCE = 10.0
 """Real seconds for which a goal waits for nodes that may be starting."""
 RETRY_PERIOD = 0.2
 """Real seconds between two looks whether a goal that waits can begin."""
-CANCELLED = "cancelled by whoever asked for the run"
+CANCELLED = "cancelled by the client that requested the run"
 
 
 def measure_type() -> Any:
@@ -58,8 +58,8 @@ class _Goal:
     Attributes:
         handle: rclpy's.
         aftermath: of its run.
-        told: what the last feedback said is waited for.
-        impatient: whoever asked for the run does not wait for its evaluation any more.
+        told: what the run waits for by the last feedback.
+        impatient: the client no longer waits for the evaluation of the run.
     """
 
     handle: Any
@@ -69,7 +69,7 @@ class _Goal:
 
 
 class MeasureAction:
-    """Starts a run for a goal, tells how far it is, and ends the goal once all is known of the run.
+    """Starts a run for a goal, reports its progress, and ends the goal once the run is evaluated.
 
     At most one goal is open, as there is at most one run. A goal that comes while the nodes are
     starting waits for them, for ``START_PATIENCE`` at most; one at a time, and nothing moves before
@@ -168,7 +168,7 @@ class MeasureAction:
     # What clients ask for -----------------------------------------------------------------------
 
     def _on_goal(self, handle: Any) -> None:
-        """Begin the run of a goal, at once or once the nodes are heard; or refuse it."""
+        """Begin the run of a goal, at once or when the nodes answer; or refuse it."""
         self._results[_key(handle)] = Future()
         real = self._node.real_time()
         handle.execute()
@@ -196,7 +196,7 @@ class MeasureAction:
             self.tell()
 
     def _tell_why(self, waiting: _Waiting, why: str) -> None:
-        """Say why a goal waits, if that is new; its feedback names no run, as there is none yet."""
+        """Say why a goal waits, if that is new; its feedback names no run yet."""
         if why == waiting.why:
             return
         waiting.why = why
@@ -211,7 +211,7 @@ class MeasureAction:
         self._node.get_logger().warning(f"a goal of ~/measure is refused: {why}")
         result = self._messages.Result(outcome=int(Outcome.REFUSED), text=why)
         result.verdict, result.sentence = UNKNOWN, "not known: nothing was measured"
-        result.bag_text = "there is none: nothing was measured"
+        result.bag_text = "no bag: nothing was measured"
         self._results[_key(handle)].set_result(result)
 
     def _on_cancel(self, handle: Any) -> CancelResponse:

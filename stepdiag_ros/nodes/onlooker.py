@@ -1,4 +1,4 @@
-"""Nodes that only look on: what is heard of a run is folded into the sections of its view."""
+"""Nodes that only look on: they fold the messages of a run into the sections of its view."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -17,7 +17,7 @@ from stepdiag_ros.viewers.page.state import PageState
 
 
 class Onlooker(StepdiagNode):
-    """Hears all that a view of a run shows, and folds it into its sections.
+    """Subscribes to all that a view of a run shows, and folds it into its sections.
 
     Args:
         name: default name of the node.
@@ -38,7 +38,7 @@ class Onlooker(StepdiagNode):
         self.every(1.0 / rate, self.on_look, real=True)
 
     def on_run(self, description: Any) -> None:
-        """Begin anew with the plan of the run."""
+        """Start again with the plan of the run."""
         self.state.take(to_run_begin(description))
 
     def on_run_state(self, state: Any) -> None:
@@ -59,7 +59,7 @@ class Onlooker(StepdiagNode):
 
         Args:
             source: whose it is.
-            message: what was heard.
+            message: as received.
         """
         self._fold(source.topic, lambda: source.convert(message), message)
 
@@ -67,7 +67,7 @@ class Onlooker(StepdiagNode):
         self.take(source, decoded(data, message_class(source.topic)))
 
     def _fold(self, topic: Topic, convert: Callable[[], Iterable[Any]], message: Any) -> None:
-        """Fold in what a message tells; whatever anybody may publish, the view goes on."""
+        """Fold in a message; whatever anybody may publish, the view goes on."""
         try:
             for item in convert():
                 if not isinstance(item, Said) or self._is_of_this_cell(item.name):
@@ -128,12 +128,12 @@ class ViewerNode(Onlooker):
         return _Inward(partial(self.take, source))
 
     def contact(self) -> str:
-        """Say how many nodes of the measurement are heard."""
+        """Return how many nodes of the measurement answer, in words."""
         known, silent = len(self.watch.peers), len(self.watch.lost)
         if not known:
-            return f"no node heard on ROS domain {self._domain}"
+            return f"no node found on ROS domain {self._domain}"
         if silent:
-            return f"{known - silent} of {known} nodes heard"
+            return f"{known - silent} of {known} nodes answer"
         return "1 node" if known == 1 else f"{known} nodes"
 
     def on_look(self) -> None:

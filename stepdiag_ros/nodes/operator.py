@@ -21,8 +21,8 @@ takes several, and who has asked to abort needs the answer."""
 class OperatorNode(StepdiagNode):
     """Starts, cancels and follows a run.
 
-    It starts by the action, so that the result of the run comes back to whoever has started it; a
-    pause or a setup, which anyone may end, goes by the services.
+    It starts by the action, so that the result of the run comes back to the client that started it;
+    a pause or a setup, which anyone may end, goes by the services.
 
     Attributes:
         state: last RunState of the run that this operator started; None before.
@@ -90,7 +90,7 @@ class OperatorNode(StepdiagNode):
         client = self.create_client(Trigger, service)
         try:
             if not self.spin_until(client.service_is_ready, SERVICE_LIMIT):
-                raise ValueError(f"nobody offers the service {service}")
+                raise ValueError(f"there is no server for the service {service}")
             future = client.call_async(Trigger.Request())
             if not self.spin_until(future.done, SERVICE_LIMIT):
                 raise ValueError(f"the service {service} does not answer")
@@ -112,7 +112,7 @@ class OperatorNode(StepdiagNode):
         """
         if not self.spin_until(self._action.server_is_ready, SERVICE_LIMIT):
             namespace = self.get_namespace().rstrip("/")
-            raise ValueError(f"nobody offers the action {namespace}/sequencer/measure")
+            raise ValueError(f"there is no server for the action {namespace}/sequencer/measure")
         sent = self._action.send_goal_async(self._new_goal(plan=plan), self._on_feedback)
         if not self.spin_until(sent.done, SERVICE_LIMIT):
             # Whoever is told that nothing was started must not see a machine move later.
@@ -120,7 +120,7 @@ class OperatorNode(StepdiagNode):
             raise ValueError("the action sequencer/measure does not answer")
         handle = sent.result()
         if not handle.accepted:
-            raise ValueError("the action sequencer/measure does not take the goal")
+            raise ValueError("the action sequencer/measure does not accept the goal")
         key = bytes(handle.goal_id.uuid)
         answer = handle.get_result_async()
 

@@ -42,7 +42,7 @@ def plain(value: Any) -> Any:
 
 
 class ParameterCollector:
-    """Asks nodes for their parameters by the standard services, and hears of changes.
+    """Asks nodes for their parameters by the standard services, and follows changes.
 
     Args:
         node: that asks.
@@ -79,7 +79,7 @@ class ParameterCollector:
 
         Args:
             name: of the node, in full.
-            session: of its process; one that was started anew is asked anew.
+            session: of its process; one that was started again is asked again.
             real: time on a clock that never steps, s.
         """
         if self._sessions.get(name) != session:
@@ -128,7 +128,7 @@ class ParameterCollector:
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 
     def forget_all_but(self, names: Collection[str]) -> None:
-        """Forget nodes that nobody hears any more, and what they were asked."""
+        """Forget nodes that no longer answer, and the requests to them."""
         for name in self._sessions.keys() - names:
             self._forget(name)
             for kept in (self._sessions, self._asked_last, self._revived, self._changed):

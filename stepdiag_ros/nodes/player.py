@@ -17,13 +17,13 @@ from stepdiag_ros.topics import Topic
 TICK = 0.001
 """Real seconds between two ticks of /clock, at least."""
 LOOK_AROUND = 1.5
-"""Real seconds in which other nodes would be heard."""
+"""Real seconds in which other nodes would be discovered."""
 NEVER_REPLAYED = (
     topics.DIAGNOSTICS,
     *(topic for topic in topics.TOPICS if not topic.recorded),
 )
 """Heartbeats of nodes that are long gone would be taken for live ones. What our recorder does not
-keep, other recorders do: time, frames and markers, which live nodes make anew."""
+keep, other recorders do: time, frames and markers, which live nodes make again."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def difference(recorded: list[bytes], heard: list[bytes]) -> str:
     """Say in what two sequences of messages differ."""
     pairs = enumerate(zip(recorded, heard, strict=False), start=1)
     first = next((number for number, (a, b) in pairs if a != b), None)
-    counts = f"{len(recorded)} messages recorded, {len(heard)} heard"
+    counts = f"{len(recorded)} messages recorded, {len(heard)} received"
     if first is None:
         return f"{counts}; those there are, are the same"
     return f"{counts}; number {first} is the first that differs"
@@ -143,7 +143,7 @@ class PlayerNode(StepdiagNode):
 
         Args:
             rate: seconds of the recording in a real second; 0 for as fast as possible.
-            progress: is told the part that has been published, 0..1.
+            progress: called with the part that has been published, 0..1.
         """
         start, end = self._span()
         began = self.real_time()

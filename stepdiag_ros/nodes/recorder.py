@@ -41,12 +41,12 @@ def made_folder(name: str) -> Path:
     """Return a folder for bags; it is made if it is not there.
 
     Raises:
-        OSError: it cannot be made, or nothing may be written there; names it.
+        OSError: it cannot be made, or no write permission; names it.
     """
     folder = Path(name).expanduser()
     folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK):
-        raise PermissionError(EACCES, "nothing may be written there", str(folder))
+        raise PermissionError(EACCES, "no write permission", str(folder))
     return folder
 
 

@@ -49,7 +49,7 @@ class RunControl:
         return answer
 
     def work(self) -> None:
-        """Send what is asked, and tell what was answered."""
+        """Send the request, and report the answer."""
         while self._asked:
             self._send(self._asked.popleft())
         for request in list(self._sent):

@@ -244,7 +244,7 @@ class SequencerNode(StepdiagNode):
     def _may_be_starting(self, needed: tuple[str, ...]) -> bool:
         """Say whether what a run needs may only be starting still.
 
-        That may be a node that was not heard at all, one that says that it is getting ready, and
+        That may be a node that never answered, one that says that it is getting ready, and
         while this node is young itself, one that was never ready.
         """
         young = self.real_time() - self._made < START_PATIENCE
@@ -348,7 +348,7 @@ class SequencerNode(StepdiagNode):
         self._commands.publish(from_stop_command(stop, self.run_id, now, command.feed, purpose))
 
     def _permit(self) -> None:
-        """Tell the bridge that the command at work is wanted, without which it does not move."""
+        """Confirm the present command to the bridge, which does not move without."""
         wanted = 0 if self._sequence is None else self._sequence.wanted
         if wanted:
             message = new_message(topics.MOTION_PERMIT.type_name)
@@ -421,7 +421,7 @@ class SequencerNode(StepdiagNode):
             self._ask_for_reset()
         else:
             self._after_reset = None
-            self.unwell("the CNC bridge does not answer its reset service: abort, or start it anew")
+            self.unwell("the CNC bridge does not answer its reset service: abort, or restart it")
 
     def _publish_changes(self) -> None:
         """Publish the state when another stop, line or state has been reached."""

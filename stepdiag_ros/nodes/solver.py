@@ -59,7 +59,7 @@ class SolverNode(LineNode):
         self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
     def take_up(self, description: Any) -> None:
-        """Begin anew with the box and the chain of the run."""
+        """Start again with the box and the chain of the run."""
         self._plan = plan_from_text(description.plan, "plan of the run")
         self._chain = chain_from_text(description.machine, "machine of the run")
         self._plausible = plausible_from_text(description.machine, "machine of the run")

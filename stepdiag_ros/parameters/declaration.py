@@ -37,7 +37,7 @@ class Declaration:
         description: what it means; a phrase without a full stop.
         unit: of the value and the range, such as ``s``; empty if it has none.
         low: least allowed number, itself allowed; None for a text or a truth value.
-        high: greatest allowed number, itself allowed; None likewise.
+        high: greatest allowed number, itself allowed; None for a text or a truth value.
         choices: the only texts allowed, or what returns them, which is called when they are asked
             for; empty if any is.
         change: when it may be changed.

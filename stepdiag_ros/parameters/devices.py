@@ -31,13 +31,13 @@ MANAGED = (
     Declaration(
         "autostart",
         True,
-        "open the device and use it as soon as the ROS clock runs; false: only when a manager says"
-        " so (ros2 lifecycle set, a launch file)",
+        "open the device and use it as soon as the ROS clock runs; false: only when a manager"
+        " requests it (ros2 lifecycle set, a launch file)",
     ),
     Declaration(
         "retry_after",
         5.0,
-        "real time after which a device that has failed is opened anew, with autostart",
+        "real time after which a device that has failed is opened again, with autostart",
         "s",
         0.1,
         3600.0,
@@ -80,8 +80,8 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "stamps_late",
             0.0,
-            "by which the time stamps of the readings are known to be late against those of"
-            " the positions ('stepdiag info' estimates it); it is taken off them",
+            "known delay of the time stamps of the readings against those of the positions"
+            " ('stepdiag info' estimates it); the node subtracts it",
             "s",
             -10.0,
             10.0,
@@ -90,7 +90,7 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "seed",
             0,
-            "of the noise of the simulated readings",
+            "seed of the noise of the simulated readings",
             low=0,
             high=2**31,
             change=Changeable.WHILE_CLOSED,
@@ -107,7 +107,7 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "weather_age",
             10.0,
-            "age from which on what a weather sensor has said counts as unknown",
+            "age above which a value of a weather sensor counts as unknown",
             "s",
             0.1,
             86400.0,
@@ -132,8 +132,8 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "dead_path",
             0.0,
-            "from the interferometer's reference to the mirror at the first stop of a line,"
-            " where this node compensates",
+            "distance from the interferometer's reference to the mirror at the first stop of a"
+            " line, where this node compensates",
             "m",
             0.0,
             100.0,
@@ -142,7 +142,7 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "wavelength",
             632.9908e-9,
-            "of the laser, in vacuum, where this node compensates",
+            "wavelength of the laser in vacuum, where this node compensates",
             "m",
             300e-9,
             1700e-9,
@@ -160,7 +160,7 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "dim_signal",
             0.2,
-            "part of the full signal below which the beam is called dim",
+            "part of the full signal below which the beam counts as dim",
             low=0.0,
             high=1.0,
             change=Changeable.ANY_TIME,
@@ -168,7 +168,7 @@ INTERFEROMETER = DeclaredNode(
         Declaration(
             "rate_tolerance",
             0.1,
-            "part of the rate by which the readings in a second may be off unmentioned",
+            "relative deviation of the reading rate above which the node reports it",
             low=0.0,
             high=1.0,
             change=Changeable.ANY_TIME,
@@ -197,7 +197,7 @@ WEATHER = DeclaredNode(
         Declaration(
             "value_timeout",
             10.0,
-            "age from which on a value of the weather station is told to be unknown",
+            "age above which a value of the weather station is reported as unknown",
             "s",
             0.1,
             86400.0,

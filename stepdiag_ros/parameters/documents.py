@@ -31,7 +31,7 @@ and `activate`. The recorder keeps all parameters of all nodes in every bag.
 
 
 def row(declaration: Declaration) -> tuple[str, ...]:
-    """Return what is told of a parameter, in the order of ``COLUMNS``."""
+    """Return the cells of a parameter, in the order of ``COLUMNS``."""
     return (
         declaration.name,
         declaration.type_name,

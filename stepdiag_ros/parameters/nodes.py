@@ -94,8 +94,8 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "silence_limit",
                 0.5,
-                "time without a word of the sequencer, or an actual position of the controller,"
-                " after which a move is stopped",
+                "time without a message of the sequencer, or an actual position of the"
+                " controller, after which a move is stopped",
                 "s",
                 0.05,
                 10.0,
@@ -163,7 +163,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "seed",
                 0,
-                "of the random draws that guard against false names",
+                "seed of the random draws that guard against false names",
                 low=0,
                 high=2**31 - 1,
                 change=Changeable.BETWEEN_RUNS,
@@ -171,8 +171,8 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "pause_s",
                 10.0,
-                "real time, at least, between the end of one diagnosis and the begin of the next"
-                " while a run goes on; that of the whole run is made at once",
+                "least real time between the end of one diagnosis and the start of the next"
+                " during a run; the diagnosis of the whole run starts at once",
                 "s",
                 0.0,
                 3600.0,
@@ -188,15 +188,15 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "method",
                 "preferred",
-                "whose result is shown; preferred: the most reliable one so far",
+                "method whose result is shown; preferred: the most reliable one so far",
                 choices=_shown_methods,
                 change=Changeable.ANY_TIME,
             ),
             Declaration(
                 "exaggeration",
                 0.0,
-                "by which errors are drawn longer than they are; 0: a round number, so that the"
-                " longest is at most a fifth of the box's shortest edge",
+                "factor by which errors are drawn longer than they are; 0: a round number, so"
+                " that the longest is at most a fifth of the box's shortest edge",
                 low=0.0,
                 high=1e9,
                 change=Changeable.ANY_TIME,
@@ -204,7 +204,8 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "laser_distance",
                 0.3,
-                "from the laser to the mirror at the first stop of a line, for the picture alone",
+                "distance from the laser to the mirror at the first stop of a line, for the"
+                " picture only",
                 "m",
                 0.0,
                 100.0,
@@ -214,7 +215,8 @@ NODES: tuple[DeclaredNode, ...] = (
                 Declaration(
                     f"mirror_offset_{axis}",
                     0.0,
-                    f"of the mirror from the tool point along {axis.upper()}, for the picture",
+                    f"offset of the mirror from the tool point along {axis.upper()}, for the"
+                    " picture",
                     "m",
                     -10.0,
                     10.0,
@@ -225,7 +227,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "tool_rate",
                 30.0,
-                "frames of the tool in a real second, at most",
+                "most frames of the tool in a real second",
                 "Hz",
                 0.1,
                 1000.0,
@@ -233,8 +235,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "frame_prefix",
                 "",
-                "put before the names of all frames, such as cell_1/, where several cells share"
-                " /tf",
+                "prefix of the names of all frames, such as cell_1/, where several cells share /tf",
             ),
         ),
     ),
@@ -246,13 +247,13 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "address",
                 "127.0.0.1",
-                "that the page is served on; one that other computers can reach wants token_file"
-                " too",
+                "address of the page; an address that other computers can reach requires"
+                " token_file too",
             ),
             Declaration(
                 "port",
                 8470,
-                "that the page is served on; 0: any that is free, which the log tells",
+                "port of the page; 0: any free port, which the log names",
                 low=0,
                 high=65535,
             ),
@@ -272,21 +273,21 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "address",
                 "127.0.0.1",
-                "that viewers connect to; one that other computers can reach wants open_to_network"
-                " too",
+                "address that viewers connect to; one that other computers can reach requires"
+                " open_to_network too",
             ),
             Declaration(
                 "port",
                 8765,
-                "that viewers connect to; 0: any that is free, which the log tells",
+                "port that viewers connect to; 0: any free port, which the log names",
                 low=0,
                 high=65535,
             ),
             Declaration(
                 "open_to_network",
                 False,
-                "other computers may reach the address; viewers do not log in, so that everybody"
-                " there may look on",
+                "allow an address that other computers can reach; viewers do not log in, so"
+                " everyone there can view the run",
             ),
         ),
     ),
@@ -298,7 +299,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "folder",
                 ".",
-                "folder in which the bags are written, RUN.mcap each; made if it is not there",
+                "folder in which the bags are written, RUN.mcap each; created if missing",
                 change=Changeable.BETWEEN_RUNS,
             ),
             _READING_TIMEOUT,
@@ -314,7 +315,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "space_wanted",
                 2e9,
-                "free space on the disk below which /diagnostics warns",
+                "free disk space below which /diagnostics warns",
                 "B",
                 0.0,
                 1e15,
@@ -323,7 +324,7 @@ NODES: tuple[DeclaredNode, ...] = (
             Declaration(
                 "space_needed",
                 2e8,
-                "free space on the disk below which no run begins or goes on",
+                "free disk space below which no run starts or continues",
                 "B",
                 0.0,
                 1e15,

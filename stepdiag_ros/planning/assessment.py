@@ -25,8 +25,8 @@ class Assessment:
         rotating: the same with all rotations free, as by ``rigid_body``; None without a chain.
         seen: visibility without rotations.
         seen_rotating: visibility with all rotations free; None without a chain.
-        undetermined: which of the nine curves and of squareness it does not tell.
-        limits: what the plan does not tell, in sentences.
+        undetermined: which of the nine curves and squareness errors it does not determine.
+        limits: what the plan does not determine, in sentences.
         warnings: what is unwise in it, in sentences.
     """
 
@@ -53,7 +53,7 @@ def assess(
 
     Args:
         plan: what is measured.
-        machine: its chain may be empty: then nothing is said of rotations.
+        machine: its chain may be empty: then rotations are not assessed.
         stop_uncertainty: standard uncertainty of a single stop, m.
         assumptions: for the duration; the default ones if None.
 

@@ -117,7 +117,7 @@ _DIRECT_SCHEMES = (
     Scheme("6 face diagonals and linear axes", (LINEAR_AXES, _FACES)),
 )
 _ANGULAR_SCHEMES = (
-    Scheme("4 step diagonals in 3 orders, each aligned anew", (_FOUR_IN_THREE_ORDERS,)),
+    Scheme("4 step diagonals in 3 orders, each with its own alignment", (_FOUR_IN_THREE_ORDERS,)),
     Scheme(
         "4 step diagonals in 3 orders, one alignment each",
         (_FOUR_IN_THREE_ORDERS,),
@@ -209,7 +209,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         spacing=0.1,
     ),
     "angular": PlanPurpose(
-        "the angular errors, as many as a laser interferometer tells",
+        "the angular errors, as many as a laser interferometer determines",
         "the angular errors",
         (),
         "rad",
@@ -222,7 +222,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the positioning",
         POSITIONING,
         "m",
-        (Scheme("linear axes, 5 runs both ways", (LINEAR_AXES,)),),
+        (Scheme("linear axes, 5 bidirectional runs", (LINEAR_AXES,)),),
         spacing_m=_FIVE_PER_METRE,
         repeats=_FIVE_RUNS,
         overrun=True,
@@ -233,8 +233,8 @@ PURPOSES: dict[str, PlanPurpose] = {
         SQUARENESS,
         "rad",
         (
-            Scheme("4 body diagonals, 5 runs both ways", (_BODY,)),
-            Scheme("4 body and 6 face diagonals, 5 runs both ways", (_BODY, _FACES)),
+            Scheme("4 body diagonals, 5 bidirectional runs", (_BODY,)),
+            Scheme("4 body and 6 face diagonals, 5 bidirectional runs", (_BODY, _FACES)),
         ),
         spacing_m=_FIVE_PER_METRE,
         repeats=_FIVE_RUNS,

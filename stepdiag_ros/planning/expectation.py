@@ -1,4 +1,4 @@
-"""What a plan will tell, and how well: from its design matrix alone, before anything moves.
+"""What a plan will determine, and how well: from its design matrix alone, before anything moves.
 
 The covariance of a least-squares estimate does not depend on the readings but on where they are
 taken and how uncertain each of them is. So a measurement of a perfect machine, with the commanded
@@ -149,7 +149,7 @@ def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
 
 
 def worst(uncertainties: Iterable[float]) -> float:
-    """Return the largest of some uncertainties; NaN if one is not determined or there is none."""
+    """Return the largest of some uncertainties; NaN if one is not determined, or without any."""
     listed = list(uncertainties)
     return float(np.max(listed)) if listed else float("nan")
 

@@ -1,4 +1,4 @@
-"""What a plan will not tell, and which further line would: found by trying, not by rule."""
+"""What a plan will not determine, and which further line would: found by trying, not by rule."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ _SAME_PLACE = 1e-6
 
 @dataclass(frozen=True)
 class Remedy:
-    """Something that, added to a plan, lets it tell more.
+    """An addition with which a plan determines more.
 
     Attributes:
         words: what is added.
@@ -39,8 +39,8 @@ def remedies(plan: Plan, chain: str, stop_uncertainty: float, seen: Visibility) 
 
     Each addition is tried by itself: three move orders in one alignment on every step diagonal, and
     each linear line at the far end of another axis; then all of them together. They are tried on a
-    grid of a few blocks over the same box: what the lines tell apart does not depend on how often
-    they stop.
+    grid of a few blocks over the same box: what the lines distinguish does not depend
+    on how often they stop.
 
     Args:
         plan: as it is.
@@ -89,7 +89,7 @@ def limits(
     seen: Visibility,
     rotating: Visibility | None,
 ) -> list[str]:
-    """Say in sentences what a plan does not tell.
+    """State in sentences what a plan does not determine.
 
     Args:
         plan: as it is.
@@ -107,8 +107,8 @@ def limits(
         sentences = _angular_sentences(plan, chain, stop_uncertainty, seen, rotating)
     if not any(line.direction == BACKWARD for line in plan.lines):
         sentences.append(
-            "Every line is run one way only: reversal errors (backlash) do not show, and drift is "
-            "not told from the errors."
+            "Every line is run in one direction only: reversal errors do not show, and drift is"
+            " not distinguished from the errors."
         )
     if _repeats(plan) < 2:
         sentences.append("Not every line is repeated the same way: its repeatability is not seen.")
@@ -118,8 +118,8 @@ def limits(
         )
     if any(line.kind == DIAGONAL for line in plan.lines):
         sentences.append(
-            "Diagonals alone are no volumetric accuracy: errors that cancel along a diagonal do "
-            "not show in it."
+            "Diagonals alone do not determine volumetric accuracy: errors that cancel along a"
+            " diagonal do not show."
         )
     sentences.append(
         "The expected uncertainty is that of the stops alone. The wavelength in air, the expansion "
@@ -144,8 +144,8 @@ def warnings(plan: Plan) -> list[str]:
     orders = {line.order for line in plan.lines if line.kind == STEP_DIAGONAL}
     if len(orders) > 1 and not plan.one_alignment_per_diagonal:
         found.append(
-            "The move orders are aligned one by one; with one_alignment_per_diagonal the plan "
-            "tells more of the angular errors and takes fewer alignments."
+            "The move orders are aligned one by one; with one_alignment_per_diagonal the plan"
+            " determines more of the angular errors and takes fewer alignments."
         )
     sampling = plan.sampling
     if sampling.dwell < sampling.settle + sampling.window:

@@ -37,7 +37,7 @@ class DrivenLine:
 def passes_of(plan: Plan) -> Iterator[DrivenLine]:
     """Go over the lines of a plan in order.
 
-    As the sequencer does, an alignment is made anew whenever the setup is not that of the line
+    As the sequencer does, an alignment is made again whenever the setup is not that of the line
     before.
     """
     aligned = ""
@@ -87,7 +87,7 @@ def moves_of(plan: Plan) -> list[Move]:
                     target_m=target,
                     dwell_s=dwell if index >= first_stop else 0.0,
                     comment=title if index == 0 else "",
-                    # Going to the line is no part of it, and is done one axis at a time.
+                    # Going to the line is not part of it, and is done one axis at a time.
                     at_once=one.line.kind == DIAGONAL and (index > 0 or one.back > 0),
                     program_stop=align if index == 0 else "",
                 )

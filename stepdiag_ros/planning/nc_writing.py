@@ -63,7 +63,8 @@ class Dialect:
 
     Attributes:
         dwell: how a dwell is written, a key of ``DWELL_FORMS``. The default, P in ms, is the one
-            that fails safely: P is no axis on any controller, and a controller that takes it for
+            that fails safely: P is not an axis on any controller, and a controller that takes it
+                for
             seconds waits too long instead of too short.
         decimals: of positions in mm, 3 to 6; 4 is a tenth of a micrometre.
         percent: the program stands between two lines ``%``, as for transfer to a controller.
@@ -85,7 +86,7 @@ class Dialect:
         """
         if self.dwell not in DWELL_FORMS:
             raise Refusal(
-                f"the dwell form '{self.dwell}' is none of {', '.join(DWELL_FORMS)}",
+                f"the dwell form '{self.dwell}' is unknown. Use one of {', '.join(DWELL_FORMS)}",
                 fault="unknown",
             )
         if not 3 <= self.decimals <= 6:
@@ -165,8 +166,8 @@ def nc_program(
         The program, ASCII, every line ended by a line feed.
 
     Raises:
-        ValueError: no moves; a position, dwell or feed that is no usable number; or two different
-            places that the decimals cannot tell apart. One sentence that names the move.
+        ValueError: no moves; a position, dwell or feed that is not a usable number; or two
+            different places that are equal in these decimals. One sentence that names the move.
     """
     dialect = dialect or Dialect()
     listed = list(moves)
@@ -244,7 +245,7 @@ def _check(moves: list[Move], feed: float) -> None:
     for number, move in enumerate(moves, start=1):
         if not all(abs(value) <= FARTHEST for value in move.target_m):
             raise Refusal(
-                f"move {number}: the target {move.target_m} is no position",
+                f"move {number}: the target {move.target_m} is not a position",
                 fault="out_of_range",
                 aspect="target",
             )
@@ -263,8 +264,8 @@ def _check_resolved(moves: list[Move], index: int, changed: list[int], decimals:
         if abs(after[axis] - before[axis]) > 1e-9 and axis not in changed:
             raise Refusal(
                 f"move {index + 1}: {AXES[axis]} goes from {before[axis] * IN_MILLI:.9g} mm to "
-                f"{after[axis] * IN_MILLI:.9g} mm, which {decimals} decimals cannot tell apart; "
-                "write more decimals",
+                f"{after[axis] * IN_MILLI:.9g} mm, which are the same number in {decimals}"
+                " decimals. Write more decimals",
                 fault="mismatch",
             )
 

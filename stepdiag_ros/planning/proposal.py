@@ -1,4 +1,4 @@
-"""Seeks a plan: of all candidates that tell what is asked, the one that fits the wishes best."""
+"""Seeks a plan: of all candidates that determine what is asked, the one that fits best."""
 
 import math
 from collections.abc import Iterator
@@ -99,7 +99,7 @@ class Request:
 
 @dataclass(frozen=True)
 class PlanCandidate:
-    """A plan that tells what is asked.
+    """A plan that determines what is asked.
 
     Attributes:
         scheme: its set of lines.
@@ -127,7 +127,7 @@ class PlanProposal:
         chosen: the plan that is proposed.
         reason: why this one, in a sentence.
         front: candidates by duration, each better by a tenth than all that are quicker.
-        considered: number of candidates that tell what is asked.
+        considered: number of candidates that determine what is asked.
         discarded: sets of lines that do not, and why, in words.
     """
 
@@ -164,7 +164,7 @@ def propose(request: Request) -> PlanProposal:
     for candidate in found:
         if len(candidate.determined) < most:
             seen = ", ".join(candidate.determined) or "nothing of it"
-            discarded.setdefault(candidate.scheme.words, f"tells only {seen}")
+            discarded.setdefault(candidate.scheme.words, f"determines only {seen}")
     chosen, reason = _choose(fit, request, purpose)
     return PlanProposal(
         request=request,
@@ -179,7 +179,8 @@ def propose(request: Request) -> PlanProposal:
 def _purpose(request: Request) -> PlanPurpose:
     if request.purpose not in PURPOSES:
         raise Refusal(
-            f"'{request.purpose}' is no purpose; use one of {', '.join(PURPOSES)}", fault="unknown"
+            f"'{request.purpose}' is not a purpose; use one of {', '.join(PURPOSES)}",
+            fault="unknown",
         )
     purpose = PURPOSES[request.purpose]
     if purpose.rotations and not request.machine.chain:
@@ -222,7 +223,7 @@ def _candidates(
             once = _plan(request, scheme, volume, 1, directions)
             beyond = beyond_machine(once, request.machine)
             if beyond:
-                raise ValueError(f"the plan is nothing for this machine: {beyond}")
+                raise ValueError(f"the plan does not fit this machine: {beyond}")
             for count in repeats:
                 plan = _plan(request, scheme, volume, count, directions)
                 # Passes of all lines alike add nothing but weight.

@@ -18,7 +18,7 @@ from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.proposal import sampling_with
 
 _FEED = 0.033
-"""Of moves where times do not tell it, m/s; as of ``planning.proposal.Request``."""
+"""Of moves where times do not show it, m/s; as of ``planning.proposal.Request``."""
 _DWELL = 1.0
 _ACCELERATION = 1.0
 _LEAST_DWELL = 0.05
@@ -71,7 +71,7 @@ def propose_extra(
         diagnosis: of them.
         conditions: feed and sampling of the run; by its times if None or if its feed is not known.
         machine: its acceleration; 1 m/s² if None.
-        known: as given to ``diagnose``; likewise the following.
+        known: as given to ``diagnose``, like the following.
         catalogue: effects that were tried; all that are installed if None.
         fitted: effects of the model whose sizes are free.
         curves: that the model has fixed.
@@ -117,7 +117,7 @@ def proposal_text(proposal: ExtraPlan, source: str = "") -> str:
         raise Refusal(proposal.sentence, fault="too_few")
     comments = [
         f"Extra lines for {source or 'a run'}, by stepdiag diagnose --propose.",
-        *(f"To be told apart: {', '.join(group)}." for group in proposal.rivals),
+        *(f"To be distinguished: {', '.join(group)}." for group in proposal.rivals),
         proposal.sentence,
         *proposal.conditions,
         *(one.why for one in proposal.left_open),

@@ -1,9 +1,9 @@
 """How long a seven-line test takes: with a tracker, and with a laser that is aligned on each line.
 
 A tracker is set up once for all lines and goes to some places more, from which it is located. A
-conventional laser is aligned anew for each line, which takes about three times as long in all by
+conventional laser is aligned for each line, which takes about three times as long in all by
 ATLI, section 1, and twice by its abstract. How long setting up and aligning take is assumed, the
-rest is reckoned.
+rest is calculated.
 """
 
 from collections.abc import Sequence

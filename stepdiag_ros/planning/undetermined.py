@@ -1,4 +1,4 @@
-"""Which of the nine error curves and of squareness lines do not tell, and which lines would."""
+"""Which error curves and squareness errors some lines do not determine, and which would."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,21 +10,21 @@ from stepdiag_ros.planning.candidates import FOUR_DIAGONALS, LINEAR_AXES
 from stepdiag_ros.planning.limits import coarse, single
 
 _BLOCKS = 4
-"""What lines tell apart does not depend on how often they stop."""
+"""What lines distinguish does not depend on how often they stop."""
 _ANY_NOISE = 1e-7
 """m; what is determined does not depend on it."""
 
 
 @dataclass(frozen=True)
 class Undetermined:
-    """What lines do not tell of positioning, straightness and squareness.
+    """Positioning, straightness and squareness errors that lines do not determine.
 
-    Rotations are taken as zero here: ``planning.limits`` tells of them.
+    Rotations are taken as zero here: ``planning.limits`` covers them.
 
     Attributes:
         curves: names of the curves that are not determined, or only in part.
         squareness: names of the squareness errors that are not determined.
-        shape_told: of each of these curves the shape is told, and only its slope is not.
+        shape_told: curves of these of which the shape is determined, and only the slope is not.
         remedy: lines that determine all of them beside those that are there; empty where no step
             diagonal and no linear line along the box's edges does.
     """
@@ -41,7 +41,7 @@ class Undetermined:
 
     @property
     def remedy_words(self) -> str:
-        """Return the lines that would tell: ``the linear lines x, y, z``; empty without any."""
+        """Return the lines to add: ``the linear lines x, y, z``; empty without any."""
         parts = []
         for kind, words in ((LINEAR, "linear line"), (STEP_DIAGONAL, "step diagonal")):
             names = [line.name for line in self.remedy if line.kind == kind]
@@ -51,19 +51,19 @@ class Undetermined:
 
     @property
     def sentence(self) -> str:
-        """Say what stays unknown and what would tell it; empty where nothing does."""
+        """State what stays unknown and what would determine it; empty where nothing does."""
         if not self.names:
             return ""
         said = f"These lines do not determine {', '.join(self.names)}, which stay unknown"
         if self.shape_told:
             said += " but for their shape"
         if self.remedy:
-            return f"{said}; measured as well, {self.remedy_words} would tell them."
+            return f"{said}; measured as well, {self.remedy_words} would determine them."
         return f"{said}."
 
 
 def undetermined(plan: Plan, seen: Visibility | None = None) -> Undetermined:
-    """Return what the lines of a plan do not tell, found by trying and not by rule.
+    """Return what the lines of a plan do not determine, found by trying and not by rule.
 
     Args:
         plan: with one line at least.

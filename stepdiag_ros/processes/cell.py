@@ -93,7 +93,7 @@ def simulated_cell(
                 "machine": machine,
                 "cell": cell,
                 "correction": correction,
-                # A computer that is busy with all nodes at once is no danger to this machine.
+                # A computer that is busy with all nodes at once is not a danger to this machine.
                 "silence_limit": 2.0,
             },
         ),

@@ -60,4 +60,4 @@ def _no_node(pattern: str, names: Iterable[str]) -> str:
     near = get_close_matches(plain, [name.rpartition("/")[2] for name in names], n=1)
     hint = f"did you mean {near[0]}?" if near and near[0] != plain else ""
     there = f"the nodes are {', '.join(f'/{name}' for name in sorted(names))}"
-    return f"'{pattern}' is none of the nodes; {hint or there}"
+    return f"'{pattern}' is not a node; {hint or there}"

@@ -34,7 +34,7 @@ class RunFailed(Refusal):
 
 @dataclass(frozen=True)
 class RunNews:
-    """What whoever shows the run is told (fields of RunState.msg).
+    """What a view of the run is given (fields of RunState.msg).
 
     Attributes:
         text: what is going on, in words.
@@ -75,12 +75,12 @@ class FollowedRun:
 
     Args:
         operator: the node that does so.
-        tell: is told how far the run is.
+        tell: called with the progress of the run.
         check: is called several times a second; raises RunFailed if the run cannot go on, and
             returns True while a node is stopped that may yet wake.
         on_hold: is called several times a second while the run is held (``HELD``), with what it
             says of itself; returns True to have it resumed, or raises RunFailed to have it ended.
-        on_plan: is called once, with the YAML text of the plan, as soon as the run tells it.
+        on_plan: is called once, with the YAML text of the plan, as soon as the run publishes it.
 
     Attributes:
         run_id: identity of the run; empty before it has started.
@@ -111,8 +111,8 @@ class FollowedRun:
 
         Raises:
             RunFailed: it was refused, or it was ended before all lines were measured; the machine
-                stands still, unless the text says that it could not be told to.
-            KeyboardInterrupt: as asked; the machine stands still likewise.
+                stands still, unless the text states that it could not be stopped.
+            KeyboardInterrupt: as asked; the machine stands still.
         """
         self.run_id = self._until_granted(lambda: self._operator.start(plan))
         try:
@@ -158,7 +158,7 @@ class FollowedRun:
             if operator.sequencer == sequencer:
                 heard = operator.real_time()
             elif operator.sequencer:
-                raise RunFailed("the sequencer was started anew and knows nothing of the run")
+                raise RunFailed("the sequencer was restarted and has lost the run")
             elif operator.real_time() - heard > GONE_LIMIT:
                 raise RunFailed("the sequencer is gone")
             if self._on_plan is not None and operator.plan:

@@ -8,7 +8,7 @@ from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.run.sequence import State
 
 LOOK_LIMIT = 5.0
-"""Real seconds within which a sequencer that is there must have been heard."""
+"""Real seconds within which a running sequencer must have answered."""
 
 
 class JoinedRun:
@@ -16,9 +16,9 @@ class JoinedRun:
 
     Args:
         namespace: of the nodes, such as ``/cell_1``; empty for none.
-        tell: is told how far the run is.
+        tell: called with the progress of the run.
         on_hold: as that of ``FollowedRun``.
-        on_plan: likewise.
+        on_plan: as that of ``FollowedRun``.
 
     Attributes:
         measured: what the run has come to; None before that is known, or where none has begun.

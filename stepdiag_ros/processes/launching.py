@@ -72,7 +72,7 @@ def number(values: Mapping[str, str], name: str) -> float:
     """Return the value of an argument that is a number.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not valid.
     """
     try:
         return float(values[name])
@@ -85,8 +85,8 @@ def number(values: Mapping[str, str], name: str) -> float:
 def ends_launch(name: str) -> Callable[[ProcessExited, LaunchContext], None]:
     """Return what is to be done when a process has ended: one that failed ends the whole launch.
 
-    Whoever has started the launch is told which process it was, and the launch's exit code is 1. A
-    process that was killed ends nothing: a run that is held by its loss goes on when it is back.
+    The launch reports which process it was, and its exit code is 1. A process that was killed ends
+    nothing: a run that is held by its loss goes on when it is back.
 
     Args:
         name: what the process is called in the sentence.
@@ -97,7 +97,7 @@ def ends_launch(name: str) -> Callable[[ProcessExited, LaunchContext], None]:
             # An action that shuts down would end the launch with exit code 0.
             raise RuntimeError(
                 f"{name} has ended ({exit_words(event.returncode)}) and is needed, so all others"
-                " are ended too; what was wrong stands above"
+                " are ended too; the cause is shown above"
             )
 
     return ended

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.run.supervision import Peer
 
 LOOK_AROUND = 1.5
-"""Real seconds in which a measurement that already runs in the domain would be heard."""
+"""Real seconds in which a measurement that already runs in the domain would be discovered."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
 LOOK_PERIOD = 0.5
@@ -33,7 +33,7 @@ class MeasuringSession:
     Args:
         nodes: to be started.
         folder: bag and logs go there.
-        tell: is told how far the run is.
+        tell: called with the progress of the run.
 
     Attributes:
         bag: of the run; None before it has started.
@@ -158,7 +158,7 @@ class MeasuringSession:
 
 
 def _of_a_measurement(operator: "OperatorNode") -> "dict[str, Peer]":
-    """Return the nodes that were heard, without those that only look on and may always be there."""
+    """Return the nodes that answered, without those that only look on and may always be there."""
     return {name: peer for name, peer in operator.watch.peers.items() if peer.role not in ONLOOKERS}
 
 
@@ -166,8 +166,8 @@ def _go_on(state: State, text: str) -> bool:
     """Pass a pause for a setup: the simulated cell is aligned already, nobody has to touch it."""
     if state is State.FAULT:
         raise RunFailed(
-            f"the run has stopped: {text}. Everything is simulated here: where the cell's file asks"
-            " for no such fault, this computer was too busy; end what else it does, or give a"
+            f"the run has stopped: {text}. Everything is simulated here: if the cell file does"
+            " not ask for such a fault, this computer was too busy. End other programs, or give a"
             " lower --factor"
         )
     return state is State.WAITING_FOR_SETUP

@@ -98,7 +98,7 @@ def ending(name: str, code: int, last: str) -> str:
     if last:
         return f"the {name} node has ended ({exit_words(code)}): {last}"
     if code == -signal.SIGKILL:
-        why = "somebody killed it, or the computer ran out of memory (dmesg tells)"
+        why = "somebody killed it, or the computer ran out of memory (see dmesg)"
     elif code < 0:
         why = "the signal came from outside or from a crash in a library"
     else:
@@ -110,7 +110,7 @@ def is_stopped(stat: str) -> bool:
     """Say whether a process is stopped, by SIGSTOP or a debugger.
 
     Args:
-        stat: what Linux tells of it in /proc/PID/stat.
+        stat: text of /proc/PID/stat.
     """
     # The state stands after the program's name, which may hold blanks and brackets.
     return stat.rpartition(")")[2].split()[:1] in (["T"], ["t"])
@@ -166,7 +166,7 @@ class Processes:
         return ""
 
     def stopped(self) -> dict[str, int]:
-        """Return name → process of the nodes that are stopped and may wake; told on Linux only."""
+        """Return name → process of the nodes that are stopped and may wake; known on Linux only."""
         found = {}
         for name, process in self.running.items():
             try:

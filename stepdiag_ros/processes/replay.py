@@ -45,7 +45,7 @@ def replay(
         rate: recorded seconds in a real second; 0 for as fast as possible.
         check: start an assembler, a solver, an evaluator and (where the bag holds a diagnosis) a
             diagnosis, and compare their messages with the recorded ones.
-        progress: is told the part that has been published, 0..1.
+        progress: called with the part that has been published, 0..1.
         listeners: roles of nodes, started by somebody else, without which nothing is published.
         run_id: which run, where the bag holds several.
 

@@ -94,7 +94,7 @@ def publish(
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
         definition: sign definition of squareness in the text and the pictures; the JSON always
             holds the right-handed rotation.
-        progress: told before each file the part that is done (0..1), and the file's name.
+        progress: called before each file with the part that is done (0..1) and the file's name.
         all_methods: draw also the error curves of all methods beside each other.
 
     Returns:
@@ -138,7 +138,7 @@ def write_results(
         draw: returns the pictures by the names of their files without ending, those that are
             finished in their format as bytes; only called if pictures are wanted.
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
-        progress: told before each file the part that is done (0..1), and the file's name.
+        progress: called before each file with the part that is done (0..1) and the file's name.
 
     Returns:
         The files, in the order in which they were written.

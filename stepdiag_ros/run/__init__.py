@@ -1,1 +1,1 @@
-"""The course of a run, without ROS: its sequence of commands, the watch over nodes, its time."""
+"""Logic of a run, without ROS: its sequence of commands, the supervision of nodes, its time."""

@@ -105,7 +105,7 @@ class Aftermath:
         return Conclusion(verdict, sentence, bag, bool(messages), text)
 
     def _recorder(self, watch: Watch) -> Peer | None:
-        """Return the recorder that was heard last of those that have recorded the run."""
+        """Return the recorder with the newest message of those that have recorded the run."""
         recorders = [peer for peer in watch.peers.values() if said_of_run(peer, BAG, self.run_id)]
         return max(recorders, key=lambda peer: peer.last_seen, default=None)
 

@@ -226,7 +226,7 @@ NOT_ASKED_FOR = "readings are not compensated for the air, as it was asked for"
 NO_COMPENSATED = (
     "the instrument does not compensate for the air: set the parameter compensation to own"
 )
-NO_RAW = "the instrument tells no count: set the parameter compensation to instrument"
+NO_RAW = "the instrument reports no count: set the parameter compensation to instrument"
 
 
 class Compensation:
@@ -237,9 +237,9 @@ class Compensation:
     """
 
     LOOKS = 12
-    """For so many looks in a row, some 3 s, an instrument must not do its part before this is said.
+    """Looks in a row, some 3 s, for which an instrument must fail its part before this is reported.
 
-    An instrument with sensors of its own hears of the air no sooner than this node does."""
+    An instrument with sensors of its own receives air data no sooner than this node does."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -289,7 +289,7 @@ LIMIT_ALLOWANCE = 1e-6
 
 
 class Axes:
-    """Judges the axes by the actual positions and the state that their controller tells.
+    """Judges the axes by the actual positions and the state that their controller reports.
 
     Args:
         stale_after: s after which a position is stale.
@@ -304,7 +304,7 @@ class Axes:
         self._high: Point = (nan, nan, nan)
 
     def begin(self, real: float) -> None:
-        """Wait for positions from now on (s): the controller has just begun to tell them."""
+        """Wait for positions from now on (s): the controller has just begun to report them."""
         self._age.begin(real)
 
     def limit(self, low: Point, high: Point) -> None:
@@ -322,7 +322,7 @@ class Axes:
         self._silence.heard(real)
 
     def silent(self, limit: float, rate: float, now: int, real: float) -> str:
-        """Say that nothing is heard of axes that move; empty if enough is.
+        """Report that positions of moving axes are missing; empty if enough arrive.
 
         Args:
             limit: s; that of some positions, if they come so rarely.
@@ -370,4 +370,4 @@ class Axes:
             return HealthFinding(
                 Level.WARN, f"the machine stands beyond its soft limits in {where}", values
             )
-        return HealthFinding(Level.OK, "the machine is ready and tells where it is", values)
+        return HealthFinding(Level.OK, "the machine is ready and reports its position", values)

@@ -12,7 +12,7 @@ from math import inf, nan
 
 
 class Silence:
-    """For how long somebody has not been heard, as far as this process was awake to hear him.
+    """For how long a sender has been silent, as far as this process was awake to receive.
 
     A process that did not get the computer for a while finds in one moment that time has passed,
     and what was sent meanwhile still unread: of such a gap only a part counts.
@@ -26,7 +26,7 @@ class Silence:
         self._looked = nan
 
     def heard(self, real: float) -> None:
-        """Take note that somebody was heard (s of a clock that never steps)."""
+        """Take note that a message arrived (s of a clock that never steps)."""
         self._silent, self._looked = 0.0, real
 
     def look(self, real: float) -> float:
@@ -84,7 +84,7 @@ class Entitlement:
             self._silence.heard(real)
 
     def is_repetition(self, run_id: str, command_id: int) -> bool:
-        """Say whether a command is the last one once more, of which there is nothing to say."""
+        """Return whether a command is only a repetition of the last one."""
         return (run_id, command_id) == (self._run, self._last)
 
     def refusal(self, run_id: str, command_id: int, age: float) -> str:
@@ -105,7 +105,7 @@ class Entitlement:
                 "the bridge was not released for it: an operator has to start or resume the run"
                 f"{why}"
             )
-        # Written so that an age that is no number is none; a clock that is behind is no better.
+        # Written so that an age that is not a number is none; a clock that is behind is no better.
         if not abs(age) <= self._age_limit:
             when = f"{age:.1f} s ago" if age > 0.0 else f"{-age:.1f} s from now"
             return f"by the clock here it was sent {when}: it is late, recorded, or clocks differ"

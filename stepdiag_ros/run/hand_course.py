@@ -1,11 +1,11 @@
-"""The course of a run that is measured by hand, followed as the readings come.
+"""Sequence of a run that is measured by hand, followed as the readings come.
 
 Nobody here moves the machine. The operator sets laser and mirror up, stands at the first stop, says
 so (``resume``) and starts the NC program; from then on every rest in the readings is matched to the
 stops of the setup's lines (``metrology.rest_matching``), beginning with the first. Each stop that
 is certain becomes a command and an arrival, as ``metrology.by_hand`` makes them of a recording.
-What does not fit is said at once; what cannot be mended by looking on stops the run until the
-operator has begun the present line again.
+A mismatch is reported at once; one that later readings cannot resolve stops the run
+until the operator has begun the present line again.
 """
 
 from collections.abc import Callable
@@ -192,7 +192,7 @@ class HandCourse:
         return f"stop {stop} of {self._plan.lines[line]}"
 
     def _look(self, rests: list[Rest]) -> None:
-        """Find out which stop the newest rest is, and tell what is certain."""
+        """Find out which stop the newest rest is, and pass on what is certain."""
         if rests[-1].zero != rests[0].zero:
             self.fault("the zero is lost: the beam was broken, or the reading jumped")
             return
@@ -253,8 +253,8 @@ class HandCourse:
 
     def _no_stops_after(self, line: int, stop: int) -> str:
         return (
-            f"the rests after {self._words(line, stop)} are no stops, or it was none: "
-            "a wrong direction, or another program"
+            f"the rests after {self._words(line, stop)} are not stops of the plan, or that rest"
+            " was not one: a wrong direction, or another program"
         )
 
     def _command(self, line: int, stop: int, start: int, left: int) -> None:
@@ -300,9 +300,9 @@ class HandCourse:
             return
         way = (rest.arrived - last.left) * 1e3
         where = f"{way:+.4f} mm after {self._words(self._line, self._stop)}"
-        self.text = f"a rest that is no stop, {where}"
+        self.text = f"a rest that is not a stop, {where}"
         if misfits >= MOST_MISFITS:
-            self.fault(f"the last {misfits} rests are no stops, the last {where}")
+            self.fault(f"the last {misfits} rests are not stops, the last {where}")
 
     def _name(self, one: Match) -> str:
         return self._words(*self._places[one.place].stops[0])

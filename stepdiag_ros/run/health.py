@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.units import NANO
 WINDOW = 1.0
 """Real seconds over which rates, shares and extremes are taken."""
 HOLD = 2.0
-"""Real seconds for which a trouble that has passed is still told, so that a monitor shows it."""
+"""Real seconds for which a fault that has passed is still reported, so that a monitor shows it."""
 UNKNOWN = "unknown"
 
 
@@ -46,12 +46,12 @@ class HealthFinding:
     forbids: bool = False
 
     def says(self, other: "HealthFinding | None") -> bool:
-        """Say whether another finding tells the same, whatever its figures are."""
+        """Return whether another finding states the same, whatever its figures are."""
         return other is not None and (self.level, self.message) == (other.level, other.message)
 
 
 def figure(value: float | None, digits: int = 4) -> str:
-    """Return a number for a reader; what is not known is said to be unknown."""
+    """Return a number for a reader, or that it is unknown."""
     if value is None or isnan(value):
         return UNKNOWN
     return str(value) if isinstance(value, int) else f"{value:.{digits}g}"
@@ -130,7 +130,7 @@ class StampRate:
         values = {"readings a second (Hz)": figure(self._measured)}
         values["asked for (Hz)"] = figure(self._asked)
         if isnan(self._measured):
-            return HealthFinding(Level.STALE, "no rate can be told: too few readings", values)
+            return HealthFinding(Level.STALE, "rate unknown: too few readings", values)
         if isnan(self._asked):
             return HealthFinding(Level.OK, "nobody asked for a rate", values)
         if self._measured < self._asked * (1.0 - self.tolerance):
@@ -144,15 +144,15 @@ class StampRate:
 class Gaps:
     """Which of a numbered stream are missing, came late or came twice.
 
-    What is missing is told as long as the run goes on in which it happened, and for ``HOLD`` in any
-    case.
+    Missing numbers are reported as long as the run lasts in which they went missing, and
+    for ``HOLD`` in any case.
 
     Attributes:
         missing: how many numbers were left out.
-        first_missing: the first of them; None if there is none.
+        first_missing: the first of them; None without any.
         last_missing: the last of them.
         late: how many came that were not newer than the one before: late, or repeated.
-        restarts: how often the numbers began anew while time went on.
+        restarts: how often the numbers began again while time went on.
         what: is numbered, in words.
     """
 
@@ -167,7 +167,7 @@ class Gaps:
     _trouble: float = nan
 
     def begin(self) -> None:
-        """Count anew, for a new run; the numbers go on."""
+        """Count again, for a new run; the numbers go on."""
         self.missing = self.late = self.restarts = 0
         self.first_missing = self.last_missing = None
         self._trouble = nan
@@ -208,7 +208,7 @@ class Gaps:
             "first missing": figure(self.first_missing),
             "last missing": figure(self.last_missing),
             "late or repeated": str(self.late),
-            "numbers begun anew": str(self.restarts),
+            "numbers started again": str(self.restarts),
             "last number": figure(self._number),
         }
         if self._number is None:
@@ -248,9 +248,11 @@ class Clockwork:
     FEWEST_HEARTBEATS = 10
     """Of a node, from which its time is judged."""
     STANDSTILL = 2.0
-    """Real seconds without any progress after which simulated time is said to stand still."""
+    """Real seconds without any progress after which simulated time counts as standing still."""
     REMEMBERED = 60.0
-    """Real seconds for which a step is told: stamps on both sides of it do not belong together."""
+    """Real seconds for which a step is reported: stamps on both sides of it do not belong
+    together.
+    """
 
     def __init__(self, simulated: bool) -> None:
         self._simulated = simulated
@@ -289,8 +291,8 @@ class Clockwork:
     def _offsets(self) -> dict[str, float]:
         """Return by how many s the time of other nodes is behind.
 
-        A message never comes before it is sent: the quickest of some heartbeats tells it, up to the
-        time that it was on its way.
+        A message never comes before it is sent: the quickest of some heartbeats shows the
+        offset, up to its transmission time.
         """
         whole = (pair for pair in self._delays.items() if len(pair[1]) == self.FEWEST_HEARTBEATS)
         return {node: min(delays) for node, delays in whole}
@@ -316,7 +318,7 @@ class Clockwork:
         }
         still = real - self._moved > self.STANDSTILL
         if not now:
-            waiting = "waits for simulated time: nobody tells it on /clock"
+            waiting = "waits for simulated time: nothing is published on /clock"
             return HealthFinding(Level.STALE if still else Level.OK, waiting, values)
         if real - self._stepped <= self.REMEMBERED:
             way = "back" if self._step < 0.0 else "forward"

@@ -21,7 +21,7 @@ def file_name_of(run_id: str) -> str:
 
     An identity of ASCII letters, digits, ``.``, ``_`` and ``-`` that begins with a letter or digit
     stays as it is. Of any other the rest is replaced, and a part of its SHA-256 added, so that
-    different runs keep different names. The result is no path, no option of a command, no hidden
+    different runs keep different names. The result is not a path, no option of a command, no hidden
     file and no device.
     """
     name = re.sub("[^A-Za-z0-9._-]+", "_", run_id[:_LONGEST]).lstrip("._-")

@@ -36,7 +36,7 @@ class MotionWatch:
 
     A move has ended in position when the controller says that it is done *and* the actual position
     of every axis has stayed within the machine's window of its target for the hold time, seen at
-    two samples at least. The window is widened by the step in which positions are told.
+    two samples at least. The window is widened by the resolution of the positions.
 
     Args:
         machine: window and hold time.
@@ -87,7 +87,7 @@ class MotionWatch:
             return self._ended(time, position, astray) if astray else None
         if within and self._has_held(time):
             return self._ended(max(time, self._done), position)
-        # Written so that a position that is no number is off.
+        # Written so that a position that is not a number is off.
         if not within and time - self._done > SETTLE_LIMIT * 1e9:
             return self._ended(time, position, self._not_there(off))
         return None

@@ -8,7 +8,7 @@ FOLLOWER_LAG = 0.02
 FOLLOWER_PATIENCE = 1.0
 """Real seconds that simulated time waits for a follower that does not come on at all."""
 RECORDER_LAG = 0.75
-"""Real seconds by which the recorder may be behind: it is only heard of by its heartbeats."""
+"""Real seconds by which the recorder may be behind: only its heartbeats report on it."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class GovernedTime:
 
         Args:
             time: simulated time that it has come to, ns.
-            real: real time at which it was heard, s.
+            real: real time of its message, s.
             name: which follower.
             lag: real seconds by which it may be behind.
         """

@@ -94,7 +94,7 @@ class MotionPermission:
             count = len(self.plan.lines)
             return f"it is for line {move.line_index}, but the plan has {count} lines"
         if not all(isfinite(value) for value in move.target):
-            return f"its target {move.target} m is no place"
+            return f"its target {move.target} m is not a position"
         if not all(isfinite(value) for value in move.position):
             return "it is not known where the machine stands"
         return (
@@ -109,7 +109,8 @@ class MotionPermission:
         """Say which soft limit forbids a place (m); empty if none does."""
         machine, (low, high) = self.machine, self.soft_limits
         for axis, name in enumerate(AXES):
-            # The first of two wins over one that is no number: limits not told by the controller.
+            # The first of two wins over one that is not a number: limits not told by the
+            # controller.
             lowest = max(machine.travel_low_m[axis], low[axis])
             highest = min(machine.travel_high_m[axis], high[axis])
             if not lowest <= target[axis] <= highest:
@@ -121,7 +122,7 @@ class MotionPermission:
 
     def _refusal_of_feed(self, feed: float) -> str:
         if not (isfinite(feed) and feed > 0.0):
-            return f"its feed {feed:g} m/s is no feed"
+            return f"its feed {feed:g} m/s is not a positive number"
         if isnan(self.plan.feed):
             return "the plan has no feed_m_per_s"
         limits = {
@@ -260,5 +261,5 @@ def _on_line(place: Vector, line: Line, plan: Plan) -> bool:
     beside = float(np.linalg.norm(place - first - along * direction))
     reach = plan.overrun_of(line) + OFF_LINE
     length = float(direction @ (last - first))
-    # Written so that a place that is no number is not on the line.
+    # Written so that a place that is not a number is not on the line.
     return beside <= OFF_LINE and -reach <= along <= length + reach

@@ -57,7 +57,7 @@ class ReadingSource:
         Args:
             now: ROS time, ns.
             real: s of a clock that never steps.
-            air: that the weather sensors tell.
+            air: by the weather sensors.
         """
         if self._stream is None:
             return [], [self._finished(reading, air) for reading in self._device.poll(now)]

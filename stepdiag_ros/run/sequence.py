@@ -1,4 +1,4 @@
-"""The course of a run: which command comes next, what it waits for, and what stops it."""
+"""Sequence of a run: which command comes next, what it waits for, and what stops it."""
 
 import math
 from collections.abc import Callable
@@ -236,7 +236,7 @@ class Sequence:
     # What the other nodes say ----------------------------------------------------------------
 
     def not_stopped(self, why: str) -> bool:
-        """Take note why the machine, told to stop, may not have; empty if it has after all.
+        """Take note why the machine may not have stopped on command; empty if it has after all.
 
         Returns:
             whether that is news.
@@ -312,7 +312,7 @@ class Sequence:
         if self._phase is _Phase.ANSWER and real - self._sent_real > ANSWER_LIMIT:
             self.fault(f"the CNC bridge has not answered a command for {ANSWER_LIMIT:g} s")
         elif self._phase in (_Phase.MOTION, _Phase.SETTLING) and now > self._deadline:
-            # A stopped or hurried clock alone is no fault of the machine.
+            # A stopped or hurried clock alone is not a fault of the machine.
             if real - self._sent_real > OVERDUE_LIMIT:
                 moving = self._phase is _Phase.MOTION
                 what = "move has not ended" if moving else "stop has not been assembled"

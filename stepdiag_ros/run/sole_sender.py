@@ -1,9 +1,9 @@
 """Who commands the machine: one node, bound when a run is released, and nobody beside it.
 
-Whoever reaches an open ROS 2 graph can publish commands, and a message does not say who has sent
-it. The graph does say who has a publisher on a topic. So the bridge takes commands only while the
-one sequencer that it was released for is the one that publishes them: another publisher stops the
-machine before its first message counts. Who forges the graph itself is kept out by DDS Security
+Every participant of an open ROS 2 graph can publish commands, and a message does not say who has
+sent it. The graph does say who has a publisher on a topic. So the bridge takes commands only while
+the one sequencer that it was released for is the one that publishes them: another publisher stops
+the machine before its first message counts. Who forges the graph itself is kept out by DDS Security
 alone (``docs/security.md``).
 """
 
@@ -24,7 +24,7 @@ class Sender:
 
     Attributes:
         topic: it publishes on, as ``topics`` names it.
-        node: full name of its node; empty where the graph does not tell one.
+        node: full name of its node; empty where the graph does not state one.
         gid: its identity in the middleware, hexadecimal digits.
     """
 
@@ -70,7 +70,7 @@ class SoleSender:
             real: s of a clock that never steps.
 
         Raises:
-            ValueError: there is none, there are several, or another one was bound for this run; one
+            ValueError: no publisher, several publishers, or another one was bound for this run; one
                 sentence that names them.
         """
         found = self.judge(present, real)

@@ -19,16 +19,16 @@ SILENCE_LIMIT = 2.0
 LONGEST_LOOK = 0.5
 """Real seconds between two looks at the silence of others that count in full."""
 WORK_LEFT = "work_left"
-"""Fact by which a node says how many results it still owes to what it has heard."""
+"""Fact by which a node states how many results it still owes to the messages received."""
 GETTING_READY = "getting_ready"
 """Fact by which a node says that it will be ready in a moment, by itself."""
 WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
-more: after a run nothing moves, and a computer that is busy with the last results is no loss."""
+more: after a run nothing moves, and a computer that is busy with the last results is not a loss."""
 CLOCK_ROLE = "clock"
-"""Role of the node that tells simulated time."""
+"""Role of the node that publishes simulated time."""
 BY_HAND_ROLE = "by_hand"
-"""Role of the node that follows a run by its readings alone; nobody tells positions then."""
+"""Role of the node that follows a run by its readings alone; positions are not published then."""
 ONLOOKERS = ("foxglove_server", "monitor", "scene")
 """Roles of nodes that only look on: they come and go, and a run misses none of them."""
 HEARD_UNTIL = "heard_until"
@@ -68,7 +68,7 @@ class Peer:
 def peer_of(
     name: str, level: int, message: str, values: Mapping[str, str], heard: float
 ) -> "tuple[str, Peer] | None":
-    """Return whose heartbeat a status of /diagnostics is; None if it is none.
+    """Return whose heartbeat a status of /diagnostics is; None for another status.
 
     Args:
         name: of the status, for example ``cell/recorder: heartbeat``.
@@ -87,7 +87,9 @@ def peer_of(
     if task != HEARTBEAT or ROLE not in values or SESSION not in values:
         return None
     if len(node) > _LONGEST_NAME or not _NODE_NAME.fullmatch(node):
-        raise ValueError(f"a heartbeat is of '{node[:60]}', which is no name of a node")
+        raise ValueError(
+            f"a heartbeat names the node '{node[:60]}', which is not a valid node name"
+        )
     if (
         len(message) + sum(len(key) + len(said) for key, said in values.items())
         > _LONGEST_HEARTBEAT
@@ -131,11 +133,11 @@ def said_of_run(peer: Peer, fact: str, run_id: str) -> str:
 
 @dataclass
 class Watch:
-    """Keeps count of the nodes that were heard, and of those that have gone.
+    """Keeps count of the nodes that answer, and of those that have gone.
 
     Attributes:
         peers: node name → what is known of it.
-        lost: node name → sentence that says so; cleared when the node is heard again.
+        lost: node name → sentence that says so; cleared when the node answers again.
         twins: names under which two processes speak at the same time.
     """
 

@@ -1,8 +1,8 @@
-"""How long a beginning run waits for the nodes that it needs, and what is said meanwhile.
+"""How long a starting run waits for the nodes that it needs, and what it reports meanwhile.
 
-A node that is heard must take up the run within seconds; one that does not will not do so later
+A node that answers must take up the run within seconds; one that does not will not do so later
 either. A node that has fallen silent may only be stopped (SIGSTOP, a debugger, a suspended
-computer): the run is held, says so and what to do, and goes on as soon as the node is heard.
+computer): the run is held, says so and what to do, and goes on as soon as the node answers.
 """
 
 from collections.abc import Collection, Sequence
@@ -12,7 +12,7 @@ from math import nan
 from stepdiag_ros.run.supervision import Watch
 
 TAKE_UP_LIMIT = 5.0
-"""Real seconds within which a node that is heard must have taken up a new run."""
+"""Real seconds within which a node that answers must have taken up a new run."""
 HELD_LIMIT = 60.0
 """Real seconds for which a beginning run is held for nodes that are silent or stopped."""
 REMEDY = (
@@ -77,7 +77,7 @@ class TakingUp:
         self._patience = Patience(TAKE_UP_LIMIT)
 
     def look(self, watch: Watch, real: float) -> Look:
-        """Look at the nodes (``real``: s of the clock by which they were heard)."""
+        """Look at the nodes (``real``: s of the clock of their messages)."""
         silent = [
             sentence
             for name, sentence in watch.lost.items()
@@ -99,7 +99,7 @@ def starting_words(unheard: Sequence[str], stopped: dict[str, int], waited: floa
     """Say what is waited for while the nodes of a measurement start.
 
     Args:
-        unheard: names of the nodes that have not been heard yet.
+        unheard: names of the nodes that have not answered yet.
         stopped: name → process of those that are stopped.
         waited: real s since they were started.
     """
@@ -109,5 +109,5 @@ def starting_words(unheard: Sequence[str], stopped: dict[str, int], waited: floa
         are = "is" if len(stopped) == 1 else "are"
         return f"{names} {are} stopped: 'kill -CONT {processes}' lets the measurement go on"
     if unheard and waited > TAKE_UP_LIMIT:
-        return f"starting the nodes: nothing was heard yet of {', '.join(unheard)}"
+        return f"starting the nodes: no message yet from {', '.join(unheard)}"
     return "starting the nodes"

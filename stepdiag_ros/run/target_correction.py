@@ -1,8 +1,8 @@
 """Correction of commanded targets by an error map, as the bridge applies it.
 
-A wanted place w becomes the target w - e (``metrology.target_correction``). Positions that the
-controller tells stay its own: the machine stands at the corrected target, and ``nominal`` says
-which place this is meant for.
+A wanted place w becomes the target w - e (``metrology.target_correction``). Positions that
+the controller reports stay its own: the machine stands at the corrected target, and ``nominal``
+says which place this is meant for.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class TargetCorrection:
         limit: largest correction of an axis, m.
         name: of the map's file.
         sha256: of the map's file, 64 hexadecimal digits.
-        made_from: the run that the map was made from, in words; empty if not told.
+        made_from: the run that the map was made from, in words; empty if unknown.
     """
 
     error_map: VolumetricMap
@@ -53,8 +53,8 @@ class TargetCorrection:
         if not np.all(np.isfinite(change)):
             x, y, z = target
             raise ValueError(
-                f"the target {x:g}, {y:g}, {z:g} m cannot be corrected: {self.name} does not tell"
-                " the error there"
+                f"the target {x:g}, {y:g}, {z:g} m cannot be corrected: {self.name} does not"
+                " contain the error there"
             )
         axis = int(np.argmax(change))
         if change[axis] > self.limit:

@@ -118,7 +118,7 @@ class StopCount:
 
 @dataclass
 class Commands:
-    """Counts what a bridge was told and what became of it.
+    """Counts the commands to a bridge and their outcomes.
 
     Attributes:
         executed: moves that have ended in position.
@@ -135,7 +135,7 @@ class Commands:
     last_trouble: str = ""
 
     def take(self, number: int, answer: Answer, reason: str) -> None:
-        """Take what became of a command; a trouble is told until a later one is in position."""
+        """Take what became of a command; a fault is reported until a later one is in position."""
         self.last = number
         if answer is Answer.IN_POSITION:
             self.executed += 1
@@ -223,7 +223,7 @@ class Storage:
 
         Args:
             folder: where bags are written.
-            bag: that is being written; None if there is none.
+            bag: that is being written; None without one.
             real: s of a clock that never steps.
         """
         try:
@@ -238,7 +238,7 @@ class Storage:
 
         Args:
             free: bytes on the disk.
-            size: bytes of the bag that is being written; 0 if there is none.
+            size: bytes of the bag that is being written; 0 without one.
             real: s of a clock that never steps.
         """
         if isnan(self._since) or size < self._size:
@@ -266,7 +266,7 @@ class Reached:
     """Judges how fast simulated time really goes, against how fast it should."""
 
     LEAST = 0.8
-    """Part of the wished factor below which it is said that time goes slower."""
+    """Part of the wished factor below which time is reported to go slower."""
 
     def __init__(self) -> None:
         self._since = nan

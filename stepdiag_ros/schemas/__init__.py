@@ -71,7 +71,7 @@ def schema_text(name: str) -> str:
     """Return a schema as JSON text; see ``schema``.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: the name is unknown.
     """
     return json.dumps(schema(name), indent=2, ensure_ascii=False) + "\n"
 
@@ -80,7 +80,7 @@ def schema(name: str) -> dict[str, Any]:
     """Return a schema, with those of the documents that are parts of it among its ``$defs``.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: the name is unknown.
     """
     if name not in VERSIONS:
         raise ValueError(f"there is no schema '{name}'; there are {', '.join(VERSIONS)}")

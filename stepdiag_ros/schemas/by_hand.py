@@ -27,7 +27,7 @@ class Line:
     complete: Annotated[bool, means("Every stop of it has a value.")]
     refusal: Annotated[str, means("Why there is no result; empty if there is one.")]
     remarks: Annotated[
-        Words, means("What else was seen in it: stops missed or doubled, rests that are no stops.")
+        Words, means("Other findings in it: stops missed or doubled, rests that are not stops.")
     ]
 
 
@@ -46,4 +46,4 @@ class Document:
         Sequence[Recording], means("What was evaluated, in order of measurement.")
     ]
     lines: Annotated[Sequence[Line], means("The lines that were looked for, in order.")]
-    remarks: Annotated[Words, means("Everything that there is to say, sentence by sentence.")]
+    remarks: Annotated[Words, means("All remarks, one sentence each.")]

@@ -138,7 +138,7 @@ class Figure:
         bool | None,
         means(
             "Whether chance does not explain the difference, although there are many figures"
-            " (Holm); null where that cannot be told."
+            " (Holm); null where that is undetermined."
         ),
     ]
 
@@ -225,7 +225,7 @@ class Curve:
         bool | None,
         means(
             "Whether chance does not explain its change, or that of one of its nodes, although"
-            " there are many (Holm); null where that cannot be told."
+            " there are many (Holm); null where that is undetermined."
         ),
     ]
 
@@ -243,8 +243,8 @@ class Document:
         str,
         one_of("better", "worse", "same", "other", "unknown"),
         means(
-            "Of the volume: better, worse, same (no change that these measurements can tell), other"
-            " (changed, but neither better nor worse), unknown."
+            "Of the volume: better, worse, same (no change beyond the uncertainty of these"
+            " measurements), other (changed, but neither better nor worse), unknown."
         ),
     ]
     words: Annotated[Words, means("What changed, in sentences.")]

@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class SetupError:
-    """How a diagonal was set up, as the blocks tell it."""
+    """How a diagonal was set up, by its blocks."""
 
     displacement_per_block: Annotated[Numbers, means("δR of the moves along X, Y, Z, m.")]
     displacement_uncertainty: Annotated[Numbers, means("Standard, m.")]

@@ -33,15 +33,15 @@ class FurtherRun:
 
     run_id: Text
     bag: Annotated[str, means("File.")]
-    sha256: Annotated[str, means("Of that file.")]
+    sha256: Annotated[str, means("SHA-256 of this file.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
     """Where the size of an effect comes from."""
 
-    bag: Annotated[str, means("File name of the run that told it.")] | UnsetType = UNSET
-    sha256: Annotated[str, means("Of that file.")] | UnsetType = UNSET
+    bag: Annotated[str, means("File name of the run that determined it.")] | UnsetType = UNSET
+    sha256: Annotated[str, means("SHA-256 of this file.")] | UnsetType = UNSET
     date: Annotated[str, means("ISO 8601.")] | UnsetType = UNSET
     evidence: Annotated[str, means("In words.")] | UnsetType = UNSET
 
@@ -59,7 +59,7 @@ class Effect:
     status: Annotated[
         str,
         one_of("fixed", "fitted"),
-        means("fixed: taken off with these sizes; fitted: every run tells its own."),
+        means("fixed: subtracted with these sizes; fitted: determined from every run."),
     ]
     provenance: Annotated[Provenance, means("Where this comes from.")] | UnsetType = UNSET
 
@@ -147,7 +147,8 @@ class Finding:
     covariance: Annotated[
         Sequence[Numbers],
         means(
-            "Of the sizes, in their order and units; rows of null where the run does not tell them."
+            "Of the sizes, in their order and units; rows of null where the run does not"
+            " determine them."
         ),
     ]
     over_travel: Annotated[
@@ -222,7 +223,10 @@ class Pattern:
     p_value: Annotated[Chance, means("Chance of so clear a pattern by noise alone.")]
     or_else: Annotated[
         Words,
-        means("What else it may go with, or where else it may be, as far as this run tells."),
+        means(
+            "Other influences that it may depend on, or other places where it may be, as far as"
+            " this run shows."
+        ),
     ]
 
 
@@ -260,13 +264,13 @@ class Verdict:
     after: Annotated[
         Fit, means("The same with the findings (where UNEXPLAINED: with `partial`) fitted too.")
     ]
-    where: Annotated[Words, means("Where the gap of the model as it was lies, in sentences.")]
-    where_after: Annotated[Words, means("Likewise of the gap that is left, where UNEXPLAINED.")]
+    where: Annotated[Words, means("Where the gap of the initial model lies, in sentences.")]
+    where_after: Annotated[Words, means("The same for the remaining gap, where UNEXPLAINED.")]
     patterns: Annotated[
         Sequence[Pattern], means("What that gap looks like, clearest first; none where CONSISTENT.")
     ]
     patterns_after: Annotated[
-        Sequence[Pattern], means("Likewise of the gap that is left, where UNEXPLAINED.")
+        Sequence[Pattern], means("The same for the remaining gap, where UNEXPLAINED.")
     ]
     map: Annotated[Sequence[Share], means("The gap of the model as it was, split in several ways.")]
     detection_limits: Annotated[
@@ -288,7 +292,7 @@ class Stop:
     ]
     line: Annotated[str, means("Name of the line: x, y, z, or a diagonal such as ppp.")]
     order: Annotated[
-        Text, means("Order of the single-axis moves of a block; null where there is none.")
+        Text, means("Order of the single-axis moves of a block; null for other lines.")
     ]
     repeat: Annotated[Count, means("From 0.")]
     direction: Annotated[str, one_of("forward", "backward")]
@@ -304,23 +308,23 @@ class Gap:
     before_m: Annotated[
         Numbers, means("Measured minus simulated at each of the stops, m; null at rejected ones.")
     ]
-    after_m: Annotated[Numbers, means("Likewise with the findings fitted.")]
+    after_m: Annotated[Numbers, means("The gap with the findings fitted, m.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Two causes and how well a plan tells them apart."""
+    """Two causes and how well a plan distinguishes them."""
 
     labels: Annotated[Words, means("Two causes.")]
     separation: Annotated[
         float, Meta(ge=0), means("Expected difference of the two, in standard deviations.")
     ]
-    chance: Annotated[float, Meta(ge=0, le=1), means("Of telling them apart.")]
+    chance: Annotated[float, Meta(ge=0, le=1), means("Probability of distinguishing them.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOpen:
-    """Causes that no plan tells apart."""
+    """Causes that no plan distinguishes."""
 
     labels: Words
     why: str
@@ -331,15 +335,15 @@ class Proposal:
     """What to measure next."""
 
     sentence: Annotated[str, means("What to measure next, in words.")]
-    plan_file: Annotated[Text, means("It was written to.")]
-    duration_s: Annotated[Uncertainty, means("Of the plan, s; null if there is none.")]
+    plan_file: Annotated[Text, means("File that the plan was written to.")]
+    duration_s: Annotated[Uncertainty, means("Duration of the plan, s; null without a plan.")]
     certainty: Annotated[Chance, means("Chance that it leaves one name.")]
     alignments: Annotated[Words, means("To be made, in order.")]
     passes: Annotated[Words, means("In words.")]
-    rivals: Annotated[Sequence[Words], means("Groups of labels that are to be told apart.")]
+    rivals: Annotated[Sequence[Words], means("Groups of labels to distinguish.")]
     pairs: Annotated[Sequence[Pair], means("The least certain first.")]
-    left_open: Annotated[Sequence[LeftOpen], means("What no plan tells apart.")]
-    conditions: Annotated[Words, means("Under which the plan tells.")]
+    left_open: Annotated[Sequence[LeftOpen], means("What no plan distinguishes.")]
+    conditions: Annotated[Words, means("Conditions under which the plan decides.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -393,7 +397,7 @@ class _Run:
 
     run_id: Annotated[Text, means("Identity of the run.")]
     bag: Annotated[Text, means("File of the run.")]
-    sha256: Annotated[Text, means("Of that file.")]
+    sha256: Annotated[Text, means("SHA-256 of this file.")]
     further_runs: Annotated[
         Sequence[FurtherRun],
         means("Further runs of the same machine, diagnosed together with the first."),
@@ -415,7 +419,7 @@ class Document(Verdict, _Run):
     ]
     held_out: Annotated[
         Proof | None,
-        means("Proof on readings that took no part in the fit; null if there is none."),
+        means("Proof on readings that took no part in the fit; null without a proof."),
     ]
     rounds: Annotated[
         Sequence[Verdict],
@@ -424,5 +428,5 @@ class Document(Verdict, _Run):
     extended_model: Annotated[
         Model | None, means("The model with what was named; null if nothing was.")
     ]
-    extended_model_file: Annotated[Text, means("It was written to.")]
+    extended_model_file: Annotated[Text, means("File that the plan was written to.")]
     remarks: Words

@@ -53,7 +53,7 @@ class Samples:
         Count, means("Recorded readings that the samples are there for.")
     ]
     readings_different: Annotated[
-        Count, means("Of these, how many are not, to the last bit, what the samples say.")
+        Count, means("Of these, how many differ from the samples in any bit.")
     ]
 
 
@@ -91,7 +91,7 @@ class Document:
     path: str
     size: Annotated[Count, means("Bytes.")]
     complete: Annotated[bool, means("The file has its end.")]
-    intact: Annotated[bool | None, means("Every checksum is right; null if that cannot be said.")]
+    intact: Annotated[bool | None, means("Every checksum is right; null if that is unknown.")]
     problem: Annotated[str, means("What is wrong and what to do; empty if nothing is.")]
     run: Annotated[
         Annotated[
@@ -120,22 +120,22 @@ class Document:
     repetitions: Annotated[
         Count,
         means(
-            "Messages that were said again for late listeners; they count in `messages` and"
+            "Messages that were published again for late subscribers; they count in `messages` and"
             " `topics`, and once elsewhere."
         ),
     ]
     lines: Annotated[Words, means("Finished lines, in words.")]
     diagnosis: Annotated[
-        Text, means("What the last diagnosis beside the run says; null if there is none.")
+        Text, means("Sentence of the last diagnosis beside the run; null without a diagnosis.")
     ]
     recording: Annotated[
         Sequence[Flaw],
         means(
             "What is wrong with the recording, most serious first: empty if it holds what was"
-            " recorded, as far as its counts tell."
+            " recorded, as far as its counts show."
         ),
     ]
-    seal: Annotated[Seal | None, means("The seal beside the bag; null if there is none.")]
+    seal: Annotated[Seal | None, means("The seal beside the bag; null without a seal.")]
     gaps: Annotated[Sequence[Gap], means("In the sequence of the readings.")]
     missing_readings: Count
     samples: Annotated[

@@ -63,7 +63,10 @@ class Test:
         Mapping[str, Published] | None, means("Figures to compare with; null if none were given.")
     ]
     equals_recorded: Annotated[
-        bool | None, means("To the last bit the result in the bag; null if none is there.")
+        bool | None,
+        means(
+            "Whether the result is bit-identical to the one in the bag; null if the bag has none."
+        ),
     ]
     remarks: Words
 

@@ -39,7 +39,7 @@ class Verdict:
         one_of("CONSISTENT", "NAMED", "AMBIGUOUS", "UNEXPLAINED", "NOT TESTABLE", "NOT DIAGNOSED"),
         means("NOT DIAGNOSED: the run was not compared with its model; the sentence says why."),
     ]
-    sentence: Annotated[str, means("The verdict in words, or why there is none.")]
+    sentence: Annotated[str, means("The verdict in words, or why it is missing.")]
     effects: Annotated[
         Sequence[Annotated[str, Meta(min_length=1)]],
         means("Labels of the effects that act, strongest first; empty unless NAMED or AMBIGUOUS."),
@@ -64,7 +64,8 @@ class Passes:
         means("Lines of which a pass is not complete, in the order of the plan."),
     ]
     end: Annotated[
-        str | None, means("How the run ended, in words; null where the recording does not tell.")
+        str | None,
+        means("How the run ended, in words; null where the recording does not state it."),
     ]
 
 
@@ -95,7 +96,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
-    """What is said first of a run.
+    """Summary of a run.
 
     Part of the documents of `stepdiag solve` and `stepdiag measure`.
     """
@@ -104,7 +105,7 @@ class Document:
         Sequence[Flaw],
         means(
             "What is wrong with the recording, most serious first: empty if it holds what was"
-            " recorded, as far as its counts tell."
+            " recorded, as far as its counts show."
         ),
     ]
     verdict: Annotated[
@@ -127,9 +128,9 @@ class Document:
     misfit: Annotated[
         Annotated[str, one_of("none", "unclear", "shown")] | None,
         means(
-            "Whether the errors explain the readings: none: they do; unclear: they do not, and it"
-            " cannot be told from poor repeatability; shown: they do not, beyond what repeats"
-            " scatter. null where nothing was solved."
+            "Whether the errors explain the readings: none: they do; unclear: they do not, and"
+            " this cannot be distinguished from poor repeatability; shown: they do not, beyond"
+            " what repeats scatter. null where nothing was solved."
         ),
     ]
     reduced_chi_squared: Annotated[

@@ -29,10 +29,10 @@ class Document:
         str,
         means(
             "Of the diagnosis of the whole run: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED or NOT"
-            " TESTABLE; UNKNOWN if there is none."
+            " TESTABLE; UNKNOWN without a diagnosis."
         ),
     ]
-    sentence: Annotated[str, means("The verdict in words, or why there is none.")]
+    sentence: Annotated[str, means("The verdict in words, or why it is missing.")]
     bag: Annotated[
         str | None, means("Path of the bag on the computer of the recorder; null if not known.")
     ]
@@ -43,8 +43,8 @@ class Document:
             Any,
             document_of("lead"),
             means(
-                "What is said first of the run, before anything is solved; documents of earlier"
-                " versions lack it."
+                "Summary of the run before anything is solved; documents of earlier versions lack"
+                " it."
             ),
         ]
         | UnsetType

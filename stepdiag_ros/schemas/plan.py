@@ -115,7 +115,7 @@ class Proposal:
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
-    """A test plan: what it costs and what it will tell.
+    """A test plan: what it costs and what it will determine.
 
     Printed by `stepdiag plan --json`.
     """

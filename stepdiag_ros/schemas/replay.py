@@ -21,8 +21,8 @@ class Document:
     same: Annotated[
         Mapping[str, bool],
         means(
-            "Topic to whether what the nodes made equals the recording to the last bit; empty"
-            " without --check."
+            "For each topic, whether the messages of the nodes equal the recording bit for bit;"
+            " empty without --check."
         ),
     ]
     differences: Annotated[Mapping[str, str], means("Topic to what differs.")]

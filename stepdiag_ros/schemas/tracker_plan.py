@@ -15,7 +15,7 @@ class Duration:
 
     tracker: Annotated[float, Meta(ge=0), means("With the tracker, setting it up included, s.")]
     laser: Annotated[
-        float, Meta(ge=0), means("With a conventional laser that is aligned anew for each line, s.")
+        float, Meta(ge=0), means("With a conventional laser, aligned for each line, s.")
     ]
 
 

@@ -1,4 +1,4 @@
-"""What the lines can tell of each error, as a part of several documents."""
+"""What the lines show of each error, as a part of several documents."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from stepdiag_ros.schemas.parts import Text, Uncertainty, Words, means, one_of
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What the lines tell of one error."""
+    """What the lines show of one error."""
 
     status: Annotated[str, one_of("determined", "partly determined", "confounded", "invisible")]
     words: Annotated[str, Meta(min_length=1)]
@@ -35,7 +35,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Visibility:
-    """What the lines can tell of each error where all of them are free at every node."""
+    """What the lines show of each error where all of them are free at every node."""
 
     chain: Annotated[Text, means("For which it holds; null: translations only.")]
     stop_uncertainty: Annotated[

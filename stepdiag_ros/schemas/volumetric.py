@@ -40,5 +40,5 @@ class Document:
     definition: Annotated[str, means("Of the volumetric accuracy, in words.")]
     methods: Mapping[str, Accuracy]
     examples: Annotated[
-        Mapping[str, Example], means("Machines of RL: why diagonals alone do not tell it.")
+        Mapping[str, Example], means("Machines of RL: why diagonals alone do not determine it.")
     ]

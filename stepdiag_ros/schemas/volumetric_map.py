@@ -66,5 +66,5 @@ class Document:
     not_estimated: Annotated[
         Words, means("Rotations that the method did not estimate; they are not in the map.")
     ]
-    not_determined: Annotated[Words, means("What the measured lines cannot tell, in words.")]
-    remarks: Annotated[Words, means("What the reader must know, in words.")]
+    not_determined: Annotated[Words, means("What the measured lines do not determine, in words.")]
+    remarks: Annotated[Words, means("Remarks for the reader, in words.")]

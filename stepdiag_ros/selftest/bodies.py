@@ -16,8 +16,8 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 def rotation(angles: Vector) -> Vector:
     """Return the rotation matrix of a rotation vector (E_A, E_B, E_C), rad, shape (3, 3).
 
-    By the power series of the matrix exponential; for angles below 1e-3 rad six terms are exact to
-    the last bit.
+    By the power series of the matrix exponential; for angles below 1e-3 rad six terms are
+    exact in double precision.
     """
     a, b, c = angles
     generator = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])

@@ -1,4 +1,4 @@
-"""Comparison of a solved reference problem with the known answer, and the limits of that.
+"""Comparison of a solved reference problem with the known answer, and its limits.
 
 Three kinds of limits, none of them chosen to fit:
 
@@ -230,7 +230,7 @@ def _by_chance(problem: Problem, method: str, result: VolumetricErrors) -> list[
 
 
 def _diagonals(method: str, found: Mapping[str, Any], problem: Problem) -> list[Check]:
-    """Four diagonals alone: squareness is told, the three scales are not and must be unknown."""
+    """Four diagonals alone: squareness is determined, the three scales must be unknown."""
     scales = [found["curves"][f"E_{axis}{axis}"][1:] for axis in AXES]
     numbers = sum(value is not None for curve in scales for value in curve)
     limit = _rare(FALSE_ALARM / len(_SQUARENESS))
@@ -240,7 +240,7 @@ def _diagonals(method: str, found: Mapping[str, Any], problem: Problem) -> list[
             float(numbers),
             0.0,
             "1",
-            "diagonals do not tell the axes' scales: unknown, not a number",
+            "diagonals do not determine the scales of the axes: unknown, not a number",
         )
     ]
     for name in _SQUARENESS:
@@ -299,7 +299,7 @@ def _angular(problem: Problem, method: str, found: Mapping[str, Any]) -> list[Ch
 
 
 def _same(methods: Mapping[str, Any], results: Mapping[str, VolumetricErrors]) -> Check:
-    """The command line and the library must give the same numbers to the last bit."""
+    """The command line and the library must give the same numbers bit for bit."""
     different = 0
     for method, result in results.items():
         for part in ("curves", "standard_uncertainty"):
@@ -316,5 +316,5 @@ def _same(methods: Mapping[str, Any], results: Mapping[str, VolumetricErrors]) -
         float(different),
         0.0,
         "1",
-        "the same computation, to the last bit",
+        "the same computation, bit-identical",
     )

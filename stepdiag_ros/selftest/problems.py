@@ -29,7 +29,7 @@ KINDS: dict[str, str] = {
     TILTED: "no noise, beam and mirror of each diagonal turned together",
     MISALIGNED: "no noise, beams and mirrors of all lines turned each for itself",
     NOISY: "noise of a stated size, both directions, repeats",
-    UNKNOWN_NOISE: "noise that the case file does not tell, both directions, repeats",
+    UNKNOWN_NOISE: "noise that the case file does not state, both directions, repeats",
     DIAGONALS: "noise, four diagonals without linear lines",
     ANGULAR: "no noise, all 21 errors, three move orders, linear lines at all edges",
 }

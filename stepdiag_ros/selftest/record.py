@@ -90,7 +90,7 @@ class SelftestRecord:
         return bool(self.problems) and all(problem.passed for problem in self.problems)
 
     def document(self) -> dict[str, Any]:
-        """Return the record as a mapping for JSON; what is no number is ``null``."""
+        """Return the record as a mapping for JSON; what is not a number is ``null``."""
         content = part_of(
             selftest.Document,
             self,

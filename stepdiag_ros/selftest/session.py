@@ -37,7 +37,7 @@ def run_selftest(seed: int, count: int, solve: Solve, progress: Progress) -> Sel
         count: number of step-diagonal problems; kinds take turns. The evaluations of single
             functions come on top, one each.
         solve: how a user solves a run table.
-        progress: told the done share and what is being done.
+        progress: called with the done share and what is being done.
 
     Raises:
         ValueError: no problem is asked for.

@@ -113,7 +113,7 @@ def refuse_foreign(name: str, text: str, *known: str) -> None:
     for number, line in enumerate(text.removesuffix("\n").split("\n"), start=1):
         if not allowed.fullmatch(line):
             raise Refusal(
-                f"{name} line {number} would be '{one_line(line)[:60]}', which does not belong into"
-                " such a file: nothing is written; report this with the measurement",
+                f"{name} line {number} would be '{one_line(line)[:60]}', which does not belong in"
+                " such a file, so nothing is written. Report this with the measurement",
                 fault="rejected",
             )

@@ -1,6 +1,6 @@
 """How much of a text or a file from outside is taken in: limits of length, depth and number.
 
-Whoever reads what others wrote (bags, plans, machines, pages, peers) reads it by these functions. A
+All code that reads input from others (bags, plans, machines, pages, peers) uses these functions. A
 text within its length may still nest a thousand deep, or name one list a million times over by
 references. What is beyond a limit is refused in a sentence before anything is made of it.
 """
@@ -96,7 +96,7 @@ class _BoundedLoader(yaml.SafeLoader):
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable):
                 if key in seen:
-                    raise _refusal(f"the key '{key}' is there twice", key_node.start_mark)
+                    raise _refusal(f"the key '{key}' appears twice", key_node.start_mark)
                 seen.add(key)
         return super().construct_mapping(node, deep=deep)
 
@@ -105,7 +105,7 @@ def _check_scalar(node: yaml.ScalarNode) -> None:
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
         raise _refusal(f"a number of more than {LONGEST_NUMBER} characters", node.start_mark)
     if not node.value.isascii() and _HALVES.search(node.value):
-        raise _refusal("half of a UTF-16 character, which is no text", node.start_mark)
+        raise _refusal("half of a UTF-16 character, which is not text", node.start_mark)
 
 
 def _refusal(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
@@ -120,7 +120,7 @@ def parse_yaml(text: str, source: str) -> Any:
         source: what the user calls it, usually the file; named in errors.
 
     Raises:
-        ValueError: not YAML, beyond a limit of this module, or a key is there twice; names the
+        ValueError: not YAML, beyond a limit of this module, or a key appears twice; names the
             source and the line.
     """
     if len(text) > LONGEST_TEXT:
@@ -167,7 +167,7 @@ def parse_json(text: str, source: str) -> Any:
         return json.loads(text)
     except ValueError as error:
         raise Refusal(
-            f"{source} is no JSON document: {error}", fault="malformed", where=source
+            f"{source} is not a JSON document: {error}", fault="malformed", where=source
         ) from None
 
 

@@ -5,7 +5,7 @@ from stepdiag_ros.text.controls import one_line
 PREFIX = "stepdiag: error: "
 """In front of the sentence with which the command line or a node ends."""
 LONGEST = 1500
-"""Characters of a sentence; one that is longer quotes something that is no part of it."""
+"""Characters of a sentence; one that is longer quotes something that is not part of it."""
 
 
 def sentence(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""What strangers bring about is said in the log, but not as often as they like."""
+"""Log messages that others cause, at a limited rate."""
 
 import logging
 import threading

@@ -36,7 +36,7 @@ _TAKEN = {
 }
 """What of a curve a figure is."""
 _IN_FULL = 2
-"""Figures of a kind that are told one by one; of more, the one that changed most clearly."""
+"""Figures of a kind that are listed one by one; of more, only the one that changed most clearly."""
 
 
 @dataclass(frozen=True)
@@ -251,8 +251,8 @@ def meaning(changes: MachineChanges) -> list[str]:
         "Changed: every number of the tables counts, since of many some are beyond ±1 by chance."
         " Of each kind (all nodes together, single curves, single nodes, squareness, reversal …) p"
         " is the smallest of its members times their number; a kind has changed where p times the"
-        f" number of kinds is below {SIGNIFICANT:g}, less for every kind already named (Holm), and"
-        " within it its members likewise.",
+        f" number of kinds is below {SIGNIFICANT:g}, less for every kind already named (Holm),"
+        " and within it its members by the same rule.",
     ]
 
 

@@ -54,7 +54,7 @@ def readable(size: Size) -> tuple[str, float]:
 
 
 def size_words(finding: Finding, size: Size) -> str:
-    """Write a size with its 95 % band, for example ``0.800 ± 0.021 µm``."""
+    """Write a size with its 95 % coverage interval, for example ``0.800 ± 0.021 µm``."""
     unit, factor = readable(size)
     value = finding.sizes[size.name]
     low, high = finding.band[size.name]

@@ -26,7 +26,7 @@ def sign(name: str, definition: SignDefinition) -> float:
     """Return +1 or -1: the factor from the value of a result to the value in a sign definition.
 
     Raises:
-        KeyError: the name is no squareness.
+        KeyError: the name is not a squareness.
     """
     return SQUARENESS_DEFINITIONS[SIGN_DEFINITIONS[definition]][name]
 

@@ -36,8 +36,9 @@ def figure_sentences(four: FigureFour, five: FigureFive) -> list[str]:
         f"The residuals of these six places are {scatter:.0f} µm in size, of the order of the 13 µm"
         " that the document expected. They say nothing of the millimetres by which the place is"
         " wrong: the fit has taken these up.",
-        "Reckoned from the tracker's true place the same line shows its positioning error and no"
-        " offset: squareness changes next to nothing along a line that runs away from the tracker.",
+        "Calculated from the tracker's true place the same line shows its positioning error and no"
+        " offset: squareness has hardly any influence along a line that runs away from the"
+        " tracker.",
     ]
 
 

@@ -273,8 +273,8 @@ def test_a_recording_that_began_late_is_taken_as_recorded_and_says_so(tmp_path):
     measurement, words = measurement_of(run, False, lambda _done, _text="": None)
     assert len(measurement.lines) == 2
     assert words == (
-        "the recording began after the run did: solved from its 2 lines as recorded; 0 of them were"
-        " assembled again from 20 readings, the same to the last bit"
+        "the recording began after the run: solved from its 2 lines as recorded; 0 of them were"
+        " assembled again from 20 readings and are bit-identical"
     )
     assert not load_run(record(tmp_path / "whole.mcap", one_run())).begun_late
 

@@ -262,5 +262,5 @@ def test_what_says_nothing_of_a_run_table_is_refused(tmp_path, capsys):
     (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
     for option in (["--axis", "X"], ["--box", *"000111"], ["--plan", "demo"]):
         assert main(["import", str(tmp_path / "run.csv"), *option]) == 1
-        assert f"leave {option[0]} out" in capsys.readouterr().err
+        assert f"Leave out {option[0]}" in capsys.readouterr().err
     assert not (tmp_path / "run.mcap").exists()

@@ -21,16 +21,16 @@ _WORDS = {
     "false_name_on_null": "false name on null data",
     "unexplained_on_null": "nothing hidden, yet UNEXPLAINED",
     "right_name_or_group_at_0.5": "right name, or group that contains it, at 0.5 × the limit",
-    "right_name_or_group_at_1": "likewise at 1 ×",
-    "right_name_or_group_at_2": "likewise at 2 ×",
-    "right_name_or_group_at_5": "likewise at 5 ×",
-    "right_name_or_group_unscaled": "likewise where the workflow states no limit",
+    "right_name_or_group_at_1": "same, at 1 ×",
+    "right_name_or_group_at_2": "same, at 2 ×",
+    "right_name_or_group_at_5": "same, at 5 ×",
+    "right_name_or_group_unscaled": "same, where the workflow states no limit",
     "pair_name_or_group_from_2_on": "one of a confounded pair: it or its group named, 2 × and more",
     "plan_proposed": "an extra plan proposed where a group was named",
     "unique_name_after_plan": "right unique name after the proposed extra plan",
-    "unique_name_where_promised": "likewise where the proposal does not say that it stays open",
+    "unique_name_where_promised": "same, where the proposal does not say that it stays open",
     "name_or_group_of_what_is_over_after_plan": (
-        "likewise alone or in a group, where the effect belonged to one alignment or pass"
+        "same, alone or in a group, where the effect belonged to one alignment or pass"
     ),
     "wrong_name_after_plan": "wrong name after it",
     "outside_unexplained_or_group": "outside the catalogue: UNEXPLAINED or a stated group",
@@ -40,7 +40,7 @@ _WORDS = {
     "gross_rightly_said": "gross error rightly said",
     "gross_named_as_something_else": "gross error named as an effect",
     "crashes": "crashes",
-    "band_covers": "95 % band covers the true size",
+    "band_covers": "95 % coverage interval contains the true size",
 }
 
 

@@ -273,7 +273,7 @@ def test_results_are_put_into_the_marked_part_and_nowhere_else(tmp_path):
     text = document.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert "| false name on null data | ≤ 2 % | 0 % (0 of 1) | 0.0-97.5 % |" in text
-    assert "| likewise at 2 × | ≥ 95 % | 0 % (0 of 1) |" in text
+    assert "| same, at 2 × | ≥ 95 % | 0 % (0 of 1) |" in text
     assert "- `one-1` (backlash X, 2 ×): wrong name; NAMED: b" in text
     put_into(document, results(judged, ["seeds from 0 on"]))
     assert document.read_text() == text

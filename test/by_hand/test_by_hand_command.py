@@ -101,7 +101,7 @@ def test_the_bag_is_a_run_like_any_other(folder, capsys):
     assert recorded.states[-1].text == "measured by hand: 6 of 6 lines"
     assert run("solve", bag, "--json", "--pictures", "none", "--output", folder / "results") == 0
     solved = json.loads(capsys.readouterr().out)
-    assert "the same lines to the last bit" in json.dumps(solved)
+    assert "bit-identical to the recorded" in json.dumps(solved)
     assert {"setup_robust", "least_squares"} <= set(solved["methods"])
 
 
@@ -169,7 +169,7 @@ def test_readings_that_were_not_compensated_need_the_air(folder, capsys):
     arguments = ("--mapping", folder / "raw.yaml", "--plan", folder / "plan.yaml", "--lines", "4")
     (folder / "raw.yaml").write_text(raw)
     assert run("by-hand", path, *arguments) == 1
-    assert "the air is not known; say in the mapping file" in capsys.readouterr().err
+    assert "the air is unknown. State in the mapping file" in capsys.readouterr().err
     (folder / "raw.yaml").write_text(
         raw + "environment: {air_temperature_degC: 24.0, air_pressure_Pa: 98000.0,"
         " relative_humidity: 0.4}\n"

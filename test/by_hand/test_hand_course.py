@@ -119,7 +119,7 @@ def test_a_rest_that_is_no_stop_is_said_and_left_out():
         moves.insert(stops[14], replace(moves[stops[14]], target_m=tuple(between.tolist())))
 
     live = changed(quick(), hold)
-    assert any(text.startswith("a rest that is no stop, +2.88") for text in live.texts)
+    assert any(text.startswith("a rest that is not a stop, +2.88") for text in live.texts)
     assert all(line.complete for line in live.lines) and len(live.lines) == 6
 
 
@@ -131,7 +131,7 @@ def test_a_wrong_direction_stops_the_run_until_the_line_is_begun_again():
 
     live = changed(quick(), turn)
     assert live.course.state is State.FAULT
-    assert "are no stops" in live.course.text
+    assert "are not stops" in live.course.text
     assert "go back to the first stop of ppp XYZ forward, repeat 0" in live.course.text
     assert [line.line_index for line in live.lines] == [0, 1, 2]
     live.course.resume()

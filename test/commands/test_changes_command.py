@@ -344,7 +344,7 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
     assert "boxes differ: X from 0 to 120 mm and from 0 to 90 mm" in refused(before, other)
     note = tmp_path / "note.txt"
     note.write_text("not a measurement")
-    assert f"{note} is no JSON document" in refused(before, note)
+    assert f"{note} is not a JSON document" in refused(before, note)
     assert "nowhere.mcap" in refused(before, tmp_path / "nowhere.mcap")
     empty = tmp_path / "empty.mcap"
     empty.write_bytes(b"")

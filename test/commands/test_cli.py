@@ -166,7 +166,7 @@ def test_solve_from_the_readings_equals_the_recorded_result_to_the_last_bit(bag,
     words = same.split()
     assert words[:4] == ["same", "bits", "as", "recorded"]
     assert len(words) > 6 and set(words[4:]) == {"yes"}
-    assert "assembled again from 2100 readings: the same lines to the last bit" in out
+    assert "assembled again from 2100 readings: the lines are bit-identical" in out
     assert RUN_ID in out
     assert "error_curves.png" in err
     assert (tmp_path / "results" / "error_curves.png").read_bytes().startswith(b"\x89PNG")
@@ -222,7 +222,7 @@ def test_solve_says_that_the_recorded_result_differs(change, differs, tmp_path, 
     assert code == 0
     assert methods["least_squares"]["equals_recorded"] is False
     assert methods["setup_robust"]["equals_recorded"] is True
-    assert ("warning: least_squares: not the same numbers" in err) is differs
+    assert ("warning: least_squares: the numbers differ" in err) is differs
 
 
 def test_what_is_printed_without_details_fits_a_screen(bag, capsys):
@@ -271,7 +271,7 @@ def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
 def test_a_bag_of_a_newer_schema_version_is_refused(command, tmp_path, capsys):
     sentence = refusal_of(capsys, command, write_description(tmp_path / "newer.mcap", 2))
     assert "newer.mcap was made by stepdiag_ros 9.9" in sentence
-    assert "schema version 2, this program reads up to 1" in sentence
+    assert "schema version 2, but this program reads up to 1" in sentence
 
 
 def test_a_bag_without_a_run_is_not_replayed(tmp_path, capsys):
@@ -387,7 +387,7 @@ def test_a_wrong_table_is_refused_with_the_row(capsys, tmp_path):
         ("E_XX: [0.0, 0.0]", "E_XX must be 4 numbers"),
         ("E_XX: [0.0, 0.0, 0.0, nonsense]", "truth.yaml"),
         ("E_XX: [0.0, 0.0, 0.0, .nan]", "E_XX must be 4 numbers"),
-        ("E_XX: [0.0, 0.0, 0.0, 0.0]", "no curve E_YX"),
+        ("E_XX: [0.0, 0.0, 0.0, 0.0]", "lack the curve E_YX"),
     ],
 )
 def test_a_wrong_truth_is_refused(text, message, bag, capsys, tmp_path):
@@ -547,7 +547,7 @@ def test_a_correction_that_is_no_map_is_refused_before_anything_starts(capsys, t
     [
         ("--factor", "0", "0 is not between 0.001 and 1000"),
         ("--rate", "nan", "nan is not between 0.1 and 10000"),
-        ("--seed", "-1", "'-1' is no whole number from 0 to 2147483648"),
+        ("--seed", "-1", "'-1' is not a whole number from 0 to 2147483648"),
     ],
 )
 def test_a_number_out_of_range_is_wrong_usage(option, value, message, capsys):

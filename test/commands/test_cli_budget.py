@@ -61,7 +61,7 @@ def test_monte_carlo_on_request(bag, tmp_path, capsys):
     ("options", "words"),
     [
         (["--instrument", "nothing"], "there is no instrument 'nothing'"),
-        (["--method", "wang"], "'wang' is no method"),
+        (["--method", "wang"], "'wang' is not a method"),
         (["--material-temperature", "22"], "give --expansion-per-K too"),
         (["--coverage", "95"], "not between 0.5 and 0.9999"),
     ],

@@ -68,7 +68,7 @@ def bag(tmp_path, monkeypatch):
 def called(arguments, bag, capsys):
     code = cli.main([str(bag) if one == "BAG" else one for one in arguments])
     out, err = capsys.readouterr()
-    assert "is no line" not in out + err
+    assert "is not a line" not in out + err
     assert "Traceback" not in out + err
     return code, out, err
 

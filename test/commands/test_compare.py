@@ -79,7 +79,7 @@ def test_what_cannot_be_compared_is_refused_and_nothing_is_written(bag, table, t
     beyond.write_text(table.read_text() + "E_YX,0.3,0,1e-7,\n")
     folder = tmp_path / "out"
     for path, message in (
-        (wrong, "wrong.csv, row 2: 'E_XW' is no error"),
+        (wrong, "wrong.csv, row 2: 'E_XW' is not an error"),
         (beyond, "beyond.csv: E_YX was measured directly at X = 0.3 m, outside"),
         (tmp_path / "nothing.csv", "nothing.csv: cannot be read"),
     ):

@@ -222,8 +222,8 @@ def test_what_is_wrong_is_said_in_a_sentence_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nothing", "is no JSON document"),
-        ("{}", "is no result of 'stepdiag solve'"),
+        ("nothing", "is not a JSON document"),
+        ("{}", "is not a result of 'stepdiag solve'"),
         ('{"schema": "urn:stepdiag_ros:result:1"}', "does not fit the schema"),
         ('{"schema": "urn:stepdiag_ros:result:1", "methods": {}, "run": {}}', "no method could"),
     ],

@@ -121,7 +121,7 @@ def test_a_namespace_is_taken_with_or_without_its_slash(given, taken):
 def test_what_is_no_namespace_is_refused(given, capsys):
     with refused(SystemExit, code=2):
         make_parser().parse_args(["measure", "--namespace", given])
-    assert f"'{given}' is no namespace, such as /cell_1" in capsys.readouterr().err
+    assert f"'{given}' is not a namespace. Write it like /cell_1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_published_figures_that_are_no_parameters_are_refused(capsys, tmp_path):
     published.write_text("unit: mm\nparameters: {Q: 1.0}\n")
     code, out, err = stepdiag(capsys, "iso230", CASE / "data.csv", "--published", published)
     assert (code, out) == (1, "")
-    assert "'Q' is no parameter of ISO 230-2" in err
+    assert "'Q' is not a parameter of ISO 230-2" in err
     assert err.count("\n") == 1
 
 

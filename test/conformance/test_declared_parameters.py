@@ -124,7 +124,7 @@ def test_a_wrong_value_is_refused_in_plain_words_and_nothing_is_changed(
     assert setter.set("seed", None) == "parameter 'seed' of node diagnosis cannot be deleted"
     for name, value in (("period", 0.01), ("use_sim_time", True)):
         assert other.set(name, value) == (
-            f"parameter '{name}' of node clock is set at start only: start the node anew with"
+            f"parameter '{name}' of node clock can be set at start only: restart the node with"
             f" --ros-args -p {name}:=VALUE"
         )
     for one in declared_node("diagnosis").parameters:

@@ -43,7 +43,7 @@ def test_lines_that_are_not_those_recorded_are_told_once_and_in_the_remark():
 def test_progress_is_told_from_0_to_1_and_the_lines_are_those_of_the_live_run():
     shares, told = [], []
     _, remark = measurement_of(load_run(RECORDED), progress=shares.append, warn=told.append)
-    assert not told and "the same lines to the last bit" in remark
+    assert not told and "bit-identical to the recorded" in remark
     assert shares and shares == sorted(shares)
     assert all(0.0 <= share <= 1.0 for share in shares)
 

@@ -192,7 +192,7 @@ def test_the_agent_itself_refuses_what_the_driver_would_have_let_pass(machine_to
     for x, feed, axes, why in (
         (0.9001, 0.1, "X", "beyond LinuxCNC's soft limits"),
         (here + 0.01, 0.6, "X", "LinuxCNC moves it at 0.5 m/s at most"),
-        (here + 0.01, 0.0, "X", "the feed 0.0 m/s is none"),
+        (here + 0.01, 0.0, "X", "the feed 0.0 m/s is not between 0 and 100 m/s"),
         (here + 0.01, 0.1, "Z", "the move is of X"),
     ):
         told = client.move(last + 1, x, feed, axes)

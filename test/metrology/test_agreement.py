@@ -468,14 +468,14 @@ def test_a_reversal_is_compared_at_the_targets_that_tell_it_in_both():
     # At 20 and 40 mm: two targets, one run each way.
     assert any("X, Y, Z: there is one run each way" in one for one in remarks)
     assert figures[0].before_uncertainty == pytest.approx(0.1e-6)
-    assert any("X, Y, Z: at the targets that tell it in both" in one for one in remarks)
+    assert any("X, Y, Z: at the targets that determine it in both" in one for one in remarks)
     ends = measured(
         cell, 3, plan=make_plan(1, (0.06,) * 3, directions=ways), method="least_squares"
     )
     figures, remarks = reversals(fine, ends.measurement)
-    assert figures == [] and any("no target tells it in both" in one for one in remarks)
+    assert figures == [] and any("no target determines it in both" in one for one in remarks)
     figures, remarks = reversals(None, fine)
     assert figures == [] and "the lines of both are needed" in remarks[0]
     one_way = measured(cell, 4, plan=make_plan(6, (0.01,) * 3)).measurement
     figures, remarks = reversals(fine, one_way)
-    assert figures == [] and "X, Y, Z: both ways in one measurement only" in remarks[0]
+    assert figures == [] and "X, Y, Z: in both directions in one measurement only" in remarks[0]

@@ -112,5 +112,5 @@ def test_a_late_recorder_and_a_volatile_monitor_get_everything(make_cell, tmp_pa
     assert again.begun_late
     assert not run.begun_late
     measurement, words = measurement_of(again, False, lambda _done, _text="": None)
-    assert "the recording began after the run did" in words
+    assert "the recording began after the run" in words
     assert len(measurement.lines) == len(run.measurement.lines)

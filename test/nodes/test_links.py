@@ -185,14 +185,14 @@ def test_who_cannot_be_understood_is_named_with_what_to_do_until_it_is_gone(pair
         " TRANSIENT_LOCAL, but VOLATILE is offered: it receives nothing; subscribe with durability"
         " VOLATILE",
         "node /cell/other publishes /machine/state as std_msgs/msg/String, not as"
-        " stepdiag_ros/msg/MachineState: nothing that it says is heard; give its topic another"
+        " stepdiag_ros/msg/MachineState: its messages do not arrive; give its topic another"
         " name",
     }
     assert set(hearer.link_troubles) == {
         "node /cell/other publishes on /interferometer/reading with reliability BEST_EFFORT, but"
-        " RELIABLE is asked for: nothing that it says is heard; publish with reliability RELIABLE",
+        " RELIABLE is requested: its messages do not arrive. Publish with reliability RELIABLE",
         "node /cell/other publishes on /run/state with durability VOLATILE, but TRANSIENT_LOCAL is"
-        " asked for: nothing that it says is heard; publish with durability TRANSIENT_LOCAL",
+        " requested: its messages do not arrive. Publish with durability TRANSIENT_LOCAL",
     }
     other.destroy_node()
     assert until(lambda: not speaker.link_troubles and not hearer.link_troubles)

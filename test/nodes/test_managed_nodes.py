@@ -212,7 +212,7 @@ def test_a_device_that_cannot_be_opened_is_tried_again(bench):
     broken["open"] = OSError("no answer from 192.0.2.1")
     cell = bench(InterferometerNode)
     cell.await_state("unconfigured", "cannot open the interferometer: no answer from 192.0.2.1")
-    assert "opened anew in 0.3 s" in cell.said()[1] and cell.said()[0] == 2
+    assert "opened again in 0.3 s" in cell.said()[1] and cell.said()[0] == 2
     cell.until(lambda: asked.count("open") >= 2)
     assert cell.node.device is None
     broken.clear()

@@ -139,7 +139,7 @@ def test_a_refusal_says_why_and_leaves_the_present_run_alone(bench):
 def test_cancelling_ends_the_run(bench):
     handle, answer = bench.send()
     assert len(bench.get(handle.cancel_goal_async()).goals_canceling) == 1
-    assert bench.reasons == ["cancelled by whoever asked for the run"]
+    assert bench.reasons == ["cancelled by the client that requested the run"]
     response = bench.get(answer)
     assert response.status == CANCELED and response.result.outcome == ABORTED_OUTCOME
     assert response.result.text == bench.reasons[0] and response.result.run_id == "run 1"
@@ -230,7 +230,7 @@ def test_a_goal_that_was_given_up_while_it_waited_never_begins(bench, who):
     bench.spin(lambda: bench.feedback)
     if who == "client":
         assert len(bench.get(handle.cancel_goal_async()).goals_canceling) == 1
-        said = "cancelled by whoever asked for the run, before it began"
+        said = "cancelled by the client that requested the run, before it began"
     else:
         assert bench.action.give_up("aborted by the operator")
         said = "aborted by the operator, before it began"
@@ -332,7 +332,7 @@ def test_runs_by_action_in_a_cell(make_cell, tmp_path):
         operator.spin_until(lambda: client.poll() is not None, PATIENCE)
         out, err = client.communicate(timeout=PATIENCE)
         assert client.returncode == 130, err
-        assert "cancelled by whoever asked for the run" in out and "(closed, " in out
+        assert "cancelled by the client that requested the run" in out and "(closed, " in out
         cell.wait(lambda: states[-1].state == State.ABORTED, "the run of the client is aborted")
         cell.stands_still_after(states[-1])
 

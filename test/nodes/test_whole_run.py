@@ -84,7 +84,7 @@ def test_the_air_can_be_compensated_anew_from_the_bag(finished):
 
     # The simulated laser compensates by the same formula, with the dead path of the demo cell.
     off, remark = furthest_off(AirChoice("own", dead_path=0.3))
-    assert off < 1e-9 and "compensated anew for the recorded air: equation edlen" in remark
+    assert off < 1e-9 and "compensated again for the recorded air: equation edlen" in remark
     off, remark = furthest_off(AirChoice("off"))
     assert 5e-6 < off < 20e-6 and "not compensated for the air" in remark
 

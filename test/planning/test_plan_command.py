@@ -32,7 +32,12 @@ def test_the_choices_are_those_of_planning():
 def test_a_proposal_is_written_and_shown(folder, capsys):
     assert cli.main(["plan", "--for", "quick", "--machine", "demo", "--nc"]) == 0
     shown = capsys.readouterr()
-    for words in ("Duration", "Visibility", "Expected uncertainty", "What this plan will not tell"):
+    for words in (
+        "Duration",
+        "Visibility",
+        "Expected uncertainty",
+        "What this plan will not determine",
+    ):
         assert words in shown.out
     assert "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png" in shown.err
     plan = load_plan(folder / "quick_plan.yaml")[0]

@@ -58,8 +58,8 @@ def test_unknown_is_printed_as_unknown():
 
 
 def test_comparison_with_truth_only_where_truth_is_known():
-    assert "27 of 27" in row(printed(make_report()), "truth inside")
-    assert "truth" not in printed(make_report(truth=None)).lower()
+    assert "27 of 27" in row(printed(make_report()), "true value inside")
+    assert "true value" not in printed(make_report(truth=None)).lower()
 
 
 def test_difference_from_the_recorded_result_cannot_be_overlooked():

@@ -30,8 +30,9 @@ is taken for a mistaken unit."""
 MOST_TARGETS = 1001
 LONGEST = 100.0
 OVERRUN_NOT_TOLD = (
-    "whether runs along an axis began beyond their first target is not told, so the first stop of"
-    " each says nothing of lost motion (--overrun M; 0: they did not)"
+    "the file does not state whether runs along an axis began beyond their first target, so the"
+    " first stop of each run does not count for the reversal error (state the distance with"
+    " --overrun M; 0: they did not)"
 )
 
 
@@ -43,7 +44,7 @@ class AxisRow(NamedTuple):
         run: as the file counts them.
         target: commanded position, m.
         deviation: measured less commanded position, m.
-        direction: ``forward`` or ``backward``; empty where the order of the rows tells it.
+        direction: ``forward`` or ``backward``; empty where the order of the rows determines it.
         time: s since the start of the test; NaN if not known.
     """
 
@@ -65,7 +66,7 @@ def axis_name(told: str, options: ImportOptions, source: str) -> str:
 
     Args:
         told: by the file, for example ``X``, ``X-Axis`` or ``npp``; empty if nothing.
-        options: of the user, whose word goes first.
+        options: of the user; they take precedence.
         source: of the file, for the text of an error.
 
     Raises:
@@ -80,8 +81,7 @@ def axis_name(told: str, options: ImportOptions, source: str) -> str:
     if len(found) != 1:
         said = f"the file calls the axis '{told}'" if told else "the file does not name the axis"
         raise TableError(
-            f"{source}: {said}; say which it is: --axis X, Y or Z, or the name of a diagonal"
-            " (ppp, npp …)",
+            f"{source}: {said}; state it: --axis X, Y or Z, or the name of a diagonal (ppp, npp …)",
             fault="unknown",
             aspect="axis",
         )
@@ -108,7 +108,7 @@ def axis_test(
         rows: in the order of the file.
         options: of the user.
         environment: during the test; unknown if None.
-        facts: that the file tells.
+        facts: that the file states.
         remarks: of the importer.
         further: files that the import was made with.
 
@@ -152,7 +152,7 @@ def _count(runs: Sequence[_Run], direction: str) -> int:
 def _runs(source: str, rows: Sequence[AxisRow], directions: str) -> list[_Run]:
     """Group rows into runs in the order of the file, each in the order of its measurement."""
     if not rows:
-        raise TableError(f"{source} has no deviations; there is nothing measured in it")
+        raise TableError(f"{source} has no deviations, so it contains no measurement")
     groups: dict[tuple[int, str], list[AxisRow]] = {}
     for row in rows:
         groups.setdefault((row.run, row.direction), []).append(row)
@@ -161,9 +161,9 @@ def _runs(source: str, rows: Sequence[AxisRow], directions: str) -> list[_Run]:
     if not told and len(groups) > 1 and len(set(senses)) == 1:
         if not directions:
             raise TableError(
-                f"{source}: all {len(groups)} runs stand in the same order, which does not tell"
-                " whether every second one was measured the other way round; say it: --directions"
-                f" {SAME} or {ALTERNATING}",
+                f"{source}: all {len(groups)} runs list their targets in the same order. This"
+                " leaves open whether every second run was measured in the opposite direction."
+                f" State it: --directions {SAME} or {ALTERNATING}",
                 fault="ambiguous",
             )
         if directions == ALTERNATING:
@@ -184,7 +184,7 @@ def _sense(source: str, group: Sequence[AxisRow]) -> int:
             raise refusal(
                 source,
                 row.row,
-                f"target {1e3 * row.target:g} mm is there twice in run {row.run}, first in row"
+                f"target {1e3 * row.target:g} mm appears twice in run {row.run}, first in row"
                 f" {seen[row.target]}",
                 fault="twice",
             )
@@ -200,7 +200,7 @@ def _sense(source: str, group: Sequence[AxisRow]) -> int:
                 source,
                 row.row,
                 f"the targets of run {row.run} turn back from {1e3 * before.target:g} mm to"
-                f" {1e3 * row.target:g} mm; are rows out of order?",
+                f" {1e3 * row.target:g} mm; check the order of the rows",
                 fault="out_of_order",
             )
     return sense
@@ -215,8 +215,8 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
             raise refusal(
                 source,
                 run.rows[-1].row,
-                f"run {run.rows[0].run} ({run.direction}) has no target {1e3 * missing[0]:g} mm; is"
-                " the file cut off? complete the run or leave it out",
+                f"run {run.rows[0].run} ({run.direction}) has no target {1e3 * missing[0]:g} mm;"
+                " the file may be cut off. Complete the run or leave it out",
                 fault="missing",
             )
         middle = sorted(row.deviation for row in run.rows)[len(run.rows) // 2]
@@ -226,8 +226,8 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
                     source,
                     row.row,
                     f"the deviation {1e6 * row.deviation:g} µm at {1e3 * row.target:g} mm differs"
-                    f" from the others of its run by {1e6 * (row.deviation - middle):.4g} µm; is it"
-                    " in another unit?",
+                    f" from the others of its run by {1e6 * (row.deviation - middle):.4g} µm;"
+                    " check its unit",
                     fault="mismatch",
                 )
         times = [row.time for row in run.rows]
@@ -248,7 +248,7 @@ def _check_reach(source: str, targets: Vector) -> None:
     if not 1e-4 <= length <= LONGEST or np.max(np.abs(targets)) > LONGEST:
         raise TableError(
             f"{source}: the targets reach from {1e3 * targets[0]:g} mm to {1e3 * targets[-1]:g} mm;"
-            " are they in another unit?",
+            " check their unit",
             fault="out_of_range",
         )
 

@@ -1,6 +1,6 @@
 """What an importer hands over: lines of a measurement, or a stream of readings, and what is known.
 
-Whatever the file does not tell is unknown: NaN in numbers, and not among the facts.
+Whatever the file does not state is unknown: NaN in numbers, and not among the facts.
 """
 
 import math
@@ -19,8 +19,8 @@ class ImportOptions:
     """What the user says about a file.
 
     Attributes:
-        axis: axis or diagonal that was tested (X, ppp, …), where the file does not tell it.
-        box: measured volume that tested diagonals cross; None if not said.
+        axis: axis or diagonal that was tested (X, ppp, …), where the file does not state it.
+        box: measured volume that tested diagonals cross; None if not given.
         standing: machine coordinates of the axes that stand, m, X Y Z; None if not known.
         directions: how runs were measured that all stand in the same order in the file: ``same``
             (all in the order in which they stand) or ``alternating`` (every second one the other

@@ -54,7 +54,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     text = source.text(options.encoding or mapping.encoding)
     rows = list(_rows(text.text, text.name, mapping))
     if not rows:
-        raise TableError(f"{text.name} has no rows of data; does skip_rows in {name} fit?")
+        raise TableError(f"{text.name} has no rows of data; check skip_rows in {name}")
     # Everything that the import was made with stays with it.
     further = {"mapping.yaml": mapping.text}
     facts = dict(mapping.facts)
@@ -101,15 +101,15 @@ def _rows(text: str, source: str, mapping: TableMapping) -> Iterator[_Cells]:
             raise refusal(
                 source,
                 number,
-                f"it has {len(cells)} cells, the first row has {count}; is there a decimal comma?",
+                f"it has {len(cells)} cells, the first row has {count}; check for a decimal comma",
                 fault="too_many",
             )
         if max(places.values()) >= len(cells):
             raise refusal(
                 source,
                 number,
-                f"it has only {len(cells)} cells; is the table cut off here, or does 'end' in the"
-                " mapping have to name what follows the data?",
+                f"it has only {len(cells)} cells; the table may be cut off here. If other text"
+                " follows the data, name it in 'end' of the mapping",
                 fault="too_few",
             )
         yield _Cells(number, {name: cells[place].strip() for name, place in places.items()})
@@ -125,7 +125,7 @@ def _split(text: str, source: str, delimiter: str) -> Iterator[tuple[int, list[s
         for cells in reader:
             yield reader.line_num, cells or [""]
     except csv.Error as error:
-        raise refusal(source, reader.line_num, f"this is no table ({error})") from None
+        raise refusal(source, reader.line_num, f"this is not a table ({error})") from None
 
 
 def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) -> dict[str, int]:
@@ -153,7 +153,7 @@ def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) 
         if place >= len(cells):
             raise refusal(source, row, f"there is no column {column}, only {len(cells)}")
         if place in made.values():
-            raise refusal(source, row, f"the mapping takes column {column} for two things")
+            raise refusal(source, row, f"the mapping uses column {column} twice")
         made[meaning] = place
     return made
 
@@ -178,7 +178,7 @@ class _Numbers:
         return factor * number_in(text, self._source, cells.row, what, self._mapping.decimal)
 
     def time(self, cells: _Cells) -> float:
-        """Return the time in s; NaN where no column tells it."""
+        """Return the time in s; NaN where no column states it."""
         return self.number(cells, "time") if "time" in cells.texts else float("nan")
 
     def known(self, cells: _Cells, name: str) -> float | None:
@@ -191,7 +191,7 @@ class _Numbers:
         return value
 
     def position(self, cells: _Cells, nominal: Vector) -> tuple[float, float, float]:
-        """Return where the machine stood, m: the nominal place where no columns tell it."""
+        """Return the position of the machine, m: the nominal one where no columns state it."""
         x, y, z = (
             self.number(cells, name) if name in cells.texts else float(value)
             for name, value in zip("xyz", nominal, strict=True)
@@ -221,7 +221,7 @@ class _Numbers:
         return number_in(text, self._source, cells.row, what, self._mapping.decimal)
 
     def told(self, cells: _Cells) -> PassColumns:
-        """Return what columns tell of the whole pass."""
+        """Return what columns state about the whole pass."""
         attempt = None
         if "attempt" in cells.texts:
             what = f"'{self._mapping.columns['attempt']}'"
@@ -233,14 +233,14 @@ class _Numbers:
         )
 
     def run(self, cells: _Cells) -> int:
-        """Return the number of the run; 1 where no column tells it."""
+        """Return the number of the run; 1 where no column states it."""
         if "run" not in cells.texts:
             return 1
         what = f"'{self._mapping.columns['run']}'"
         return whole_in(cells.texts["run"], self._source, cells.row, what)
 
     def direction(self, cells: _Cells) -> str:
-        """Return the direction that a column or the mapping tells; empty where neither does."""
+        """Return the direction that a column or the mapping states; empty where neither does."""
         if "direction" not in cells.texts:
             return self._mapping.direction
         word = cells.texts["direction"]
@@ -407,7 +407,7 @@ def _stream(
 ) -> Imported:
     if not options.plan:
         raise TableError(
-            f"{source}: a stream of readings needs the plan that it was measured by: --plan FILE",
+            f"{source}: a stream of readings needs the plan of its measurement: --plan FILE",
             fault="missing",
         )
     try:
@@ -431,7 +431,7 @@ def _stream(
             raise refusal(
                 source,
                 cells.row,
-                f"time does not go on: {seconds:.9g} s follows {readings[-1].time / 1e9:.9g} s",
+                f"time does not advance: {seconds:.9g} s follows {readings[-1].time / 1e9:.9g} s",
                 fault="out_of_order",
             )
         value = mapping.sign * numbers.number(cells, "reading")

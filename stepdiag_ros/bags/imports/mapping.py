@@ -88,9 +88,9 @@ class TableMapping:
         overrun: how far beyond its first target each run along an axis was begun, m; 0 if it was
             not, NaN if that is not known.
         volume: of the lines; None for other tables.
-        line: name of the line where no column tells it.
-        order: of the moves of a step diagonal where no column tells it.
-        direction: of all rows where no column tells it.
+        line: name of the line where no column states it.
+        order: of the moves of a step diagonal where no column states it.
+        direction: of all rows where no column states it.
         plan: keys of a plan file that hold for the lines (``COURSE_KEYS``), as they stand there.
         chain: order of the axes from workpiece to tool; empty if not known.
         compensated: the readings are compensated for the air.
@@ -157,7 +157,8 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
     layout.finish()
     if given["delimiter"] == "," and given["decimal"] == ",":
         raise Refusal(
-            f"{source}: text: a comma cannot be both delimiter and decimal sign; which is it?",
+            f"{source}: text: a comma cannot be both delimiter and decimal sign. Change one of"
+            " them",
             fault="mismatch",
         )
     made = TableMapping(
@@ -272,7 +273,7 @@ def _overrun(top: Section) -> float:
 
 
 def _plan(top: Section) -> dict[str, Any]:
-    """Return what the mapping says of the plan; whoever makes the plan of it checks the values."""
+    """Return the mapping's keys of the plan; the code that makes the plan checks the values."""
     section = top.section("plan")
     if _has(section, "overrun_m"):
         raise Refusal(
@@ -311,7 +312,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
 
 
 def _check_columns(made: TableMapping, source: str) -> None:
-    """Refuse a mapping that does not tell enough, or one thing twice."""
+    """Refuse a mapping that is incomplete or states a value twice."""
 
     def one_of(*names: str) -> None:
         found = [name for name in names if name in made.columns]
@@ -340,7 +341,9 @@ def _check_columns(made: TableMapping, source: str) -> None:
         for name in ("line", "order", "direction"):
             if getattr(made, name) and name in made.columns:
                 raise Refusal(
-                    f"{source}: '{name}' is told twice: by a column and for all rows", fault="twice"
+                    f"{source}: '{name}' is given twice: by a column and for all rows. Remove one"
+                    " of them",
+                    fault="twice",
                 )
     else:
         one_of("time")

@@ -71,8 +71,8 @@ def placed(source: str, name: str, targets: Vector, options: ImportOptions) -> P
         return _along_axis(name, targets, options, remarks)
     if options.box is None:
         raise TableError(
-            f"{source}: no file tells which box {name} is a diagonal of; say it: --box X0 Y0 Z0 X1"
-            " Y1 Z1 (its corners in machine coordinates, m)"
+            f"{source}: no file states of which box {name} is a diagonal. State it: --box X0 Y0"
+            " Z0 X1 Y1 Z1 (its corners in machine coordinates, m)"
         )
     volume = _volume_of(options.box, len(targets) - 1)
     line = Line(DIAGONAL, name, "", 0, FORWARD, _offset(signs, volume, options))
@@ -83,7 +83,7 @@ def placed(source: str, name: str, targets: Vector, options: ImportOptions) -> P
     if abs(reach - length) > _LENGTH * length:
         raise TableError(
             f"{source}: the targets reach over {1e3 * reach:.6g} mm, but {name} of the box is"
-            f" {1e3 * length:.6g} mm long; is the box (--box) or the diagonal (--axis) another?"
+            f" {1e3 * length:.6g} mm long; check the box (--box) and the diagonal (--axis)"
         )
     # Deviations are kept; where the targets are even, the places are the nodes of the box.
     part = (targets - targets[0]) / reach
@@ -145,7 +145,7 @@ def _remarks(signs: Signs, options: ImportOptions) -> tuple[str, ...]:
     written = "0" if options.box is None else "the first corner of the box"
     both = " for both" if len(standing) > 1 else ""
     return (
-        f"where {' and '.join(standing)} stood is not told; {written} is written{both}"
+        f"where {' and '.join(standing)} stood is not in the file; {written} is written{both}"
         " (--standing)",
     )
 

@@ -67,11 +67,10 @@ def read_file(
             if said.chain and found.name != tracker_lines.NAME:
                 raise TableError(f"{source.name}: --chain is for the table of a tracker alone")
             return source, found.read(source, said)
-    source.text(said.encoding)  # says it better where the file is no text at all
+    source.text(said.encoding)  # says it better where the file is not text at all
     raise TableError(
-        f"{source.name} is of no format that is known by its content"
-        f" ({', '.join(found.name for found in FORMATS)}, run table); say what its columns are by"
-        " a mapping file: --mapping FILE",
+        f"{source.name} has no known format ({', '.join(found.name for found in FORMATS)}, run"
+        " table); describe its columns in a mapping file: --mapping FILE",
         fault="unknown",
         aspect="format",
     )
@@ -87,7 +86,7 @@ def import_files(
 ) -> Imported:
     """Make a bag from a file, or from several that are one measurement; they go into it as are.
 
-    Times in the bag count from the start of the measurement, as far as the file tells them.
+    Times in the bag count from the start of the measurement, as far as the file states them.
 
     Args:
         paths: the files; several are tests of one line each.
@@ -118,7 +117,7 @@ def import_files(
             plan=made.plan_text,
             machine=made.machine_text or _machine_text(made.facts),
             facts={
-                "time_origin": "start of the measurement, as far as the file tells times",
+                "time_origin": "start of the measurement, as far as the file states times",
                 **{f"{FACT}{name}": text for name, text in made.facts.items()},
                 **{f"remark {n}": text for n, text in enumerate(made.remarks, start=1)},
                 "source_file": names,
@@ -149,6 +148,6 @@ def _check_different(sources: Sequence[SourceFile]) -> None:
                 raise TableError(f"{other.name} and {source.name} are the same file, byte for byte")
             if source.path.name == other.path.name:
                 raise TableError(
-                    f"{other.name} and {source.name} have the same name, under which the bag keeps"
-                    " them; rename one"
+                    f"{other.name} and {source.name} have the same name, which the bag would"
+                    " store twice. Rename one"
                 )

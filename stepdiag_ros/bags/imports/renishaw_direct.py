@@ -4,7 +4,7 @@ Files of angles (``.rta``) and straightness (``.rts``) have the sections of a li
 (``renishaw_rtl``). What is public of them is one program that reads ``.rta``, and it takes the same
 numbers once for milliradians and once for another unit. The files name the axis that moved, not the
 error: a pitch of X is E_BX or E_AX by how the optics lay. So the user says error, unit and
-uncertainty, and whatever the text tells (suffix, words of the header and of the equipment, the
+uncertainty, and whatever the text states (suffix, words of the header and of the equipment, the
 axis) must agree with it.
 """
 
@@ -66,8 +66,9 @@ def read_direct_test(source: SourceFile, told: FileFacts) -> DirectMeasurement:
     """
     if not renishaw_rtl.recognises(source):
         raise TableError(
-            f"{source.name} is no file of Renishaw's laser software, which begins with HEADER::; a"
-            " table of direct measurements needs no conversion (form: 'stepdiag compare --help')"
+            f"{source.name} is not a file of Renishaw's laser software, which begins with"
+            " HEADER::; a table of direct measurements needs no conversion (form: 'stepdiag"
+            " compare --help')"
         )
     text = source.text(told.encoding)
     content, rows = renishaw_rtl.deviations(text, told.decimal)
@@ -78,7 +79,7 @@ def read_direct_test(source: SourceFile, told: FileFacts) -> DirectMeasurement:
         own = runs.setdefault(row.run, {})
         if row.target in own:
             raise TableError(
-                f"{source.name}, row {row.row}: target {1e3 * row.target:g} mm is there twice in"
+                f"{source.name}, row {row.row}: target {1e3 * row.target:g} mm appears twice in"
                 f" run {row.run}"
             )
         own[row.target] = scale * row.deviation
@@ -87,8 +88,8 @@ def read_direct_test(source: SourceFile, told: FileFacts) -> DirectMeasurement:
         missing = [position for position in positions if position not in own]
         if missing:
             raise TableError(
-                f"{source.name}: run {run} has no target {1e3 * missing[0]:g} mm; is the file cut"
-                " off?"
+                f"{source.name}: run {run} has no target {1e3 * missing[0]:g} mm; the file may be"
+                " cut off"
             )
     if len(positions) < _FEWEST:
         raise TableError(f"{source.name} has {len(positions)} targets; {_FEWEST} are needed")
@@ -125,7 +126,7 @@ def _check(source: SourceFile, told: FileFacts, content: renishaw_rtl.RtlContent
     """Refuse a file whose text contradicts the user."""
     if _is_angle(told) != (told.unit in OF_ANGLES):
         raise TableError(
-            f"{told.curve} is {_kind(told.curve)}: {told.unit} is no unit of it; use"
+            f"{told.curve} is {_kind(told.curve)}: {told.unit} is not a unit of it; use"
             f" {', '.join(u for u in UNITS if (u in OF_ANGLES) == _is_angle(told))}"
         )
     kinds = {_SUFFIXES.get(source.path.suffix.lower(), "")}

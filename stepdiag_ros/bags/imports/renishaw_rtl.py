@@ -108,7 +108,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
 
     Raises:
         TableError: the file is cut off, contradicts itself, holds no linear test, or something in
-            it is not understood; names file and row.
+            it is unknown; names file and row.
     """
     other = _OTHER_TESTS.get(source.path.suffix.lower())
     if other:
@@ -130,7 +130,7 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     if not content.ended:
         remarks.append("the file does not end with EOF::, but all its runs are complete")
     for name in content.unknown:
-        remarks.append(f"the section {name}:: is not understood and was left out")
+        remarks.append(f"the section {name}:: is unknown and was left out")
     environment, facts, said = _environment(content, options.decimal)
     remarks.extend(said)
     for section in ("HEADER", "USER-TEXT"):
@@ -166,13 +166,13 @@ def _sections(text: SourceText, decimal: str) -> RtlContent:
             continue
         content.last_row = number
         if content.ended:
-            raise refusal(text.name, number, "there is something behind EOF::", fault="too_many")
+            raise refusal(text.name, number, "text follows EOF::", fault="too_many")
         heading = _SECTION.fullmatch(plain)
         if heading:
             section, listing = heading[1].upper(), False
             if section in content.entries:
                 raise refusal(
-                    text.name, number, f"the section {section}:: is there twice", fault="twice"
+                    text.name, number, f"the section {section}:: appears twice", fault="twice"
                 )
             content.entries[section] = {}
             if section not in _KNOWN:
@@ -187,7 +187,7 @@ def _sections(text: SourceText, decimal: str) -> RtlContent:
                 ("DEVIATIONS", "run target data"),
             )
             if listing and entry[2]:
-                raise refusal(text.name, number, f"'{entry[2]}' stands behind '{key} :'")
+                raise refusal(text.name, number, f"'{entry[2]}' follows '{key} :'")
             if key in content.entries[section]:
                 raise refusal(text.name, number, f"'{key}' is there twice in {section}::")
             content.entries[section][key] = (number, entry[2])
@@ -200,7 +200,7 @@ def _sections(text: SourceText, decimal: str) -> RtlContent:
             raise refusal(
                 text.name,
                 number,
-                f"'{plain[:40]}' in {section}:: is not understood",
+                f"'{plain[:40]}' in {section}:: is unknown",
                 fault="malformed",
             )
     return content
@@ -212,7 +212,7 @@ def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
             raise refusal(
                 source,
                 content.last_row,
-                f"the file ends without the section {section}::; is it cut off?",
+                f"the file ends without the section {section}::; the file may be cut off",
             )
     targets = content.targets
     row, told = content.entry("TARGET DATA", "Target-count")
@@ -220,7 +220,7 @@ def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
         raise refusal(
             source,
             row,
-            f"Target-count is {told}, but {len(targets)} targets follow; is it cut?",
+            f"Target-count is {told}, but {len(targets)} targets follow; the file may be cut off",
             fault="mismatch",
         )
     made = []
@@ -230,7 +230,8 @@ def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
             raise refusal(
                 source,
                 number,
-                f"'{plain[:40]}' is not a run, a target and a deviation; is the file cut off?",
+                f"'{plain[:40]}' does not state a run, a target and a deviation; the file may be"
+                " cut off",
                 fault="malformed",
             )
         run = whole_in(cells[0], source, number, "the run", 1)
@@ -250,7 +251,8 @@ def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
             raise refusal(
                 source,
                 content.last_row,
-                f"no run has a deviation at target {place} ({position:g} mm); is the file cut off?",
+                f"no run has a deviation at target {place} ({position:g} mm); the file may be cut"
+                " off",
             )
     row, told = content.entry("RUNS", "Run-count")
     runs = len({one.run for one in made})
@@ -258,7 +260,8 @@ def _rows(source: str, content: RtlContent, decimal: str) -> list[AxisRow]:
         raise refusal(
             source,
             content.last_row,
-            f"Run-count in row {row} is {told}, but the file has {runs} runs; is it cut off?",
+            f"Run-count in row {row} is {told}, but the file has {runs} runs; the file may be cut"
+            " off",
             fault="mismatch",
         )
     return made
@@ -282,7 +285,7 @@ def _environment(
             if not values or not all(low <= value <= high for value in values):
                 if told:
                     remarks.append(
-                        f"'{key} : {told}' in row {number} is not understood (unit?); it counts as"
+                        f"'{key} : {told}' in row {number} is unknown (unit?); it counts as"
                         " not known"
                     )
             elif kind == "material":

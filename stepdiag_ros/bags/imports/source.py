@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 _MEDIA_TYPES = {".csv": "text/csv", ".txt": "text/plain", ".rtl": "text/plain"}
 _UNKNOWN_MEDIA_TYPE = "application/octet-stream"
-# How a file begins that is no text, and what it is then.
+# How a file begins that is not text, and what it is then.
 _CONTAINERS = {
     b"PK\x03\x04": "a zip archive",
     b"\xd0\xcf\x11\xe0": "a document of an old office program",
@@ -62,10 +62,10 @@ class SourceFile:
 
         Args:
             encoding: a name that Python knows. Without one: what a byte order mark says, else
-                UTF-8, else Windows-1252, which is said in a remark.
+                UTF-8, else Windows-1252, with a remark.
 
         Raises:
-            TableError: it is no text, or none in this encoding.
+            TableError: it is not text, or none in this encoding.
         """
         for beginning, what in _CONTAINERS.items():
             if self.data.startswith(beginning):
@@ -97,7 +97,7 @@ class SourceFile:
             return self.data.decode(encoding).lstrip("\ufeff")
         except (LookupError, ValueError):
             raise TableError(
-                f"{self.name} is no text in the encoding '{encoding}'", fault="malformed"
+                f"{self.name} is not text in the encoding '{encoding}'", fault="malformed"
             ) from None
 
     def _refuse_binary(self, text: str) -> None:
@@ -106,7 +106,7 @@ class SourceFile:
                 raise refusal(
                     self.name,
                     number,
-                    "there are signs that no text has; the file is binary",
+                    "it contains characters that are not text; the file is binary",
                     fault="wrong_kind",
                     aspect="text",
                 )
@@ -149,9 +149,11 @@ def read_source(path: str | Path) -> SourceFile:
     except (OSError, ValueError) as error:
         raise TableError(f"{path} cannot be read: {error}", fault="unreadable") from None
     if len(data) > LARGEST:
-        raise TableError(f"{path} is larger than {LARGEST >> 20} MiB; it is no file of results")
+        raise TableError(
+            f"{path} is larger than {LARGEST >> 20} MiB; so it is not a file of results"
+        )
     if not data.strip():
-        raise TableError(f"{path} is empty; there is nothing measured in it", fault="too_few")
+        raise TableError(f"{path} is empty, so it contains no measurement", fault="too_few")
     return SourceFile(path, data)
 
 
@@ -166,7 +168,7 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
         decimal: ``.`` or ``,``.
 
     Raises:
-        TableError: it is no finite number; names file and row.
+        TableError: it is not a finite number; names file and row.
     """
     plain = text.strip()
     other = "," if decimal == "." else "."
@@ -186,7 +188,7 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
 
 
 def whole_in(text: str, source: str, row: int, what: str, low: int = 0) -> int:
-    """Return the whole number in a text, at least ``low``; raises ``TableError`` if it is none."""
+    """Return the whole number in a text, at least ``low``; else raise ``TableError``."""
     if not _WHOLE.fullmatch(text.strip()) or int(text) < low:
         raise refusal(
             source,

@@ -18,8 +18,8 @@ from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.text.intake import parse_yaml
 
 _NO_TIMES = (
-    "the files do not tell when they were measured after one another, so the times of the stops"
-    " are not known; the order of the lines is that of the files"
+    "the files do not state the time between their measurements, so the times of the stops are"
+    " not known; the order of the lines is that of the files"
 )
 
 
@@ -44,12 +44,12 @@ def together(parts: Sequence[tuple[str, Imported]]) -> Imported:
     begin = 0
     for name, one in parts:
         if not one.lines:
-            raise TableError(f"{name} holds no lines; only tests of lines can be put together")
+            raise TableError(f"{name} holds no lines; only tests of lines can be combined")
         for kind in {(line.line.kind, line.line.name) for line in one.lines}:
             if kind in seen:
                 raise TableError(
-                    f"{seen[kind]} and {name} are both said to be {kind[1]}; say for each file"
-                    " which axis or diagonal it is (--axis)"
+                    f"{seen[kind]} and {name} are both given as {kind[1]}. State for each file"
+                    " its axis or diagonal (--axis)"
                 )
             seen[kind] = name
         _same_box(first_name, first, name, one)
@@ -102,13 +102,13 @@ def _same_box(first_name: str, first: Imported, name: str, one: Imported) -> Non
         )
     if one.volume != first.volume:
         raise TableError(
-            f"{name} and {first_name} do not tell the box that they were measured in; say it: --box"
-            " X0 Y0 Z0 X1 Y1 Z1 (its corners in machine coordinates, m)"
+            f"{name} and {first_name} do not state the box in which they were measured. State it:"
+            " --box X0 Y0 Z0 X1 Y1 Z1 (its corners in machine coordinates, m)"
         )
 
 
 def _facts(parts: Sequence[tuple[str, Imported]]) -> dict[str, str]:
-    """Return what all files tell alike under its name, and the rest for each line."""
+    """Return facts that all files share under their names, and the others for each line."""
     facts: dict[str, str] = {}
     for key in dict.fromkeys(key for _, one in parts for key in one.facts):
         told = [(_tested(one), one.facts[key]) for _, one in parts if key in one.facts]

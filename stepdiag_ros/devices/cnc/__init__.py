@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 Point = tuple[float, float, float]
 
 UNKNOWN_POINT: Point = (nan, nan, nan)
-"""Of what a controller does not tell."""
+"""Value that a controller does not report."""
 
 
 class MoveRefused(Refusal):
@@ -44,9 +44,9 @@ class PositionSample(NamedTuple):
 
     Attributes:
         time: of the sample, ns.
-        position: X Y Z as the controller reckons it, with its own compensation, m.
+        position: X Y Z as the controller calculates it, with its own compensation, m.
         motors: X Y Z of the motors or scales before any compensation of the controller, m; None
-            where the controller does not tell, or does not compensate.
+            where the controller does not report them, or does not compensate.
     """
 
     time: int
@@ -77,19 +77,19 @@ CncEvent = PositionSample | StateChange
 
 
 class Traits(NamedTuple):
-    """What a controller, with its driver, is like; NaN where it does not tell.
+    """Properties of a controller with its driver; NaN where it does not report them.
 
-    A driver tells it by a property ``traits``, as read when the controller was opened.
+    A driver returns them by its property ``traits``, as read when the controller was opened.
 
     Attributes:
-        resolution: step in which actual positions of X, Y, Z are told, m. The window in which an
+        resolution: step of the reported actual positions of X, Y, Z, m. The window in which an
             axis counts as in position is widened by it.
         acceleration: largest that the controller gives to X, Y, Z, m/s².
         feed_limit: largest speed that the controller gives to X, Y, Z, m/s.
-        dead_man: the machine is braked at the latest this long after the last ``poll``, by
-            whoever is nearer to it than this process, s.
-        measured: actual positions come from encoders or scales; False where the controller tells
-            what it has commanded, as one of stepping motors does.
+        dead_man: the machine is braked at the latest this long after the last ``poll``,
+            by a component nearer to it than this process, s.
+        measured: actual positions come from encoders or scales; False where the controller
+            reports what it has commanded, as one of stepping motors does.
         simulated: there is no machine; only then may ROS time be simulated or replayed.
     """
 
@@ -102,7 +102,7 @@ class Traits(NamedTuple):
 
 
 def traits_of(device: "CncDevice") -> Traits:
-    """Return what a controller is like; all unknown if its driver does not tell."""
+    """Return the properties of a controller; all unknown if its driver reports none."""
     told = getattr(device, "traits", None)
     return told if isinstance(told, Traits) else Traits()
 
@@ -112,12 +112,12 @@ class CncDevice(Protocol):
 
     Times are ns and never decrease; a time before the last one counts as the last one.
 
-    A driver is a dead-man as well: whoever uses it calls ``poll`` many times a second, and while
+    A driver is a watchdog as well: the caller calls ``poll`` many times a second, and while
     the axes move, a ``poll`` that fails to come brakes them. The process of the driver may be the
     one that has died, so what brakes must be nearer to the machine: an agent beside the controller,
     a watchdog variable of the PLC, or the controller's own loss of connection. How long that takes
     is ``Traits.dead_man`` (0.5 s or less is expected); where a controller cannot do it, it is
-    unknown, is said so by the bridge, and the integrator must see to it (docs/safety.md).
+    unknown, the bridge reports that, and the integrator must see to it (docs/safety.md).
 
     An emergency stop, a following error, power off and every other fault of the controller are
     ``CncState.FAULT`` with the fault in words as reason; a controller that is in order again, but
@@ -126,7 +126,7 @@ class CncDevice(Protocol):
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         ...
 
     @property
@@ -151,7 +151,7 @@ class CncDevice(Protocol):
         ...
 
     def stop(self, time_ns: int, reason: str) -> None:
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         ...
 
     def reset(self, time_ns: int) -> None:

@@ -81,7 +81,7 @@ RESTARTED = "the controller was restarted"
 class GrblCnc:
     """A controller with Grbl 1.1 or grblHAL (protocol: ``CncDevice``).
 
-    It is FAULT, and refuses moves, until it has told its settings.
+    It is FAULT, and refuses moves, until it has reported its settings.
 
     Args:
         machine: travel, feed limit, window and hold time; in the machine coordinates of the
@@ -119,19 +119,19 @@ class GrblCnc:
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         return self._state
 
     @property
     def soft_limits(self) -> tuple[Point, Point]:
-        """Limits of machine file and controller together, m; of the file until it has told."""
+        """Limits of machine file and controller together, m; of the file until it has reported."""
         if self._setup is None:
             return self._machine.travel_low_m, self._machine.travel_high_m
         return self._setup.low, self._setup.high
 
     @property
     def traits(self) -> Traits:
-        """What the controller is like; unknown until it has told."""
+        """Properties of the controller; unknown until it has reported them."""
         return Traits(measured=False) if self._setup is None else self._setup.traits
 
     def start_move(self, time_ns: int, target: Point, feed: float, axes: str) -> None:
@@ -147,7 +147,7 @@ class GrblCnc:
         self._change(now, CncState.MOVING, "")
 
     def stop(self, time_ns: int, reason: str) -> None:
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         now = self._tick(time_ns)
         if self._doing is Doing.HOMING:
             # A feed hold does nothing while it homes.
@@ -179,7 +179,7 @@ class GrblCnc:
         if self._doing is not Doing.NOTHING and not starting:
             raise not_yet(f"the controller {self._doing.value}", self._doing.name)
         if report is None and not self._critical:
-            raise not_yet("the controller has not told its state yet", "state")
+            raise not_yet("the controller has not reported its state yet", "state")
         if self._critical or report is None or report.activity not in (_IDLE, _ALARM):
             if report is not None and report.activity is Activity.DOOR and report.part == 1:
                 said = "the safety door is open: close it, then reset again"
@@ -232,7 +232,7 @@ class GrblCnc:
         wrong = error_words(answer.code) if answer.code else ""
         if self._doing is Doing.ASKING and line:
             if wrong:
-                raise ValueError(f"the controller does not tell its settings ({line}): {wrong}")
+                raise ValueError(f"cannot read the settings of the controller ({line}): {wrong}")
             self._ask_next()
         elif self._doing is Doing.MOVING and line:
             self._approach.acknowledged = not wrong
@@ -283,7 +283,7 @@ class GrblCnc:
             self._watch_rest(time, report)
 
     def _locate(self, time: int, report: StatusReport) -> None:
-        """Take the position, if it can be told and is possible."""
+        """Take the position, if it is reported and possible."""
         if self._setup is None:
             return
         before = self._place.position
@@ -434,8 +434,8 @@ class GrblCnc:
         """
         if self._lost and not self._settings.without_homing:
             if not self._settings.home_on_reset:
-                said = f"the position is not known ({self._lost}): home the machine and open the"
-                advice = "controller anew, or set home_on_reset in the device file"
+                said = f"the position is not known ({self._lost}): home the machine and reopen the"
+                advice = "controller, or set home_on_reset in the device file"
                 raise MoveRefused(f"{said} {advice}", fault="undetermined", aspect="position")
             self._begin(Doing.HOMING)
             self._talk.be_patient(now, silent=True)

@@ -65,7 +65,7 @@ class Heard:
 
 
 class Conversation:
-    """Sends lines and queries, and returns what is said.
+    """Sends lines and queries, and returns the answers.
 
     Args:
         connection: where the controller is.
@@ -93,7 +93,7 @@ class Conversation:
 
     @property
     def awaiting(self) -> str:
-        """Return the line whose answer is to come; empty if there is none."""
+        """Return the line whose answer is to come; empty if no line is unanswered."""
         return self._awaiting
 
     def send(self, now: int, line: str, limit: int = ANSWER_LIMIT) -> None:
@@ -124,7 +124,7 @@ class Conversation:
         self._unanswered, self._due = None, now
 
     def poll(self, now: int) -> list[Heard]:
-        """Return what was said since the last time; ask for a report when it is time to.
+        """Return the answers since the last call; ask for a report when it is due.
 
         Raises:
             OSError: the link is broken, the controller is silent, or a line was not answered.
@@ -194,8 +194,8 @@ class Conversation:
             if self._garbage:
                 raise self._no_grbl()
             raise Silent(
-                f"the controller has told nothing for {limit * 1e-9:g} s: is it switched on and"
-                " connected? After a limit or emergency-stop alarm it must be reset",
+                f"the controller has not answered for {limit * 1e-9:g} s. Check that it is"
+                " switched on and connected; reset it after a limit or emergency-stop alarm",
                 fault="silent",
             )
 

@@ -38,7 +38,7 @@ class Doing(Enum):
 class TakenReport(Enum):
     """What became of a report."""
 
-    NOT_YET = "it tells no position, or an impossible one"
+    NOT_YET = "it reports no position, or an impossible one"
     TAKEN = "its position is the present one"
     JUMPED = "it insists on a position that cannot be reached from the one before"
 
@@ -47,7 +47,7 @@ class ReportedPosition:
     """The position of the axes, out of the reports.
 
     A serial line has no checksum, so a digit can be lost: a position that cannot be reached from
-    the one before is not believed until it was told three times.
+    the one before is not accepted until it was reported three times.
 
     Args:
         start: now, ns.
@@ -65,7 +65,7 @@ class ReportedPosition:
         self._jumps = 0
 
     def forget_offset(self) -> None:
-        """Wait for the work coordinate offset anew: the controller was reset."""
+        """Wait for the work coordinate offset again: the controller was reset."""
         self._offset = None
 
     def take(
@@ -114,11 +114,11 @@ class Approach:
 
     Args:
         machine: its window and hold time.
-        resolution: of the positions that are told, m; the window is widened by it.
+        resolution: of the reported positions, m; the window is widened by it.
         target: of the move, m.
 
     Attributes:
-        acknowledged: the controller has taken the line; reports before that tell of another move.
+        acknowledged: the controller has taken the line; earlier reports belong to another move.
     """
 
     def __init__(self, machine: Machine, resolution: Point, target: Point) -> None:
@@ -194,7 +194,7 @@ def check_move(
 
 
 def braking_limit(machine: Machine, setup: GrblSetup) -> int:
-    """Return the time, ns, after which axes that were told to brake stand for sure."""
+    """Return the time, ns, after which braking axes stand for sure."""
     braking = machine.feed_limit_m_per_s / min(setup.traits.acceleration)
     return round((min(braking, 10.0) + 1.0) * NANOSECONDS)
 

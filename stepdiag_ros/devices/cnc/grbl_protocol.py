@@ -45,10 +45,10 @@ class StatusReport:
 
     Attributes:
         activity: of the controller.
-        part: sub-state; -1 if none is told.
-        machine: machine position of the first three axes, in the unit of the reports; None if the
-            work position is told instead.
-        work: work position; None if the machine position is told.
+        part: sub-state; -1 if none is reported.
+        machine: machine position of the first three axes, in the unit of the reports; None
+            if the work position is reported instead.
+        work: work position; None if the machine position is reported.
         offset: work coordinate offset, where the report has it.
         pins: letters of the inputs that are triggered.
         feed_override: in percent, where the report has it.
@@ -86,7 +86,7 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Banner:
-    """The welcome after a start or reset; everything begins anew."""
+    """The welcome after a start or reset; everything starts again."""
 
     text: str
 

@@ -264,7 +264,8 @@ def _number(settings: Mapping[int, str], number: int) -> float:
     text = settings.get(number)
     if text is None:
         raise Refusal(
-            f"the controller does not tell its setting ${number}: is it Grbl 1.1?", fault="missing"
+            f"the controller does not report its setting ${number}. Check that it runs Grbl 1.1",
+            fault="missing",
         )
     try:
         return float(text)

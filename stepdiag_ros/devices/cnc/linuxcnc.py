@@ -39,7 +39,7 @@ PROTOCOL = 1
 SILENCE_LIMIT = 1.0
 """Real seconds without a word from the agent, after which it counts as dead, unless set."""
 ALIVE_PERIOD = 0.05
-"""Real seconds between two signs of life, if the dead-man does not need them more often."""
+"""Real seconds between two signs of life, if the watchdog does not need them more often."""
 _LONGEST_LINE = 65536
 _STATES = {
     "ready": CncState.READY,
@@ -56,7 +56,7 @@ class LinuxCnc:
         path: of the agent's Unix socket.
         machine: travel, feed limit and in-position window.
         sample_rate: of the position samples, Hz.
-        dead_man: s; the agent brakes when nothing is heard from here for so long.
+        dead_man: s; the agent brakes when it receives nothing from here for so long.
         silence: s without a word from the agent, after which it counts as dead. A quarter of it is
             the limit for the answer to a move, for which the bridge waits; 5 ms is usual.
 
@@ -104,7 +104,7 @@ class LinuxCnc:
         except (KeyError, TypeError) as error:
             self.close()
             raise Refusal(
-                f"{self._whom}: its hello makes no sense ({error!r})", fault="malformed"
+                f"{self._whom}: cannot read its hello ({error!r})", fault="malformed"
             ) from None
         except BaseException:
             self.close()
@@ -112,7 +112,7 @@ class LinuxCnc:
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         return self._state
 
     @property
@@ -144,12 +144,12 @@ class LinuxCnc:
             raise MoveRefused(str(answer["reason"]), fault="rejected")
 
     def stop(self, time_ns: int, reason: str) -> None:  # noqa: ARG002
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         if self._state not in (CncState.STOPPED, CncState.FAULT):
             self._send("stop", reason=reason)
 
     def reset(self, time_ns: int) -> None:  # noqa: ARG002
-        """Tell the agent that an operator lets the machine move (see ``CncDevice.reset``)."""
+        """Inform the agent that an operator lets the machine move (see ``CncDevice.reset``)."""
         if self._state is CncState.MOVING:
             raise still_moves()
         answer = self._ask("start")
@@ -163,7 +163,7 @@ class LinuxCnc:
             self._send("alive")
         self._take()
         if now - self._heard > self._silence:
-            raise OSError(errno.ETIMEDOUT, f"{self._whom} has said nothing for {self._silence:g} s")
+            raise OSError(errno.ETIMEDOUT, f"{self._whom} has sent nothing for {self._silence:g} s")
         events, self._events = self._events, []
         return events
 
@@ -182,7 +182,7 @@ class LinuxCnc:
         except OSError as error:
             raise OSError(
                 error.errno,
-                f"{self._whom} cannot be reached ({error.strerror}): is LinuxCNC running?",
+                f"{self._whom} cannot be reached ({error.strerror}): check that LinuxCNC runs",
             ) from None
 
     def _common_travel(self, low: Point, high: Point) -> tuple[Point, Point]:
@@ -192,8 +192,8 @@ class LinuxCnc:
         for axis, least, most in zip(AXES, lows, highs, strict=True):
             if not least < most:
                 raise Refusal(
-                    f"the travel of {axis} in the machine file has nothing in common with the soft "
-                    f"limits of LinuxCNC",
+                    f"the travel of {axis} in the machine file does not overlap with the soft"
+                    " limits of LinuxCNC",
                     fault="mismatch",
                 )
         return _point(lows), _point(highs)
@@ -212,7 +212,7 @@ class LinuxCnc:
             self._take()
         answer = self._answers.pop(number)
         if not isinstance(answer.get("ok"), bool):
-            raise Refusal(f"{self._whom}: an answer without ok", fault="malformed")
+            raise Refusal(f"{self._whom}: its answer lacks 'ok'", fault="malformed")
         return answer
 
     def _send(self, op: str, **content: Any) -> int:
@@ -229,7 +229,7 @@ class LinuxCnc:
             raise OSError(error.errno, f"{self._whom} has gone") from None
         self._out = self._out[sent:]
         if len(self._out) > _LONGEST_LINE:
-            raise OSError(errno.ENOBUFS, f"{self._whom} does not take what it is told")
+            raise OSError(errno.ENOBUFS, f"{self._whom} does not accept the commands sent to it")
         return self._asked
 
     def _take(self) -> None:
@@ -246,7 +246,7 @@ class LinuxCnc:
             self._heard = time.monotonic()
             *lines, self._in = (self._in + data).split(b"\n")
             if len(self._in) > _LONGEST_LINE:
-                raise Refusal(f"{self._whom}: a line without an end", fault="too_many")
+                raise Refusal(f"{self._whom}: its line has no end", fault="too_many")
             for line in lines:
                 self._understand(line)
 
@@ -276,14 +276,14 @@ class LinuxCnc:
                 raise OSError(errno.EBUSY, f"{self._whom} refuses: {message['reason']}")
         except (KeyError, TypeError, ValueError):
             raise Refusal(
-                f"{self._whom}: '{line[:80]!r}' makes no sense", fault="malformed"
+                f"{self._whom}: '{line[:80]!r}' cannot be read", fault="malformed"
             ) from None
 
 
 def _point(values: Any) -> Point:
     x, y, z = (float(value) for value in values)
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
-        raise Refusal("a position that is no number", fault="malformed")
+        raise Refusal("a coordinate of a position is not a number", fault="malformed")
     return x, y, z
 
 
@@ -298,7 +298,7 @@ def from_settings(
     """Return what connects to the agent in LinuxCNC.
 
     Settings: ``socket``, the path of the agent's Unix socket ([STEPDIAG] SOCKET in the INI file);
-    ``dead_man_s`` (default 0.5, 0.1 to 2): the agent brakes when it hears nothing for so long;
+    ``dead_man_s`` (default 0.5, 0.1 to 2): the agent brakes when it receives nothing for so long;
     ``position_rate_hz`` (default 200); ``silence_s`` (default 1, 0.5 to 30): without a word from
     the agent for so long, it counts as dead.
 

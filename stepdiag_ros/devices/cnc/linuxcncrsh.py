@@ -9,8 +9,8 @@ do, and what is done about it:
   errors are asked for all the while.
 - All connections share one parser: this must be the only one. Settings that would make replies late
   or turn their units (time-out, waiting, units of length) are set when it is opened.
-- **A connection that is lost lets the machine finish its move**: there is no dead-man here.
-- It does not tell soft limits; those of the machine file count, and LinuxCNC's own errors.
+- **A connection that is lost lets the machine finish its move**: there is no watchdog here.
+- It does not report soft limits; those of the machine file count, and LinuxCNC's own errors.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
 
 RESOLUTION = 1e-9
-"""m: positions are told with six decimals of a millimetre."""
+"""m: positions are reported with six decimals of a millimetre."""
 SILENCE_LIMIT = 1.5
 """Real seconds after which an unanswered request counts as a dead server, unless set; the answer to
 one that changes something takes 0.1 s."""
@@ -155,7 +155,7 @@ class LinuxCncRsh:
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         return self._state
 
     @property
@@ -173,7 +173,7 @@ class LinuxCncRsh:
         if self._state is not CncState.READY:
             raise not_ready(self._state)
         if not self._session:
-            raise MoveRefused("nobody has said that the machine may move", fault="not_ready")
+            raise MoveRefused("no operator has released the machine to move", fault="not_ready")
         check_target(
             self._commanded,
             target,
@@ -190,7 +190,7 @@ class LinuxCncRsh:
         self._send(f"set mdi {line_of_move(target, feed)}", "SET MDI")
 
     def stop(self, time_ns: int, reason: str) -> None:
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         if self._state in (CncState.STOPPED, CncState.FAULT):
             return
         self._session = False
@@ -213,7 +213,7 @@ class LinuxCncRsh:
         elif not trouble and not isfinite(self._position[0]):
             # The server refuses that while the machine is off, so it may not be set yet.
             self._set_up()
-            trouble = "linuxcncrsh does not tell positions in millimetres yet"
+            trouble = "linuxcncrsh does not report positions in millimetres yet"
         elif not trouble and not stands:
             raise still_moves()
         if trouble:
@@ -226,7 +226,7 @@ class LinuxCncRsh:
         # ERROR is the last one of a whole look at the machine.
         while self._told.get("MODE") != "MDI" or "ERROR" not in self._told:
             if time.monotonic() > deadline:
-                raise MoveRefused("LinuxCNC has not changed to MDI: is a program running?")
+                raise MoveRefused("LinuxCNC has not changed to MDI: check whether a program runs")
             select.select([self._socket], [], [], 0.01)
             self._work(time_ns)
         self._session, self._halted = True, ""
@@ -298,7 +298,7 @@ class LinuxCncRsh:
             raise OSError(error.errno, f"{self._whom} has gone") from None
         self._out = self._out[sent:]
         if len(self._out) > _LONGEST_LINE:
-            raise OSError(errno.ENOBUFS, f"{self._whom} does not take what it is told")
+            raise OSError(errno.ENOBUFS, f"{self._whom} does not accept the commands sent to it")
 
     def _work(self, time_ns: int) -> None:
         self._time = max(time_ns, self._time)
@@ -329,7 +329,7 @@ class LinuxCncRsh:
             # Replies end with any of LF CR and CR LF.
             *lines, self._in = re.split(rb"[\r\n]+", self._in + data)
             if len(self._in) > _LONGEST_LINE:
-                raise ValueError(f"{self._whom}: a reply without an end")
+                raise ValueError(f"{self._whom}: its reply has no end")
             for line in filter(None, lines):
                 self._understand(line.decode(errors="replace").strip())
 
@@ -339,7 +339,7 @@ class LinuxCncRsh:
         awaited = self._awaited.popleft()[0]
         if not line.upper().startswith(awaited):
             raise Refusal(
-                f"{self._whom}: '{line[:80]}' is no reply to {awaited}", fault="malformed"
+                f"{self._whom}: '{line[:80]}' is not a reply to {awaited}", fault="malformed"
             )
         rest = line[len(awaited) :].strip()
         if rest.upper() == "NAK":
@@ -349,9 +349,7 @@ class LinuxCncRsh:
                 self._abort_refused = True
             if awaited not in ("HELLO", "SET ENABLE"):
                 return
-            raise Refusal(
-                f"{self._whom} refuses {awaited}: is the password right?", fault="rejected"
-            )
+            raise Refusal(f"{self._whom} refuses {awaited}: check the password", fault="rejected")
         if awaited == "SET MDI" and self._move is not None:
             self._move.acknowledged = True
         self._told[awaited] = rest
@@ -363,7 +361,7 @@ class LinuxCncRsh:
     # The machine ----------------------------------------------------------------------------------
 
     def _judge(self) -> None:
-        """Look at the machine, of which all has been told."""
+        """Judge the machine, once all values have been reported."""
         now, time_ns = time.monotonic(), self._time
         self._position = self._point("ABS_ACT_POS")
         self._commanded = self._point("ABS_CMD_POS")
@@ -417,13 +415,13 @@ class LinuxCncRsh:
             self._change(self._time, CncState.READY, "")
 
     def _near(self, one: Point, other: Point) -> bool:
-        # Written so that what is no number is not near.
+        # Written so that what is not a number is not near.
         return all(abs(a - b) <= self._window for a, b in zip(one, other, strict=True))
 
     def _trouble(self) -> str:
         told = {name: value.upper().split() for name, value in self._told.items()}
         if not self._known and "ERROR" not in told:
-            return "LinuxCNC has not told its state yet"
+            return "LinuxCNC has not reported its state yet"
         if told["ESTOP"] != ["OFF"]:
             return "e-stop"
         if told["MACHINE"] != ["ON"]:
@@ -436,7 +434,7 @@ class LinuxCncRsh:
         return ""
 
     def _point(self, name: str) -> Point:
-        """Return a position, m; NaN while the server tells it in other units."""
+        """Return a position, m; NaN while the server reports it in other units."""
         if self._told["LINEAR_UNIT_CONVERSION"].upper() != "MM":
             return nan, nan, nan
         try:
@@ -444,7 +442,7 @@ class LinuxCncRsh:
         except ValueError:
             x = y = z = nan
         if not (isfinite(x) and isfinite(y) and isfinite(z)):
-            raise ValueError(f"{self._whom}: '{name} {self._told[name][:80]}' is no position")
+            raise ValueError(f"{self._whom}: '{name} {self._told[name][:80]}' is not a position")
         return x, y, z
 
     def _halt(self, time_ns: int, state: CncState, reason: str) -> None:

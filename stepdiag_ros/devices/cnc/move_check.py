@@ -39,7 +39,7 @@ def check_target(
         axes: that may move, such as ``XY``; each is part of what is sent.
         limits: lower and upper soft limits, m.
         feed_limit: m/s.
-        near: of each axis, m: as far as this from the target is no move.
+        near: of each axis, m: as far as this from the target is not a move.
 
     Raises:
         MoveRefused: the text says why.
@@ -52,7 +52,7 @@ def check_target(
         )
     if not all(map(isfinite, (*target, *position))):
         raise MoveRefused(
-            f"the target {target} is no position, or no position is known",
+            f"the target {target} is not a position, or no position is known",
             fault="malformed",
             aspect="target",
         )

@@ -6,8 +6,8 @@ which identity it has taken, and which it has carried out. An identity is used o
 lost connection, so no order is carried out twice. The PLC brakes when the driver stops counting
 its watchdog: the count goes on only as long as ``poll`` is called.
 
-Positions come by subscription, each with the time of its sampling. A server tells only changes, so
-everything is read ten times a second besides: that shows that what has not changed stands still,
+Positions come by subscription, each with the time of its sampling. A server reports only changes,
+so everything is read ten times a second besides: that shows that what has not changed stands still,
 and that the server is alive.
 
 Source: OPC UA (IEC 62541) Part 4; what the nodes must do is our own agreement with the PLC
@@ -64,7 +64,8 @@ class _Doing(Enum):
 class OpcUaCnc:
     """A PLC with an OPC UA server (protocol: ``CncDevice``).
 
-    It is FAULT, and refuses moves, until it is connected and has told where the axes are.
+    It is FAULT, and refuses moves, until it is connected and has reported the positions of the
+    axes.
 
     Args:
         machine: travel, feed limit, window and hold time.
@@ -98,7 +99,7 @@ class OpcUaCnc:
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         return self._state
 
     @property
@@ -134,7 +135,7 @@ class OpcUaCnc:
             near=self._near,
         )
         self._target, self._within = target, None
-        # A move of no length is no order: nothing could be carried out.
+        # A move of no length is not an order: nothing could be carried out.
         self._sent = bool(axes)
         if axes:
             self._order(target, feed, axes)
@@ -142,7 +143,7 @@ class OpcUaCnc:
         self._change(now, CncState.MOVING, "")
 
     def stop(self, time_ns: int, reason: str) -> None:
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         now = self._tick(time_ns)
         if self._doing is _Doing.CONNECTING or self._state is CncState.STOPPED:
             return
@@ -233,8 +234,8 @@ class OpcUaCnc:
             return
         if done.request == "order":
             raise TimeoutError(
-                f"an order could not be given: {done.failure}; whether it is carried out is not"
-                " known"
+                f"a command could not be sent: {done.failure}; whether the PLC executes it is"
+                " unknown"
             )
         raise Lost(f"the PLC cannot be used ({done.request}): {done.failure}", fault="failed")
 
@@ -244,7 +245,7 @@ class OpcUaCnc:
             return
         self._position = self._point(POSITIONS)
         if not all(map(isfinite, self._position)):
-            raise ValueError(f"the PLC says it is at {self._position}: no position")
+            raise ValueError(f"the PLC reports the position {self._position}, which is not valid")
         motors = self._point(MOTORS) if self._settings.has_motors else None
         self._told = max(self._told, instant)
         self._events.append(PositionSample(self._told, self._position, motors))
@@ -265,7 +266,7 @@ class OpcUaCnc:
             x, y, z = (float(self._values[name]) * self._settings.unit for name in names)
         except (TypeError, ValueError):
             shown = ", ".join(f"{name} {self._values[name]!r}" for name in names)
-            raise ValueError(f"the PLC tells no numbers: {shown}") from None
+            raise ValueError(f"the PLC reports values that are not numbers: {shown}") from None
         return x, y, z
 
     def _on_first(self) -> None:
@@ -348,17 +349,17 @@ class OpcUaCnc:
         """Notice what does not happen in time."""
         if self._doing is _Doing.CONNECTING:
             return
-        # Counted from the question, so that a pause of whoever polls is no silence of the PLC.
+        # Counted from the question, so that a pause of whoever polls is not a silence of the PLC.
         if self._reading and now - self._asked > self._settings.silence * NANOSECONDS:
             raise Silent(
-                f"the PLC has told nothing for {self._settings.silence:g} s", fault="silent"
+                f"the PLC has not answered for {self._settings.silence:g} s", fault="silent"
             )
         waited = now - self._since
         if self._doing is _Doing.MOVING and self._sent and waited > TAKING:
             if int(self._values["acknowledged"]) != self._identity:
                 raise Silent(
-                    f"the PLC has not taken order {self._identity}: whether it is carried out is"
-                    " not known",
+                    f"the PLC has not taken order {self._identity}: whether the PLC executes it"
+                    " is unknown",
                     fault="undetermined",
                 )
         elif self._doing is _Doing.STOPPING and waited > self._settings.stop_limit * NANOSECONDS:
@@ -448,7 +449,7 @@ class SourceClock:
 
         Args:
             source: by the clock of the server; None if it does not say.
-            heard: when it came, by ours.
+            heard: time of arrival, by our clock.
         """
         if source is None:
             return heard

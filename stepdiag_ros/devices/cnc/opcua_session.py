@@ -36,7 +36,7 @@ class Value:
     Attributes:
         name: our name of the node.
         value: it has.
-        heard: when it came, by ``time.monotonic_ns``.
+        heard: time of arrival, by ``time.monotonic_ns``.
         source: when the server says that it was sampled, ns since 1970; None if it does not say.
         asked: when it was asked for, by ``time.monotonic_ns``; None if it came by subscription.
     """

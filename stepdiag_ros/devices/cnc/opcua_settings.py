@@ -102,7 +102,7 @@ class OpcUaSettings:
 
     @property
     def has_motors(self) -> bool:
-        """Say whether the positions of the motors are told."""
+        """Return whether the positions of the motors are reported."""
         return MOTORS[0] in self.nodes
 
     @classmethod
@@ -218,7 +218,9 @@ def _fault_words(given: Any, source: str) -> dict[int, str]:
     if not isinstance(given, Mapping) or not all(
         isinstance(number, int) and isinstance(words, str) for number, words in given.items()
     ):
-        raise Refusal(f"{source}: 'fault_words' is no table of 'number: words'", fault="malformed")
+        raise Refusal(
+            f"{source}: 'fault_words' is not a table of 'number: words'", fault="malformed"
+        )
     return dict(given)
 
 
@@ -235,7 +237,8 @@ def _security(section: Section) -> Security:
     if policy == "none":
         if user:
             raise Refusal(
-                f"{section.source}: 'policy' is none; a password is not sent without encryption",
+                f"{section.source}: 'policy' is 'none', and a password is not sent without"
+                " encryption. Set a security policy",
                 fault="exposed",
             )
         section.finish()

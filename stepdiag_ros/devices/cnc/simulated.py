@@ -73,7 +73,7 @@ class SimulatedCnc:
 
     @property
     def state(self) -> CncState:
-        """State at the last time that the device was told."""
+        """State at the last time passed to the device."""
         return self._state
 
     @property
@@ -113,7 +113,7 @@ class SimulatedCnc:
         self._reason = ""
 
     def stop(self, time_ns: int, reason: str) -> None:
-        """Brake to rest at once; STOPPED, with the reason, is told when the axes stand."""
+        """Brake to rest at once; STOPPED, with the reason, is reported when the axes stand."""
         self._advance(time_ns)
         if self._state in (CncState.STOPPED, CncState.FAULT):
             return

@@ -55,7 +55,7 @@ class InterferometerDevice(Protocol):
 
 @runtime_checkable
 class FollowsRun(Protocol):
-    """An interferometer that is told the course of the run, beside all of ``InterferometerDevice``.
+    """An ``InterferometerDevice`` that also receives the commands of the run.
 
     A real one reads what is there; a simulated one must know what the machine is asked to do.
     """

@@ -16,7 +16,7 @@ class Behaviour:
         seed: of the noise.
         hold_after: without positions for this time the last one is taken to hold, s.
         weather_age: sensor values older than this are no longer used, s.
-        believed_dead_path: that the compensation reckons with, m.
+        believed_dead_path: that the compensation calculates with, m.
         fastest: speed that the counter can follow, m/s.
         weather_begins: the zero of the cell's weather, ns.
         index_equation: that the compensation takes, one of ``air.EQUATIONS``.

@@ -1,4 +1,4 @@
-"""The course of a run as a simulated interferometer follows it: what effects add to each reading.
+"""Sequence of a run as a simulated interferometer follows it: what effects add to each reading.
 
 An effect is defined at stops. At a stop each window of readings that the assembler may average has
 the change that the effect makes at the mean time of its readings, so that the settled stop shows
@@ -59,7 +59,7 @@ class FollowedCourse:
 
     Args:
         plan: of the run.
-        cell: the truth.
+        cell: the true errors.
         start: of the run, ns.
         weather_begins: the zero of the cell's weather, ns.
         grid: of the readings.
@@ -103,7 +103,7 @@ class FollowedCourse:
                 leg.open = False
 
     def interrupt(self) -> None:
-        """Expect no more of the present move: the beam is set up anew, the machine stands."""
+        """Expect no more of the present move: the beam is set up again, the machine stands."""
         if self._last is not None:
             self._last.open = False
 
@@ -112,7 +112,7 @@ class FollowedCourse:
 
         Messages of different topics may overtake each other: a machine that stands where it is to
         go may have been in position for some time, one that is elsewhere must have been sent there,
-        and one whose stop has been read may have been told to stay for the next pass.
+        and one whose stop has been read may stay for the next pass.
 
         Args:
             now: ns.

@@ -2,7 +2,7 @@
 
 The file is followed as it grows, like ``tail -F``: from its end at the start, through truncation,
 and through rotation (another file of that name). What a program of the maker writes is often held
-back by its buffer; then only a time in the file tells when a reading was measured.
+back by its buffer; then only a time in the file shows when a reading was measured.
 """
 
 import os
@@ -65,7 +65,7 @@ class GrowingFile:
             self._heard = time_ns
         elif self._silence and time_ns - self._heard > self._silence:
             raise Silent(
-                f"nothing has been added to {self._path} for {self._silence / NANOSECONDS:g} s",
+                f"{self._path} has not grown for {self._silence / NANOSECONDS:g} s",
                 fault="silent",
             )
         return messages

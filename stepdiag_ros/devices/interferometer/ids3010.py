@@ -4,14 +4,14 @@ Source: attocube systems, public repository IDS-APIs (Python and MATLAB interfac
 and before): requests ``com.attocube.ids.…`` or, from API generation "SEN" on,
 ``com.attocube.sen.…`` for the groups ``system`` and ``displacement``, ``com.attocube.ecu`` for the
 compensation of the air, ``com.attocube.system.errorNumberToString``. A result is a list that begins
-with an error or warning number, 0 if there is none; displacements are in pm.
+with an error or warning number, 0 for success; displacements are in pm.
 
 What is not public: the list of these numbers. The driver asks the instrument for the words of each
 number that comes, and takes from them what has happened (``WORDS``); the settings may say otherwise
 by the number. A warning that it does not understand is a fault. Nor is it public in so many words
 how the displacement is compensated; the driver takes it to be the count divided by the refractive
-index that ``getRefractiveIndexForCompensation`` tells, unless the settings say otherwise. Not tried
-on a real instrument; the tests speak with a server written from the same source.
+index that ``getRefractiveIndexForCompensation`` returns, unless the settings give another one. Not
+tried on a real instrument; the tests speak with a server written from the same source.
 """
 
 import json
@@ -168,7 +168,7 @@ class Ids3010:
             self._ask_what_is_due()
         elif self._now - self._opened > CONNECT_WITHIN:
             limit = CONNECT_WITHIN // NANOSECONDS
-            raise TimeoutError(f"{self._link.url} could not be connected within {limit} s")
+            raise TimeoutError(f"{self._link.url} does not accept a connection within {limit} s")
         for asked in self._asked.values():
             if self._now > asked.until:
                 waited = (asked.until - asked.sent) / NANOSECONDS
@@ -236,19 +236,19 @@ class Ids3010:
         """Take one answer.
 
         Raises:
-            ValueError: it is no answer.
+            ValueError: it is not an answer.
         """
         try:
             answer = parse_json(line.decode(), "the answer")
         except ValueError:
             raise Refusal(
-                f"the IDS answers {line[:60]!r}, which is no JSON",
+                f"the IDS answers {line[:60]!r}, which is not JSON",
                 fault="malformed",
                 aspect="JSON",
             ) from None
         if not isinstance(answer, dict):
             raise Refusal(
-                f"the IDS answers {line[:60]!r}, which is no JSON-RPC",
+                f"the IDS answers {line[:60]!r}, which is not JSON-RPC",
                 fault="malformed",
                 aspect="JSON-RPC",
             )
@@ -281,7 +281,7 @@ class Ids3010:
     def _take_mode(self, result: list[Any]) -> None:
         mode = result[-1]
         if not isinstance(mode, str):
-            raise ValueError(f"the IDS tells {str(mode)[:60]} for the state of its system")
+            raise ValueError(f"the IDS reports {str(mode)[:60]} as the state of its system")
         self._family = self._family or self._unanswering[0]
         if mode == "measurement running":
             self._running = True
@@ -311,13 +311,13 @@ class Ids3010:
     def _take_index(self, result: list[Any]) -> None:
         if result[0] not in (0, None) or len(result) < 2:
             raise Refusal(
-                "the IDS does not tell the index of air that it divides by"
-                f" (error {result[0]}): say it in the setting 'refractive_index'",
+                f"the IDS does not report the refractive index of air that it divides by (error"
+                f" {result[0]}). Give it in the setting 'refractive_index'",
                 fault="undetermined",
             )
         index = _number(result[1], self._answered.method)
         if not 1.0 <= index < 1.01:
-            raise ValueError(f"the IDS tells {index:g} for the refractive index of air")
+            raise ValueError(f"the IDS reports {index:g} as the refractive index of air")
         self._index = index
 
     def _take_signal(self, result: list[Any]) -> None:
@@ -335,7 +335,7 @@ class Ids3010:
         time = (self._answered.sent + self._now) // 2
         metres = _number(result[1], self._answered.method) * 1e-12
         if abs(metres) > FARTHEST:
-            raise ValueError(f"the IDS tells a displacement of {metres:g} m")
+            raise ValueError(f"the IDS reports a displacement of {metres:g} m")
         self._held.append((time, warning, metres))
 
     def _take_words(self, result: list[Any]) -> None:
@@ -369,7 +369,7 @@ class Ids3010:
 
 def _number(value: Any, method: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f"the IDS answers {method} with {str(value)[:60]}, which is no number")
+        raise ValueError(f"the IDS answers {method} with {str(value)[:60]}, which is not a number")
     return float(value)
 
 

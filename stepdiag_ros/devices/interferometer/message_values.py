@@ -70,21 +70,22 @@ _WORST = (
 _CLOCKS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 
 FARTHEST = 200.0
-"""m: no interferometer on a machine reads more; such a number is none."""
+"""m: no interferometer on a machine reads more; a larger number is refused."""
 
 
 class MessageValues(NamedTuple):
-    """What one message tells.
+    """Contents of one message.
 
     Attributes:
-        raw: displacement in vacuum wavelengths, m; NaN if it does not tell.
-        compensated: displacement after the instrument's own compensation, m; NaN likewise.
-        signal: 0..1; NaN likewise.
+        raw: displacement in vacuum wavelengths, m; NaN if not in the message.
+        compensated: displacement after the instrument's own compensation, m; NaN if not in the
+            message.
+        signal: 0..1; NaN if not in the message.
         status: STATUS_* of InterferometerReading.msg.
         trigger: number of the hardware trigger; 0: not triggered.
-        clock: the instrument's own clock, ns; None if it does not tell.
-        moment: time of measurement by the computer's clock, ns; None if it does not tell.
-        sequence: the instrument's own number of the reading; None if it does not tell.
+        clock: the instrument's own clock, ns; None if not in the message.
+        moment: time of measurement by the computer's clock, ns; None if not in the message.
+        sequence: the instrument's own number of the reading; None if not in the message.
     """
 
     raw: float
@@ -121,7 +122,7 @@ class StatusSettings:
         """Return the status of a message; a field that is not there is good.
 
         Raises:
-            NoMessage: it should be a number, and is none.
+            NoMessage: it should be a number, and is not.
         """
         text = fields.get(self.source)
         if text is None:
@@ -133,7 +134,7 @@ class StatusSettings:
         try:
             number = int(text, self.base)
         except ValueError:
-            raise NoMessage(f"the status '{text[:40]}' is no whole number") from None
+            raise NoMessage(f"the status '{text[:40]}' is not a whole number") from None
         found = [status for bit, status in self.bits.items() if number >> bit & 1]
         found += [status for limit, status in self.at_least.items() if number >= limit]
         return worst(*(found or [self.otherwise]))
@@ -159,10 +160,10 @@ class TimeSettings:
     """When a message says that it was measured.
 
     Attributes:
-        clock: the instrument's own clock, ns; None if it does not tell.
+        clock: the instrument's own clock, ns; None if not in the message.
         wraps: ns at which that clock begins again at 0; 0: never.
         computer: that clock is the computer's own.
-        text: field that holds date and time instead; empty if there is none.
+        text: field that holds date and time instead; empty without one.
     """
 
     clock: SentQuantity | None = None
@@ -176,15 +177,16 @@ class ValueSettings:
     """What the fields of a message mean.
 
     Attributes:
-        raw: displacement in vacuum wavelengths; None if it is not told.
-        compensated: displacement after the instrument's own compensation; None likewise.
+        raw: displacement in vacuum wavelengths; None if not in the messages.
+        compensated: displacement after the instrument's own compensation; None if not in the
+            messages.
         sign: -1 if the instrument counts down when the mirror moves away from the laser.
-        signal: strength of the signal; None if it is not told.
-        status: what the status word means; None likewise.
+        signal: strength of the signal; None if not in the messages.
+        status: what the status word means; None without one.
         time: of measurement.
-        sequence: the instrument's own number of the reading; None likewise.
+        sequence: the instrument's own number of the reading; None without one.
         sequence_wraps: at which that number begins again at 0; 0: never.
-        trigger: number of the hardware trigger; None likewise.
+        trigger: number of the hardware trigger; None without one.
     """
 
     raw: SentQuantity | None
@@ -206,7 +208,7 @@ class ValueSettings:
             message: which fields there are.
 
         Raises:
-            ValueError: a setting is wrong, or no displacement is told.
+            ValueError: a setting is wrong, or the displacement is missing.
         """
         raw, compensated = (
             quantity(section, name, message, {**LENGTHS, "count": times(1.0)}, _of_counts)
@@ -214,8 +216,8 @@ class ValueSettings:
         )
         if raw is None and compensated is None:
             raise Refusal(
-                f"{section.source}: neither 'raw' nor 'compensated' is there; say which field holds"
-                " the displacement",
+                f"{section.source}: neither 'raw' nor 'compensated' is given. Name the field that"
+                " holds the displacement",
                 fault="missing",
             )
         wraps = 0
@@ -243,10 +245,10 @@ class ValueSettings:
         return settings
 
     def read(self, fields: Fields) -> MessageValues:
-        """Return what a message tells.
+        """Return the contents of a message.
 
         Raises:
-            NoMessage: a value is none, or impossible.
+            NoMessage: a value is malformed, or impossible.
         """
         status = STATUS_OK if self.status is None else self.status.of(fields)
         raw, compensated = (
@@ -290,7 +292,7 @@ class ValueSettings:
                 return nan
             raise
         if abs(length) > FARTHEST:
-            raise NoMessage(f"it tells a displacement of {length:g} m")
+            raise NoMessage(f"it reports a displacement of {length:g} m")
         return length
 
 
@@ -378,7 +380,7 @@ def _time(values: Section, message: MessageSettings) -> TimeSettings:
 def _whole(one: SentQuantity, fields: Fields) -> int:
     value = one.number(fields)
     if isnan(value) or value < 0.0:
-        raise NoMessage(f"'{fields.get(one.source, '')[:40]}' is no whole number")
+        raise NoMessage(f"'{fields.get(one.source, '')[:40]}' is not a whole number")
     return round(value)
 
 
@@ -386,7 +388,7 @@ def _moment(text: str) -> int:
     try:
         moment = datetime.fromisoformat(text.replace("Z", "+00:00").replace(",", "."))
     except ValueError:
-        raise NoMessage(f"'{text[:40]}' is no date and time") from None
+        raise NoMessage(f"'{text[:40]}' is not a date and time") from None
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=timezone.utc)
     since = moment - datetime(1970, 1, 1, tzinfo=timezone.utc)

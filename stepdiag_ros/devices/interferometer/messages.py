@@ -46,7 +46,7 @@ class InstrumentSettings:
     Attributes:
         message: how a message is split into fields.
         values: what the fields mean.
-        stamps: how times are reckoned.
+        stamps: how times are calculated.
         fastest: m/s at which the counter can follow, if this is to be watched; 0 if not.
     """
 
@@ -85,8 +85,8 @@ class InstrumentSettings:
 class MessageInterferometer:
     """An interferometer that speaks in messages (``InterferometerDevice``).
 
-    A message that cannot be read is a lost reading: its number is left out. The first one after the
-    start is none: it was cut in the middle.
+    A message that cannot be read is a lost reading: its number is left out. The first one
+    after the start does not count: it was cut in the middle.
 
     Args:
         settings: what the messages mean.
@@ -172,7 +172,7 @@ class MessageInterferometer:
         if self._unreadable >= MOST_UNREADABLE:
             raise Refusal(
                 f"{MOST_UNREADABLE} messages in a row cannot be read, the last one since {text}:"
-                " are device and settings those of one instrument?",
+                " check that the settings fit the device",
                 fault="malformed",
             )
 
@@ -192,6 +192,6 @@ class MessageInterferometer:
     def _lost_before(self, told: MessageValues, time: int, unreadable: int) -> int:
         if told.sequence is not None:
             return self._missing.by_number(told.sequence)
-        # The instrument's own clock is even; a reckoned time is as uneven as the link.
+        # The instrument's own clock is even; a calculated time is as uneven as the link.
         own = time if told.clock is None else told.clock + self._wrapped
         return max(self._missing.by_time(own), unreadable)

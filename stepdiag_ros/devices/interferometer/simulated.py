@@ -69,7 +69,7 @@ class SimulatedInterferometer:
     course of the run has them (``course.Course``); outside a run they do not.
 
     Args:
-        cell: the truth.
+        cell: the true errors.
         start: ns; the grid begins here.
         behaviour: rate, noise and limits.
     """
@@ -211,7 +211,7 @@ class SimulatedInterferometer:
         """Let the instrument go."""
 
     def _readable_until(self, time_ns: int) -> int:
-        """Return the time (ns) up to which there is something to be read at a time."""
+        """Return the time (ns) up to which data can be read at a time."""
         self._now = max(time_ns, self._now)
         if not self._position_times:
             return -_NEVER
@@ -308,7 +308,7 @@ class SimulatedInterferometer:
         return (np.where(broken, nan, raw) if broken.any() else raw), statuses
 
     def _known_at_zero(self, beam: _Beam, known: Vector) -> float:
-        """Return the index that the sensors told when the zero was set.
+        """Return the index by the sensors when the zero was set.
 
         A zero is arbitrary: the first known air after it serves as well as that at it.
         """
@@ -381,7 +381,7 @@ class SimulatedInterferometer:
         return index
 
     def _air_holds_until(self, time: int) -> int:
-        """Return the last time (ns) up to which the sensors tell the same as at a time."""
+        """Return the last time (ns) up to which the sensors report the same as at a time."""
         later = int(np.searchsorted(self._weather_times, time, side="right"))
         ends = self._weather_times[later : later + 1]
         if later:
@@ -390,7 +390,7 @@ class SimulatedInterferometer:
         return min(ends, default=_NEVER) - 1
 
     def _known_air(self, times: Instants) -> tuple[Vector, list[Environment]]:
-        """Return the index and the environment that the sensors tell at some times."""
+        """Return the index and the environment by the sensors at some times."""
         if not self._weather_times:
             return np.full(len(times), nan), [Environment()] * len(times)
         weather_times = np.array(self._weather_times, dtype=np.int64)
@@ -430,7 +430,7 @@ def from_settings(
     """Return what switches a simulated interferometer on at a time, ns.
 
     Settings: ``rate_hz`` (default: the cell's), ``seed`` of the noise (default 0), ``hold_after_s``
-    (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation reckons
+    (default 0.2), ``weather_age_s`` (default 10), ``dead_path_m`` that the compensation calculates
     with (default: the true one), ``fastest_m_per_s`` (default 4), ``weather_begins_ns`` (the same
     for all devices of a cell; default 0: when this one is switched on), ``index_equation`` of the
     compensation, edlen (default) or ciddor. ``transport_delay_s``, ``clock_offset_s`` and

@@ -1,4 +1,4 @@
-"""When a reading was measured: told by the instrument, or reckoned from when it came.
+"""When a reading was measured: stated by the instrument, or calculated from its arrival.
 
 What comes in one look at the link came since the look before, evenly as far as anybody knows. So
 readings that waited in a busy computer are spread over the time that they waited, not put all on
@@ -23,7 +23,7 @@ JUMP = 5 * NANOSECONDS
 
 @dataclass(frozen=True)
 class StampSettings:
-    """How times are reckoned.
+    """How times are calculated.
 
     Attributes:
         delay: from the measurement to the arrival of the message, at least, ns.
@@ -116,7 +116,7 @@ class Missing:
         """Return how many readings are missing before the one of this number; -1: it is repeated.
 
         Raises:
-            StartedAgain: the numbers begin anew.
+            StartedAgain: the numbers start again.
         """
         last, self._number = self._number, number
         if last is None:

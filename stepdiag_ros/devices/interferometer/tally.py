@@ -1,4 +1,4 @@
-"""Readings of a real instrument out of what it tells: numbered, zeroed, and bad once it lost count.
+"""Readings of a real instrument from its messages: numbered, zeroed, and bad once it lost count.
 
 A counter that lost its beam goes on counting when the beam is back, from a wrong number. While beam
 and mirror stand for a setup, a lost count therefore stays lost until the next alignment, whatever
@@ -23,14 +23,14 @@ _COUNTS = (STATUS_OK, STATUS_LOW_SIGNAL)
 
 @dataclass
 class Counted:
-    """What an instrument tells at one time.
+    """Values of an instrument at one time.
 
     Attributes:
         time: of measurement, ns.
-        raw: displacement in vacuum wavelengths, m; NaN if it is not told.
+        raw: displacement in vacuum wavelengths, m; NaN if it is unknown.
         compensated: displacement after the instrument's own compensation for the air, m; NaN if it
             makes none.
-        signal: 0..1; NaN if it does not tell.
+        signal: 0..1; NaN if it is unknown.
         status: STATUS_* of InterferometerReading.msg.
         lost_before: how many readings are missing just before this one.
         trigger: number of the hardware trigger; 0: not triggered.
@@ -65,7 +65,7 @@ class ReadingTally:
         """Take note that beam and mirror stand for a setup.
 
         Returns:
-            whether the zero is set anew, with the next good reading; otherwise they stood for this
+            whether the zero is set again, with the next good reading; otherwise they stood for this
             setup already, and its zero is not lost.
         """
         if setup == self._setup and self._lost == STATUS_OK:
@@ -74,7 +74,7 @@ class ReadingTally:
         return True
 
     def reading(self, told: Counted) -> Reading:
-        """Return what was told as a reading; its time is later than that of the one before."""
+        """Return the values as a reading; its time is later than that of the one before."""
         status = told.status
         if self._setup:
             if status not in _COUNTS:
@@ -121,11 +121,11 @@ class SpeedWatch:
         self._last: tuple[int, float] | None = None
 
     def forget(self) -> None:
-        """Begin anew: the count was zeroed."""
+        """Start again: the count was zeroed."""
         self._last = None
 
     def status(self, time: int, length: float) -> int:
-        """Return the status of a displacement (m) at a time (ns), as far as its speed tells."""
+        """Return the status of a displacement (m) at a time (ns), as far as its speed shows."""
         last, self._last = self._last, (time, length)
         if last is None or not self._fastest or isnan(length) or isnan(last[1]):
             return STATUS_OK

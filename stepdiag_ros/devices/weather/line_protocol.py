@@ -1,9 +1,9 @@
 """Driver ``line_protocol``: weather sensors that send text, as their file of settings describes it.
 
-One sensor may tell all quantities, or several sensors some of them each, at links of their own.
-What a message does not tell is NaN in its sample: nothing is carried over from an older one. A
+One sensor may report all quantities, or several sensors some of them each, at links of their own.
+A quantity that a message lacks is NaN in its sample: nothing is carried over from an older one. A
 sensor that fails is opened again and again while others go on; only when all have failed does the
-driver give up, and its node opens it anew.
+driver give up, and its node opens it again.
 """
 
 from collections.abc import Callable, Mapping
@@ -76,7 +76,7 @@ class SensorSettings:
         """Take the settings of a sensor, and finish them.
 
         Raises:
-            ValueError: a setting is wrong, or it tells nothing.
+            ValueError: a setting is wrong, or the message contains nothing.
         """
         talk = TalkSettings.from_section(section, USUAL_RATE)
         message = MessageSettings.from_section(section.section("message"))
@@ -86,7 +86,8 @@ class SensorSettings:
         quantities = {name: one for name, one in found.items() if one is not None}
         if not quantities:
             raise Refusal(
-                f"{values.source}: nothing is there; expected {', '.join(UNITS)}", fault="missing"
+                f"{values.source}: no quantity is given; expected {', '.join(UNITS)}",
+                fault="missing",
             )
         delay = round(NANOSECONDS * section.number("delay_s", low=0.0, high=3600.0, default=0.0))
         section.finish()

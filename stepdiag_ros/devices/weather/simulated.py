@@ -15,7 +15,7 @@ class SimulatedWeather:
     """A weather station in a simulated cell (protocol: ``WeatherDevice``).
 
     Args:
-        cell: the truth.
+        cell: the true errors.
         start: ns; the grid begins here.
         rate: of the samples, Hz.
         weather_begins: ns, the zero of the cell's weather; ``start`` if None.

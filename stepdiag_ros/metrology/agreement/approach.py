@@ -1,12 +1,12 @@
 """Two measurements of which only one was begun beyond the ends of its lines (overrun).
 
 The first stop of a run without overrun is approached from elsewhere, mostly against the sense of
-the run. With lost motion of the axis its reading is then off by up to the reversal error, and with
-it the curves: the machine would be called changed because it was measured in another way. Which of
-both senses it was is not known; so such a stop has one standard uncertainty more, the reversal
-error of the axis (rms over the targets that tell it; of both measurements the larger). Where
-neither tells one (runs one way), it is ``UNKNOWN_REVERSAL``. Measured in the same way twice, the
-effect is in both, and cancels.
+the run. Its reading is then off by up to the reversal error of the axis, and with it the
+curves: the machine would be called changed because it was measured in another way. The sense of
+approach is not known; so such a stop has one standard uncertainty more, the reversal error of the
+axis (rms over the targets that determine it; of both measurements the larger). Where neither
+determines one (unidirectional runs), it is ``UNKNOWN_REVERSAL``. Measured in the same way twice,
+the effect is in both, and cancels.
 """
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 UNKNOWN_REVERSAL = 1e-5
-"""m: more than the reversal error of most axes; so what depends on it tells next to nothing."""
+"""m: more than the reversal error of most axes; so what depends on it is hardly determined."""
 
 
 def by_their_approach(
@@ -50,8 +50,8 @@ def by_their_approach(
         unknown = [name for name in names if sizes[name] == UNKNOWN_REVERSAL]
         remarks.append(
             f"the runs of {', '.join(names)} {when} do not begin beyond their ends, the others do"
-            " (overrun): by the axis' lost motion alone the two may differ. The first stop of"
-            f" these runs {when} has the reversal error as a further standard uncertainty"
+            " (overrun): by the reversal error of the axis alone the two may differ. The first"
+            f" stop of these runs {when} has the reversal error as a further standard uncertainty"
             + (
                 f"; of {', '.join(unknown)} it was not measured, and"
                 f" {UNKNOWN_REVERSAL * 1e6:g} µm is taken"

@@ -54,7 +54,7 @@ class CurveChange:
         difference_uncertainty: standard uncertainties of ``difference``, shape (n,).
         joint: of all nodes together.
         changed: chance does not explain this curve's change, or that of one of its nodes, although
-            there are many; None where that cannot be told.
+            there are many; None where that is undetermined.
     """
 
     name: str
@@ -165,7 +165,7 @@ def compare(
         before: the first.
         after: the second.
         same_instrument: one laser with its sensors measured both; only of effect where both have a
-            budget, since nothing else tells what comes from the instrument.
+            budget, since nothing else shows what comes from the instrument.
 
     Raises:
         ValueError: they cannot be compared; see ``measured.pair``.

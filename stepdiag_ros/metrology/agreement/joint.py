@@ -11,7 +11,9 @@ from stepdiag_ros.metrology.geometry import Vector
 SIGNIFICANT = 0.05
 """Probability below which a difference is no longer put down to chance: that of |E_n| > 1."""
 FIXED = 1e-15
-"""m or rad: a value with a smaller standard uncertainty is fixed by the frame and tells nothing."""
+"""m or rad: a value with a smaller standard uncertainty is fixed by the frame and does not
+count.
+"""
 _RANK = 1e-9
 """Of the largest eigenvalue of the correlations: what is smaller is rounding, not information."""
 
@@ -38,7 +40,7 @@ class JointTest:
 
     @property
     def significant(self) -> bool:
-        """Say whether chance is no good explanation (p < ``SIGNIFICANT``)."""
+        """Say whether chance is not a good explanation (p < ``SIGNIFICANT``)."""
         return self.known and self.probability < SIGNIFICANT
 
 
@@ -51,7 +53,7 @@ def joint_test(difference: Vector, covariance: Vector) -> JointTest:
     Args:
         difference: in SI, shape (n,); NaN where not known.
         covariance: of the differences, shape (n, n); NaN rows where not known. If a covariance
-            between two known values is missing, nothing is told.
+            between two known values is missing, the result is undetermined.
     """
     from scipy.linalg import eigh
     from scipy.special import chdtrc
@@ -79,8 +81,7 @@ def significant_of_many(probabilities: Mapping[str, float]) -> tuple[str, ...]:
     The probability that any is named where nothing has changed is at most ``SIGNIFICANT``.
 
     Args:
-        probabilities: by name, those of large differences by chance; NaN tells nothing and does not
-            count.
+        probabilities: by name, those of large differences by chance; NaN does not count.
 
     Returns:
         names, the least probable first.

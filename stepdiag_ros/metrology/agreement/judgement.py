@@ -92,7 +92,7 @@ class JointJudgement:
 
     @property
     def significant(self) -> bool:
-        """Say whether something has changed: chance is no good explanation of all families."""
+        """Say whether something has changed: chance is not a good explanation of all families."""
         return self.known and self.probability < SIGNIFICANT
 
     @property

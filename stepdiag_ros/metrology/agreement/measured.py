@@ -37,7 +37,7 @@ class ComparedMeasurement:
         result: of a solver.
         chain: order of the machine's axes from workpiece to tool; empty if not known.
         measurement: the lines that it was solved from; None if they are not at hand.
-        budget: uncertainty of the result by its sources; None: as the solver tells it.
+        budget: uncertainty of the result by its sources; None: as the solver gives it.
         approach: covariance of all curves stacked that is added where the other measurement's stops
             were approached in another way, shape (k, k); see ``approach``.
     """

@@ -1,11 +1,11 @@
-"""The mean reversal error of each axis in both measurements, at targets that tell it in both.
+"""The mean reversal error of each axis in both measurements, at targets that determine it in both.
 
     B̄ = mean over the targets of B_i = x̄_i↑ - x̄_i↓      (ISO 230-2:2014, 3.15 to 3.17)
 
-B_i is only told by a target that was approached in the sense of the run, from below and from above.
-A run that does not begin beyond its end target (no overrun) comes to this from elsewhere, mostly
-from the same side as the run before: B_i would be about 0 there, whatever the axis does. So such
-ends are left out, of both measurements, since the reversal may differ along the axis.
+B_i is only determined by a target that was approached in the sense of the run, from below and from
+above. A run that does not begin beyond its end target (no overrun) comes to this from elsewhere,
+mostly from the same side as the run before: B_i would be about 0 there, whatever the axis does. So
+such ends are left out, of both measurements, since the reversal may differ along the axis.
 """
 
 from collections.abc import Mapping
@@ -25,10 +25,10 @@ from stepdiag_ros.metrology.volumetric_map import EDGE
 
 @dataclass(frozen=True)
 class ReversedAxis:
-    """Runs along an axis, both ways.
+    """Runs along an axis, in both directions.
 
     Attributes:
-        runs: both ways.
+        runs: in both directions.
         spread: standard uncertainties of the stops, m, one row a run, forward runs first, in the
             order of the targets, shape (runs, targets).
     """
@@ -38,12 +38,12 @@ class ReversedAxis:
 
     @property
     def told(self) -> Vector:
-        """Return the targets that tell a reversal, m."""
+        """Return the targets that determine a reversal error, m."""
         return self.runs.target[self._tell]
 
     @property
     def errors(self) -> Vector:
-        """Return the reversal errors B_i at these targets, m; none if there is none."""
+        """Return the reversal errors B_i at these targets, m; empty without any."""
         up, down = self.runs.forward.mean(axis=0), self.runs.backward.mean(axis=0)
         made: Vector = (up - down)[self._tell]
         return made
@@ -81,7 +81,7 @@ class ReversedAxis:
 def reversals(
     before: Measurement | None, after: Measurement | None
 ) -> tuple[list[FigureChange], list[str]]:
-    """Return the mean reversal errors of the axes that both tell, and remarks on them.
+    """Return the mean reversal errors of the axes that both determine, and remarks on them.
 
     Args:
         before: the lines of the first; None if they are not at hand.
@@ -119,7 +119,8 @@ def reversals(
     alone = [name for name in AXES if (name in first) != (name in second)]
     if alone:
         remarks.append(
-            f"{REVERSAL} of {', '.join(alone)}: both ways in one measurement only, not compared"
+            f"{REVERSAL} of {', '.join(alone)}: in both directions in one measurement only, not"
+            " compared"
         )
     if single:
         remarks.append(
@@ -129,21 +130,23 @@ def reversals(
     if shortened:
         remarks.append(
             f"{REVERSAL} of {', '.join(shortened)}: without the end targets, in both. Nothing says"
-            f" that {_which(first, second, shortened)} begin beyond them (overrun), so these do not"
-            " tell a reversal ('stepdiag iso230' counts them, and says so)"
+            f" that {_which(first, second, shortened)} begin beyond them (overrun), so these do"
+            " not determine a reversal error ('stepdiag iso230' counts them, and says so)"
         )
     if fewer:
-        remarks.append(f"{REVERSAL} of {', '.join(fewer)}: at the targets that tell it in both")
+        remarks.append(
+            f"{REVERSAL} of {', '.join(fewer)}: at the targets that determine it in both"
+        )
     if lacking:
         remarks.append(
-            f"{REVERSAL} of {', '.join(lacking)}: not compared, no target tells it in both. Measure"
-            " with overrun_m, at the same targets"
+            f"{REVERSAL} of {', '.join(lacking)}: not compared, no target determines it in both."
+            " Measure with overrun_m, at the same targets"
         )
     return made, remarks
 
 
 def reversed_axes(measurement: Measurement) -> dict[str, ReversedAxis]:
-    """Return the axes that were measured both ways."""
+    """Return the axes that were measured in both directions."""
     found = {}
     for runs in all_runs(measurement):
         if runs.kind != LINEAR or not len(runs.forward) or not len(runs.backward):
@@ -160,7 +163,7 @@ def reversed_axes(measurement: Measurement) -> dict[str, ReversedAxis]:
 def _common(
     first: Vector, second: Vector, first_told: Vector, second_told: Vector
 ) -> tuple[Integers, Integers]:
-    """Return the places in both of the targets that tell a reversal in both."""
+    """Return the places in both of the targets that determine a reversal error in both."""
     same = np.abs(first[:, None] - second[None, :]) <= EDGE
     told = np.outer(_among(first, first_told), _among(second, second_told)) > 0.0
     rows, columns = np.nonzero(same & told)
@@ -168,7 +171,7 @@ def _common(
 
 
 def _among(targets: Vector, told: Vector) -> Vector:
-    """Return 1 for each target that is told, else 0."""
+    """Return 1 for each target that determines it, else 0."""
     near = np.abs(targets[:, None] - told[None, :]) <= EDGE
     made: Vector = np.sum(near, axis=1, dtype=float)
     return made

@@ -2,9 +2,9 @@
 
 Readings, setups, drift and turbulence are another matter each time. The calibration of the laser
 and of the sensors is the same if the same instrument measured both times; a coefficient of thermal
-expansion that both were corrected with is the same, since the machine is. Such sources are only
-told by a budget, which knows them one by one. Without budgets the solver's own covariance tells
-what angular errors that no reading shows do to both alike.
+expansion that both were corrected with is the same, since the machine is. Only a budget
+states such sources, which it lists one by one. Without budgets the solver's own covariance gives
+the influence on both alike of angular errors that no reading shows.
 """
 
 from collections.abc import Sequence
@@ -53,11 +53,11 @@ def shared_sources(
 
 
 def _of_rotations(before: ComparedMeasurement, after: ComparedMeasurement) -> Vector | None:
-    """Return what the rotations that no reading tells make wrong in both alike.
+    """Return the errors in both alike from rotations that no reading determines.
 
     None where that is nothing, or not known.
     The same lines, moved in the same orders and solved by the same method, turn it into the same.
-    Where the two tell other sizes of the rotations, it is the product of the square roots of both:
+    Where the two state other sizes of the rotations, it is the product of the square roots of both:
     their mean could make a difference of two ranges, each between nodes of its own, certain.
     """
     parts = []

@@ -26,8 +26,8 @@ class FigureChange:
         after_uncertainty: of the second.
         difference_uncertainty: standard uncertainty of after minus before.
         degrees_of_freedom: of that uncertainty; infinite where it is known.
-        changed: chance does not explain the change, although there are many figures; None where
-            that cannot be told.
+        changed: chance does not explain the change, although there are many figures; None
+            where that is undetermined.
     """
 
     name: str

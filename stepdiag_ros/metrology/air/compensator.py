@@ -50,7 +50,7 @@ class Compensator:
     ) -> None:
         if kind not in COMPENSATIONS:
             known = ", ".join(COMPENSATIONS)
-            raise Refusal(f"'{kind}' is no compensation; expected {known}", fault="unknown")
+            raise Refusal(f"'{kind}' is not a compensation; expected {known}", fault="unknown")
         self.kind = kind
         self._dead_path = dead_path
         self._wavelength = wavelength
@@ -68,7 +68,7 @@ class Compensator:
         self._rest = _UNKNOWN
 
     def align(self, time: int, beam: BeamPath, start: Vector) -> None:
-        """Take note that beam and mirror are set up anew; the next good reading is the zero.
+        """Take note that beam and mirror are set up again; the next good reading is the zero.
 
         Args:
             time: ns; readings from before do not count.
@@ -87,7 +87,7 @@ class Compensator:
 
         Args:
             reading: of the instrument.
-            environment: what the weather sensors tell at its time.
+            environment: values of the weather sensors at its time.
         """
         self._take_air(environment)
         if self.kind == "instrument":

@@ -24,7 +24,7 @@ def edlen_index(
     Args:
         temperature: of the air, degC, any shape; NaN if unknown.
         pressure: of the air, Pa, broadcast against the temperature; NaN if unknown.
-        relative_humidity: 0..1, broadcast likewise; NaN if unknown.
+        relative_humidity: 0..1, broadcast against the temperature; NaN if unknown.
         wavelength: in vacuum, m.
 
     Returns:

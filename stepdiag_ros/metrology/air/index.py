@@ -37,7 +37,7 @@ def refractive_index(
     Args:
         temperature: of the air, degC, any shape; NaN if unknown.
         pressure: of the air, Pa, broadcast against the temperature; NaN if unknown.
-        relative_humidity: 0..1, broadcast likewise; NaN if unknown.
+        relative_humidity: 0..1, broadcast against the temperature; NaN if unknown.
         wavelength: in vacuum, m.
         equation: one of ``EQUATIONS``.
 
@@ -49,7 +49,7 @@ def refractive_index(
     """
     if equation not in EQUATIONS:
         raise Refusal(
-            f"'{equation}' is no equation for the refractive index; use {', '.join(EQUATIONS)}",
+            f"'{equation}' is not an equation for the refractive index; use {', '.join(EQUATIONS)}",
             fault="unknown",
         )
     return EQUATIONS[equation](temperature, pressure, relative_humidity, wavelength)

@@ -1,8 +1,8 @@
-"""What weather sensors have told, as far as it may be used: not too old, and not impossible.
+"""Values of weather sensors that may be used: not too old, and not impossible.
 
-A sensor that is set to another unit, or whose cable is loose, tells numbers all the same. 1 K of
-air temperature is 1 µm in every metre, so a value that cannot be meant is not used: it is unknown,
-and why is told in words.
+A sensor that is set to another unit, or whose cable is loose, reports numbers all the same. 1 K of
+air temperature is 1 µm in every metre, so an impossible value is not used: it is unknown,
+with the reason in words.
 """
 
 from collections.abc import Callable, Mapping

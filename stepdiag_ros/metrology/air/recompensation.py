@@ -1,4 +1,4 @@
-"""Compensation of recorded readings for the air, anew: from their count and the recorded weather.
+"""Compensation of recorded readings for the air, again: from their count and the recorded weather.
 
 The readings of a run hold the count in vacuum wavelengths beside the displacement that was made of
 it on line. With the weather of the same time the latter can be made again: with another dead path
@@ -36,7 +36,7 @@ class AirChoice:
 
 
 class SensorValue(NamedTuple):
-    """What a weather sensor told: when (ns), of what (field of Environment), and how much."""
+    """Value of a weather sensor: time (ns), quantity (field of Environment) and value."""
 
     time: int
     name: str
@@ -79,11 +79,11 @@ def recompensated(
     plan: Plan,
     choice: AirChoice,
 ) -> Iterator[Reading]:
-    """Compensate readings anew.
+    """Compensate readings again.
 
     Args:
         readings: in order of time; their raw displacements are used alone.
-        weather: what the sensors told, in order of time.
+        weather: values of the sensors, in order of time.
         begins: where the setups begin, in order of time.
         plan: of the run.
         choice: how to compensate.

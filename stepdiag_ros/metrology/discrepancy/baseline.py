@@ -10,11 +10,11 @@ model says are to be fitted. A smoother baseline makes false names
 The exact model is fitted once; from there on everything is linear: what an effect of a micrometre
 changes in tilts and curves acts on the readings by products of a few nanometres at most.
 
-The beam's own direction acts as a scale of second order of each setup, |δl|²/2 - δl·δm, which the
-tilts do not tell. It is a free value too, but one that is known to be small: it enters with a
-standard uncertainty, as one more observation per setup. Without that, long lines are given false
-cosine errors. What scatters in every run, the zero from pass to pass and rotations of the axes, is
-let in the same way (``loose``).
+The beam's own direction acts as a scale of second order of each setup, |δl|²/2 - δl·δm, which
+the tilts do not determine. It is a free value too, but one that is known to be small: it enters
+with a standard uncertainty, as one more observation per setup. Without that, long lines are given
+false cosine errors. What scatters in every run, the zero from pass to pass and rotations of the
+axes, is let in the same way (``loose``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -122,8 +122,8 @@ def fit_baseline(
 
     Raises:
         NotDeterminable: there is no reading at all.
-        ValueError: lines that contradict the volume or each other, a curve that is no
-            translational one, or one with a wrong number of values.
+        ValueError: lines that contradict the volume or each other, a curve that is not
+            translational, or one with a wrong number of values.
     """
     curves = curves or {}
     good = np.isfinite(np.concatenate([line.displacement for line in measurement.lines]))
@@ -199,7 +199,7 @@ def _of_curves(
     volume = measurement.volume
     for name, values in curves.items():
         if name not in TRANSLATIONS:
-            raise ValueError(f"{name} is no translational error curve; only such can be fixed")
+            raise ValueError(f"{name} is not a translational error curve; only such can be fixed")
         if len(values) != volume.blocks + 1:
             raise ValueError(
                 f"{name}: {len(values)} values are given, the run has {volume.blocks + 1} nodes"
@@ -249,11 +249,11 @@ def _pass_zeros(measurement: Measurement, stops: Stops) -> tuple[Vector, list[st
 
 
 def _approaches(stops: Stops) -> Vector:
-    """Return a column for first stops of passes to which nobody tells how the machine came.
+    """Return a column for first stops of passes with an unknown approach.
 
     Passes of one setup in the same direction have it in common, but for the first one of the setup,
-    before which the machine may have come from anywhere. What lost motion or settling makes at such
-    a stop depends on whether the axis turned round there, so it says nothing of either.
+    before which the machine may have come from anywhere. What reversal error or settling makes at
+    such a stop depends on whether the axis turned round there, so it says nothing of either.
     """
     rows = np.flatnonzero(~stops.approach_told)
     kinds: dict[tuple[int, str, bool], list[int]] = {}

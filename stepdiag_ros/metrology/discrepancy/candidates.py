@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.geometry import Vector
 _HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
 _NEW = 1e-2
-"""Share of a further size's column beyond the first sizes' below which it tells nothing new."""
+"""Share of a further size's column beyond the first sizes' below which it adds nothing new."""
 _ALIKE = 0.995
 """Share of one signature that another must make up to count as the same (squared cosine)."""
 _SHARP = 0.9
@@ -45,8 +45,8 @@ class Signatures:
             zero where a size adds nothing, shape (rows, c).
         share: 1 / number of candidates of the same effect, shape (candidates,).
         not_testable: label → why.
-        names: what each counts as; candidates of one name are not told apart (``_names``).
-        unknown: candidate → what the run does not tell of it, columns beyond the baseline that
+        names: what each counts as; candidates of one name are not distinguished (``_names``).
+        unknown: candidate → what the run does not determine of it, columns beyond the baseline that
             become free with it (``Effect.unknown``).
     """
 
@@ -266,7 +266,7 @@ def _orthonormal(
         lengths: of the columns.
 
     Returns:
-        shape (c, c); a column of zeros where a size tells nothing new.
+        shape (c, c); a column of zeros where a size adds nothing new.
     """
     scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     rows, places, values = [], [], []
@@ -323,7 +323,7 @@ def alike(found: Signatures, index: int, others: Sequence[int]) -> list[int]:
 
 
 def _told(found: Signatures, index: int, real: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the columns of a candidate that tell something."""
+    """Return the columns of a candidate that contain something."""
     return int(found.first[index]) + np.flatnonzero(real[found.of(index)])
 
 

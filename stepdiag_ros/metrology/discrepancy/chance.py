@@ -51,8 +51,9 @@ class LookElsewhere:
 def look_elsewhere(found: Signatures, freedom: float, seed: int) -> LookElsewhere:
     """Draw runs that lack nothing and note the least chance that any candidate shows in each.
 
-    The candidates overlap, so that they are as many independent ones as the distribution of the
-    luckiest tells, fewer than there are. The noise of every draw is estimated as that of the run.
+    The candidates overlap, so that they are as many independent ones as the distribution
+    of the luckiest shows, fewer than their number. The noise of every draw is estimated as that of
+    the run.
 
     Args:
         found: the candidates, projected and orthonormal.

@@ -1,7 +1,7 @@
 """Who else may be the cause of a gap: a finding, what the run cannot rule out, and what lost by it.
 
 A candidate that lost by odds of 1 to 50 need not be named beside the winner, but readings that are
-still to be taken may bring it near again. An extra plan has to reckon with it.
+still to be taken may bring it near again. An extra plan has to allow for it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.measurement import Measurement
 
 _BEHIND = 9.0
-"""Evidence behind the finding up to which a name is reckoned with: odds of 1 to 8000."""
+"""Evidence behind the finding up to which a name is considered: odds of 1 to 8000."""
 _UNLIKELY = 1e-4
 """Probability of a rival that only looks alike and is far behind by the evidence."""
 
@@ -30,7 +30,7 @@ class Contenders:
     Args:
         measurement: the runs so far.
         diagnosis: of them.
-        known: as given to ``diagnose``; likewise the following.
+        known: as given to ``diagnose``, like the following.
         catalogue: effects that were tried.
         fitted: effects of the model whose sizes are free.
         curves: that the model has fixed.
@@ -59,7 +59,8 @@ class Contenders:
     def rivals(self, finding: Finding) -> list[Rival]:
         """Return a finding and what else may be the cause, one of each name, the finding first.
 
-        Rotations of all axes at once are no candidate and take no part: they are free in the model.
+        Rotations of all axes at once are not a candidate and take no part: they are free in the
+            model.
         """
         if finding.label not in self._place:
             return []

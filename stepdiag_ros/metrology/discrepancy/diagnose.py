@@ -84,16 +84,16 @@ def diagnose(
 
     The model is a machine with nine free translational curves and free setups (see ``baseline``),
     plus the effects that are known. The noise is taken from the repeats; with the gap explained, it
-    is taken anew, since what changes between repeats is no noise. What the zero then scatters from
-    pass to pass is noise too. Rotations of all axes at once are weighed against the single effects
-    that would explain the gap without them.
+    is taken again, since what changes between repeats is not noise. What the zero then scatters
+    from pass to pass is noise too. Rotations of all axes at once are weighed against the single
+    effects that would explain the gap without them.
 
     Args:
         measurement: the run; its chain, if known, lets angular errors be tried.
         known: effects of the model with fixed sizes.
         catalogue: effects to try; all that are installed if None.
-        seed: of the draws that tell what chance does.
-        progress: told what is being done.
+        seed: of the draws that show the influence of chance.
+        progress: called with what is being done.
         fitted: effects of the model whose sizes are free.
         curves: name → values at the nodes, m, of translational curves that the model has fixed.
 
@@ -175,8 +175,8 @@ class _Run:
         stops: of the run.
         effects: to try.
         taken: name and label of those that the model has already with a free size.
-        seed: of the draws that tell what chance does.
-        tell: told what is being done.
+        seed: of the draws that show the influence of chance.
+        tell: called with what is being done.
     """
 
     baseline: Baseline
@@ -228,7 +228,7 @@ class _Run:
         return before, after
 
     def settled(self, result: _Result, stated: float) -> _Result:
-        """Take noise and scatter anew from what the effects leave, until they stay the same."""
+        """Take noise and scatter again from what the effects leave, until they stay the same."""
         result = self._scattering(result)
         for _ in range(_PASSES):
             left = result.problem.readings(result.selection.left())
@@ -239,7 +239,7 @@ class _Run:
             loose = replace(wander, rotation=result.loose.rotation)
             if _same(result, noise, loose):
                 break
-            self.tell("taking the noise anew, without what was found")
+            self.tell("estimating the noise again, without the effects found")
             result = self.once(noise, loose)
         return result
 
@@ -274,8 +274,8 @@ def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
 def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) -> Diagnosis:
     """Weigh rotations of all axes at once against the effects that were chosen without them.
 
-    Both ways are compared by their evidence with the same noise. That of rotations is averaged over
-    their sizes, and beside them effects are looked for as without them.
+    Both explanations are compared by their evidence with the same noise. That of rotations is
+    averaged over their sizes, and beside them effects are looked for as without them.
     """
     run.tell("weighing rotations of all axes")
     freedom = result.noise.freedom

@@ -49,8 +49,8 @@ class ModelComparison:
     Attributes:
         measurement: the run.
         catalogue: effects to try; all that are installed if None.
-        seed: of the draws that tell what chance does.
-        tell: told what is being done.
+        seed: of the draws that show the influence of chance.
+        tell: called with what is being done.
     """
 
     measurement: Measurement

@@ -52,7 +52,7 @@ class Option:
 
 
 def alignments(volume: Volume, often: bool, axes: str = "XYZ") -> tuple[Option, ...]:
-    """Return every alignment for a box with all that can be measured in it, both ways.
+    """Return every alignment for a box with all that can be measured in it, in both directions.
 
     Args:
         volume: the box.

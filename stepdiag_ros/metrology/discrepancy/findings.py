@@ -14,14 +14,16 @@ CONSISTENT = "CONSISTENT"
 NAMED = "NAMED"
 """Effects of the catalogue, and no others, close the gap."""
 AMBIGUOUS = "AMBIGUOUS"
-"""The gap closes, but several effects would close it and this run does not tell which."""
+"""The gap closes, but several effects would close it and this run does not show which."""
 UNEXPLAINED = "UNEXPLAINED"
 """There is a gap that no effect of the catalogue closes."""
 NOT_TESTABLE = "NOT TESTABLE"
-"""The run has no data left over that could contradict the model, or does not tell its noise."""
+"""The run has no data left over that could contradict the model, or does not determine its
+noise.
+"""
 
 CONSISTENT_LEVEL = 0.002
-"""Chance of a lack of fit below which there is a gap, all shapes of the test together."""
+"""Probability of a lack of fit below which it counts as a gap, all shapes of the test together."""
 
 _LINE_AND_PARABOLA = ("linear", "quadratic")
 """Names of sizes that a share of the travel, and its square, are multiplied by."""
@@ -42,7 +44,7 @@ class Candidate:
     label: str
 
     def free(self, stops: Stops) -> Vector:
-        """Return columns of its sizes and of what no run tells of it, shape (n, k)."""
+        """Return columns of its sizes and of what no run determines of it, shape (n, k)."""
         effect = self.effect
         return np.column_stack(
             [effect.columns(self.setting, stops), effect.unknown(self.setting, stops)]
@@ -61,7 +63,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Loose:
-    """What scatters in a run and is no effect that has a size of its own.
+    """What scatters in a run and is not an effect that has a size of its own.
 
     Attributes:
         zero: standard deviation of the zero from pass to pass, m.
@@ -107,8 +109,8 @@ class Finding:
         probability: of this name among all, 0..1, by the evidence.
         group: labels of candidates that show the same in this run whatever its readings are.
         runners_up: the best candidates of other names, best first.
-        covariance: of the sizes, in the order of the effect's, SI, shape (sizes, sizes); NaN where
-            the run does not tell a size.
+        covariance: of the sizes, in the order of the effect's, SI, shape (sizes, sizes); NaN
+            where the run does not determine a size.
     """
 
     candidate: Candidate
@@ -128,9 +130,9 @@ class Finding:
 
         U is half of the 95 % coverage interval.
 
-        It is the sum of a straight line's and a parabola's part, and often known well where a short
-        travel or few levers tell neither part by itself. None for effects of other shapes, and
-        where a part is not told.
+        It is the sum of a straight line's and a parabola's part, and often known well where
+        a short travel or few levers determine neither part by itself. None for effects of other
+        shapes, and where a part is unknown.
         """
         if tuple(self.sizes) != _LINE_AND_PARABOLA or self.covariance.shape != (2, 2):
             return None
@@ -192,7 +194,8 @@ class Pattern:
         share: of what the gap's χ² exceeds noise by, 0..1; NaN where that excess is itself unclear.
         gain: what χ² loses by it.
         p_value: chance of so clear a pattern, of all that were tried, by noise alone.
-        or_else: what else it may go with, or where else it may be, as far as this run tells.
+        or_else: other influences that it may depend on, or other places where it may be, as far as
+            this run shows.
         columns: number of values that were fitted to the gap for it.
     """
 
@@ -228,28 +231,28 @@ class Diagnosis:
         sentence: the verdict in words.
         findings: named effects, strongest first; empty unless NAMED or AMBIGUOUS.
         partial: where UNEXPLAINED, what closes part of the gap and is not to be believed alone.
-        noise: standard deviation of a reading, from the repeats, m; NaN if not told.
-        noise_degrees_of_freedom: of that.
+        noise: standard deviation of a reading, from the repeats, m; NaN if unknown.
+        noise_degrees_of_freedom: of ``noise``.
         noise_correlation: between the noise of neighbouring stops of a pass.
         noise_source: where the noise was taken from, in words.
         loose: what scatters beside the noise.
         chi_squared_before: of the run under the model as it was, all its free values fitted.
         chi_squared_after: with the findings (where UNEXPLAINED, ``partial``) fitted too.
-        degrees_of_freedom_before: likewise.
-        degrees_of_freedom_after: likewise.
+        degrees_of_freedom_before: without the findings.
+        degrees_of_freedom_after: with the findings.
         lack_of_fit_p_before: chance of so bad a fit by noise alone.
-        lack_of_fit_p_after: likewise with the findings.
+        lack_of_fit_p_after: the same with the findings.
         residual_before: gap, measured minus simulated, m, shape (n,); NaN at rejected stops.
-        residual_after: likewise with the findings.
+        residual_after: the same with the findings.
         detection_limits: label → smallest size (of the effect's first, SI) seen 19 times in 20.
         not_testable: label → why this run cannot show it.
         where: sentences that say where the gap of the model as it was lies.
-        where_after: likewise of the gap that is left, where UNEXPLAINED.
+        where_after: the same for the remaining gap, where UNEXPLAINED.
         map: the gap of the model as it was, split in several ways.
         patterns: what that gap looks like, clearest first; none where it is CONSISTENT.
-        patterns_after: likewise of the gap that is left, where UNEXPLAINED.
+        patterns_after: the same for the remaining gap, where UNEXPLAINED.
         covariance: of all sizes of the findings (where UNEXPLAINED, ``partial``), one finding's
-            after another's, SI, shape (sizes, sizes); NaN where the run does not tell a size.
+            after another's, SI, shape (sizes, sizes); NaN where the run does not determine a size.
         tested: number of candidates tried.
         stops: all stops, rows as of the residuals.
     """

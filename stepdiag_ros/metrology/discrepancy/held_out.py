@@ -4,13 +4,14 @@ Some readings are held out. Everything free, and the sizes of the effects, is fi
 from these the held-out readings are predicted, without and with the effects. The χ² of a prediction
 counts its whole uncertainty, that of the fit too: it is what χ² of a fit to all readings has more
 than that of a fit to the training readings, with as many degrees of freedom as the readings have
-more (recursive residuals; Brown, Durbin & Evans 1975). What the training readings cannot tell, such
-as the tilts of a setup that is held out whole, costs degrees of freedom and is not counted as gap.
+more (recursive residuals; Brown, Durbin & Evans 1975). What the training readings do not determine,
+such as the tilts of a setup that is held out whole, costs degrees of freedom and is not counted as
+gap.
 
 Where an effect is small in what was held out, both predictions are good, and their χ² per degree of
 freedom say little. What the effect itself is worth there is tested by itself: the difference of the
 two predictions is a known shape, made from the other readings alone, and by how much of it the
-held-out readings follow is normally distributed about zero if the effect is none.
+held-out readings follow is normally distributed about zero if there is no effect.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +30,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 Booleans = NDArray[np.bool_]
 
 _LEAST_SHARE = 0.1
-"""Share of what the run tells of an effect that each part of a split must tell."""
+"""Share of the run's information on an effect that each part of a split must have."""
 _EVERY = 3
 _RANK_LIMIT = 1e-9
 
@@ -40,7 +41,7 @@ class Prediction:
 
     Attributes:
         chi_squared: with the uncertainty of the prediction counted in.
-        degrees_of_freedom: of that.
+        degrees_of_freedom: of ``chi_squared``.
         p_value: chance of so large a χ² if nothing is missing; NaN without degrees of freedom.
         residual: measured minus predicted, m, shape (stops,); NaN where not held out.
     """
@@ -122,7 +123,7 @@ def prove(
         diagnose_training: names what is missing in a run whose held-out readings are NaN.
 
     The first way of holding out is taken in which the other readings alone name the same effects;
-    if there is none, the first that leaves enough of every effect in both parts.
+    otherwise the first that leaves enough of every effect in both parts.
 
     Returns:
         None where nothing was found, or no split leaves enough of an effect in both parts.
@@ -365,7 +366,7 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Values of the unknowns, directions that are not told, χ² and degrees of freedom."""
+    """Values of the unknowns, undetermined directions, χ² and degrees of freedom."""
 
     values: Vector
     unseen: Vector

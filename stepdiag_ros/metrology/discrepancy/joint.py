@@ -10,7 +10,8 @@ What the runs share and what they do not:
 - Between two runs the machine has another temperature, and its axes other lengths: 1 K is 11 µm on
   a metre, a hundred times the noise. Each axis has a free scale in each run after the first
   (``run_scales``, fitted with the baseline); else every pair of days would show a thermal growth.
-- Time counts from the start of each run: what warms up does so anew. Where it goes on instead, from
+- Time counts from the start of each run: what warms up does so again. Where it goes on instead,
+from
   one run to the next without a rest, a steady growth differs by a scale only, which is free.
 """
 
@@ -43,7 +44,7 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
         names: of the runs, for the text of a refusal; their numbers if empty.
 
     Returns:
-        one measurement over the volume of the first run, in the chain that any of them tells.
+        one measurement over the volume of the first run, in the chain that any of them states.
 
     Raises:
         ValueError: no run, a run without lines, or one of another volume or chain; names the run

@@ -7,9 +7,9 @@ over all causes i by their probability now, it is asked to be 95 %.
 
 What the weather will be when the extra plan is measured is not known. A pair that depends on it is
 asked for the weather of the run so far, the worst case: drift and dead path look the same as long
-as the temperature goes with time. Where no lines tell a pair apart in that weather, it is asked for
-in one that changes half as fast, or in one whose parts change in other proportions, and that is a
-condition.
+as the temperature goes with time. Where no lines distinguish a pair in that weather, it is asked
+for in one that changes half as fast, or in one whose parts change in other proportions, and that is
+a condition.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,16 +35,16 @@ CERTAINTY = 0.95
 AS_BEFORE, SLOWER, OTHERWISE = range(3)
 """Weathers: places in ``Judge.asked``."""
 _NEGLIGIBLE = 0.01
-"""Share of the probability of all rivals below which one need not be reckoned with as the cause."""
+"""Share of the probability of all rivals below which one need not be considered as the cause."""
 _LARGEST_OVERLAP = 0.99
-"""Squared cosine of two signatures at which they are still told apart whatever their sizes."""
+"""Squared cosine of two signatures at which they are still distinguished whatever their sizes."""
 _LUCK = 0.002
-"""Chance, at most, that a rival that is ruled out comes back: then it is not reckoned with."""
+"""Chance, at most, that a rival that is ruled out comes back: then it is not considered."""
 _SLACK = 0.005
 
 
 def asked_of(contest: Contest) -> Booleans:
-    """Say of which cause i it is asked to be told from which rival j, shape (rivals, rivals).
+    """Return which cause i must be distinguished from which rival j, shape (rivals, rivals).
 
     Not asked: causes that are all but ruled out, pairs that both belong to one alignment or pass,
     and rivals that the runs so far rule out and no luck brings back.
@@ -76,7 +76,7 @@ class Judged:
     Attributes:
         contest: index of it.
         weather: ``AS_BEFORE``, ``SLOWER`` or ``OTHERWISE``.
-        asked: which cause is to be told from which rival.
+        asked: which cause must be distinguished from which rival.
         distance: δ² that the lines give.
         chance: that the rival is ruled out if the cause is the cause.
         overlap: of the signatures.
@@ -91,7 +91,7 @@ class Judged:
 
     @property
     def short(self) -> Booleans:
-        """Say which pairs are asked for and not told apart."""
+        """Return which requested pairs are not distinguished."""
         missed: Booleans = self.asked & (
             (self.chance < CERTAINTY) | (self.overlap > _LARGEST_OVERLAP)
         )
@@ -102,7 +102,7 @@ class Judge:
     """Judges lines by what they add to the runs so far.
 
     Args:
-        contests: what is to be told apart.
+        contests: causes to distinguish.
         measurement: the runs so far.
         stops: of them.
         diagnosis: of them.
@@ -110,7 +110,7 @@ class Judge:
         curves: that the model has fixed.
 
     Attributes:
-        asked: of each weather and contest, which cause is to be told from which rival.
+        asked: of each weather and contest, which cause must be distinguished from which rival.
         target: certainty that is enough.
         tried: number of sets of lines judged so far.
     """
@@ -164,7 +164,7 @@ class Judge:
 
     def plan(self, chosen: tuple[Option, ...]) -> Plan:
         """Return the plan of a set of options."""
-        return plan_of(chosen, self.basis, "tells apart what a diagnosis left open")
+        return plan_of(chosen, self.basis, "decides what a diagnosis left open")
 
     def __call__(self, chosen: tuple[Option, ...], weather: int | None = None) -> list[Judged]:
         """Judge a set of options in one weather, or in each that something is asked for."""
@@ -191,15 +191,15 @@ class Judge:
         return made
 
     def good(self, chosen: tuple[Option, ...]) -> bool:
-        """Say whether a set of options tells apart all that is asked."""
+        """Return whether a set of options distinguishes all requested pairs."""
         judged = self(chosen)
         alike = any(bool(np.any(one.asked & (one.overlap > _LARGEST_OVERLAP))) for one in judged)
         return not alike and certainty_of(judged, self.contests) >= self.target
 
     def give_up(self, everything: tuple[Option, ...]) -> list[tuple[Candidate, Candidate]]:
-        """Ask no more for pairs that not even all lines together tell apart; return these.
+        """Drop requests for pairs that not even all lines together distinguish; return these.
 
-        Those that they tell apart in another weather are asked for in that.
+        Pairs that they distinguish in another weather are requested in that weather.
 
         Args:
             everything: all lines.

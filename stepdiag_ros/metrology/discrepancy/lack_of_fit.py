@@ -6,8 +6,8 @@ name: each pass shifted and inclined, each stop of a setup off in all its passes
 just moved off in its sense, something smooth over the volume, everything changing slowly with time.
 
 Every test is an F test. Where the noise was taken from differences of passes, these are a part of
-the readings' own freedom: what they hold is taken out of the total, so that only what they do not
-tell is tested against them (lack of fit against pure error). The memory of the noise from stop to
+the readings' own freedom: what they hold is taken out of the total, so that only the rest
+is tested against them (lack of fit against pure error). The memory of the noise from stop to
 stop is estimated too; a shape that is slow in time suffers more from its error than one that jumps,
 which each shape's own degrees of freedom of the noise take into account.
 """
@@ -131,13 +131,13 @@ class LackOfFitTest:
             noise_freedom = self._noise_freedom(shape)
             for (gap, span), freedom, found in zip(gaps, freedoms, chances, strict=True):
                 squares, count = shape.squares(gap, span)
-                # As many shapes as there is freedom left are no test of their own.
+                # As many shapes as there is freedom left are not a test of their own.
                 if 0 < count < 0.9 * freedom:
                     found[words] = _chance(squares, count, noise_freedom)
         return [_judged(*one) for one in zip(totals, freedoms, chances, strict=True)]
 
     def _of_all(self, total: float, freedom: int) -> float:
-        """Return the chance of what the total has beyond the differences that told the noise."""
+        """Return the probability of what the total has beyond the differences behind the noise."""
         pure = self._pure if self._pure < freedom else 0.0
         # In units of the noise, these have as much as they have degrees of freedom.
         return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)

@@ -1,4 +1,4 @@
-"""What scatters in every run and is no effect: the zero of each pass, and rotations of all axes.
+"""Scatter of every run that is not an effect: the zero of each pass and rotations of all axes.
 
 Such things have no single size to be found, only a typical one. They enter the baseline as free
 values that are known to be small: each is one more column, and one more observation of zero with
@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.plausible import ORDINARY, rotation_readings
 
 LARGEST_WANDER = 0.3e-6
-"""m: a zero that scatters by more from pass to pass is no ordinary scatter but an effect."""
+"""m: a zero that scatters by more from pass to pass is not ordinary scatter but an effect."""
 LARGEST_INCLINATION = 0.15e-6
 """m: the same of what a pass gains or loses from its middle to its end."""
 _WANDERS = (0.03e-6, 0.05e-6, 0.07e-6, 0.1e-6, 0.14e-6, 0.2e-6, 0.28e-6, 0.4e-6, 0.8e-6)
@@ -36,7 +36,9 @@ _TRIED = 9.0
 _PASS = {"repeat"}
 """Keys of a setting that ties an effect to one pass."""
 _LEVEL = 1e-5
-"""Chance at which candidates are told from scatter that few passes tell the size of."""
+"""Probability at which candidates are distinguished from scatter of a size known from few
+passes.
+"""
 _SIZES = 40
 _DRAWS = 4000
 _RANK_LIMIT = 1e-9
@@ -113,13 +115,14 @@ def estimate_wander(
 ) -> Loose:
     """Return how the zero scatters from pass to pass beside what was found.
 
-    Only repeats tell it: what passes of one setup in one direction do not share; where nothing is
+    Only repeats determine it: what passes of one setup in one direction do not share; where nothing
+        is
     repeated, what forward and backward passes do not share. It is a scatter only if no few shapes
     explain it better, such as a growth with time or one jump. Effects of single passes, with which
     any scatter can be imitated, do not count as found.
 
-    Few passes tell the size of a scatter badly. It is enlarged, so that what is told from it by a
-    normal distribution is told as seldom by chance as it should be (Student's distribution).
+    Few passes determine the size of a scatter badly. It is enlarged, so that a test with
+    a normal distribution errs as seldom as it should (Student's distribution).
 
     Args:
         problem: whitened, without any scatter of passes in its baseline.
@@ -233,7 +236,7 @@ class RotationTest:
 
     Attributes:
         size: of the rotations by the evidence, rad.
-        standard_uncertainty: of that, rad.
+        standard_uncertainty: of ``size``, rad.
         evidence: ln p of rotations, averaged over all their sizes, against that of none.
         gain: what χ² loses by free rotations.
         columns: number of independent sums of rotations that the run shows.
@@ -262,7 +265,7 @@ def judge_rotations(
         stops: of the run, its chain known.
         candidates: effects that were found, their sizes free.
         noise_freedom: degrees of freedom of the noise.
-        seed: of the draws that tell what chance does.
+        seed: of the draws that show the influence of chance.
     """
     span = _span(problem.left_of(_free(stops, candidates)))
     columns = rotation_columns(stops)

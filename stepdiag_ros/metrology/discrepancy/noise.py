@@ -23,7 +23,7 @@ STATED = "the uncertainty stated beside the readings; no pass is repeated"
 _ENOUGH = 30
 """Degrees of freedom below which forward and backward passes are compared too."""
 _LARGEST_CORRELATION = 0.6
-"""What changes more slowly than that is no noise but an effect."""
+"""What changes more slowly than that is not noise but an effect."""
 _CONSPICUOUS = 3.5
 """Standard deviations of a series' mean square, above the median of all, that leave it out."""
 
@@ -33,7 +33,7 @@ class Noise:
     """Noise of a reading.
 
     Attributes:
-        size: standard deviation, m; NaN if nothing tells it.
+        size: standard deviation, m; NaN if unknown.
         freedom: degrees of freedom.
         correlation: from stop to stop of a pass, first-order autoregressive.
         source: in words.
@@ -85,7 +85,7 @@ def estimate_noise(baseline: Baseline, gap: Vector, stops: Stops, stated: float)
 
 def _repeats(by_pass: list[Vector], stops: Stops) -> Iterator[_Series]:
     # Another order of the moves stops at other places: what two orders differ by has lost to the
-    # fit of the baseline already, and is no pure error.
+    # fit of the baseline already, and is not pure error.
     groups: dict[tuple[int, str, str], list[int]] = {}
     for index, line in enumerate(stops.lines):
         setup = int(stops.setup[stops.pass_index == index][0])

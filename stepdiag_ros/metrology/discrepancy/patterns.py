@@ -3,7 +3,8 @@
 Each pattern is a place in the run (the moves of an axis, the stops right after them, whole passes,
 the middle of a line, all that follows a certain stop) times something that it goes with (nothing,
 direction, time, temperature, repeat), on some or all lines. The pattern that takes most of the gap
-for the fewest lines is told, then what is left is searched again. No physics of any effect is in
+for the fewest lines is reported, then what is left is searched again. No physics of any effect is
+in
 here: patterns say where to look, also where no effect of the catalogue fits.
 """
 
@@ -20,15 +21,17 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD
 
 _LEVEL = 0.001
-"""Chance, times the number of columns tried, below which a pattern is told."""
+"""Chance, times the number of columns tried, below which a pattern is reported."""
 _MOST = 3
-"""Patterns that are told of one gap."""
+"""Patterns that are reported of one gap."""
 _LEAST_SHARE = 0.1
-"""A further pattern is told only if it takes this much of what the first took."""
+"""A further pattern is reported only if it takes this much of what the first took."""
 _LEAST_OF_LINE = 0.05
 """A line is named with others only if it takes this much of what they took."""
 _UNDECIDED = 10.0
-"""Difference of scores below which the data do not tell one pattern from another (odds 1:150)."""
+"""Difference of scores below which the data do not distinguish one pattern from another (odds
+1:150).
+"""
 _ABSORBED = 1e-4
 """Share of a column's squares that the free values must leave for it to be a pattern."""
 _FINE = 1e-9
@@ -39,7 +42,7 @@ SWING = "swinging"
 ALONG = "the moves"
 TURNED = "opposite forward and backward"
 _FEWEST_HALF_WAVES, _MOST_HALF_WAVES = 3, 40
-"""Of a swing in the time of the run; slower ones are not told from growing."""
+"""Of a swing in the time of the run; slower ones are not distinguished from growing."""
 _EVERYWHERE = "all lines"
 
 
@@ -126,7 +129,7 @@ def _score(gain: float, count: int, readings: int) -> float:
 
 
 def _alike(trials: list[_Trial], scores: list[float], counts: list[int]) -> list[int]:
-    """Return the patterns that the data do not tell from the best: simplest and plainest first.
+    """Return the patterns that the data do not distinguish from the best: simplest first.
 
     Of jumps the clearest comes first, since none is plainer than another.
     """

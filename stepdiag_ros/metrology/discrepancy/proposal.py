@@ -1,4 +1,4 @@
-"""Ask the machine: the shortest extra plan that tells apart what a run leaves open.
+"""Ask the machine: the shortest extra plan that decides what a run leaves open.
 
 Where several effects close the gap of a run equally well, further lines are sought in which they
 differ: other orders of moves, other diagonals, both directions, repeats, linear lines along other
@@ -8,8 +8,8 @@ Every alignment that is not needed is left out, then every pass; of what several
 out come to, the quickest is proposed.
 
 What belongs to one alignment or one pass (a slip, a cosine error, a tilting mirror) is over when
-that is over. Further readings tell whether the cause was such a thing or one that is in the machine
-still; which of several alignments it was, they need not tell.
+that is over. Further readings show whether the cause was such a thing or is in the machine
+still; they need not show which of several alignments it was.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -57,11 +57,11 @@ _WEATHER = {
 
 @dataclass(frozen=True)
 class RivalPair:
-    """Two rivals and how well an extra plan tells them apart.
+    """Two rivals and how well an extra plan distinguishes them.
 
     Attributes:
         labels: of the two.
-        separation: δ, the expected difference in units of its uncertainty, the lesser of both ways.
+        separation: δ, the expected difference in units of its uncertainty, the lesser of the two.
         chance: that the one that is the cause is named and the other ruled out, 0..1.
     """
 
@@ -72,7 +72,7 @@ class RivalPair:
 
 @dataclass(frozen=True)
 class LeftOpen:
-    """Rivals that the proposed lines do not tell apart.
+    """Rivals that the proposed lines do not distinguish.
 
     Attributes:
         labels: of them.
@@ -89,11 +89,11 @@ class ExtraPlan:
 
     Attributes:
         rivals: labels of each finding and of what else may be the cause; empty if nothing is open.
-        plan: with the run's own box, feed and sampling; None if there is none.
+        plan: with the run's own box, feed and sampling; None without a plan.
         seconds: that it takes, alignments included; NaN without a plan.
         certainty: chance that the cause will be named alone, by what is known of it now; NaN
             without a plan.
-        pairs: that it tells apart, the least certain first.
+        pairs: that it distinguishes, the least certain first.
         left_open: what it does not.
         conditions: on which the certainty depends, in sentences.
         tried: number of sets of lines that were judged.
@@ -119,17 +119,17 @@ class ExtraPlan:
     def sentence(self) -> str:
         """Say what is proposed."""
         if not self.rivals:
-            return "Nothing is open that an extra plan could tell."
+            return "Nothing is open that an extra plan could decide."
         if self.plan is None:
             return f"No extra plan is proposed: {' '.join(one.why for one in self.left_open)}"
         passes, setups = len(self.plan.lines), len(self.setups)
         sure = f"{100.0 * self.certainty:.0f} %" if self.certainty < 0.995 else "more than 99 %"
-        but = ", but for what is said to stay open" if self.left_open else ""
+        but = ", except for what stays open" if self.left_open else ""
         return (
             f"{passes} pass{'es' if passes > 1 else ''} in {setups} alignment"
             f"{'s' if setups > 1 else ''} ({'; '.join(self.setups)}), about"
-            f" {self.seconds / 60.0:.0f} min: diagnosed together with them, the run will tell which"
-            f" of these effects it is, with a chance of {sure}{but}."
+            f" {self.seconds / 60.0:.0f} min: diagnosed together with them, the run will show"
+            f" which of these effects it is, with a probability of {sure}{but}."
         )
 
 
@@ -143,14 +143,14 @@ def propose(
     fitted: Sequence[ActiveEffect] = (),
     curves: Mapping[str, Sequence[float]] | None = None,
 ) -> ExtraPlan:
-    """Seek the quickest extra plan that tells apart what a diagnosis left open.
+    """Seek the quickest extra plan that decides what a diagnosis left open.
 
     Args:
         measurement: the runs so far.
         diagnosis: of them.
         basis: feed and sampling of the extra plan; its lines are not used.
         seconds: duration of a plan, s.
-        known: as given to ``diagnose``; likewise the following.
+        known: as given to ``diagnose``, like the following.
         catalogue: effects that were tried; all that are installed if None.
         fitted: effects of the model whose sizes are free.
         curves: that the model has fixed.
@@ -159,7 +159,9 @@ def propose(
         ValueError: the basis has no feed.
     """
     if not basis.feed > 0.0:
-        raise ValueError("the feed of the run is not known, so no time of an extra plan is either")
+        raise ValueError(
+            "the feed of the run is unknown, so the duration of an extra plan is unknown, too"
+        )
     unclear = [one for one in diagnosis.findings if one.ambiguous]
     if not unclear:
         return ExtraPlan((), None, float("nan"), float("nan"), (), ())
@@ -209,7 +211,7 @@ def propose(
 
 
 def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
-    """Return which findings rotations of all axes rival, which no lines proposed here tell."""
+    """Return which findings have rotations of all axes as rivals, which no line here decides."""
     turning = SEVERAL_ANGULAR_ERRORS.name
     advice = "measure the angular errors, or step diagonals in several orders of the axes"
     found = [labels for one in unclear if turning in (labels := (one.label, *one.ambiguous))]
@@ -279,7 +281,7 @@ class _Search:
         """Return the quickest plan that is good enough.
 
         Args:
-            lost: pairs that no lines tell apart.
+            lost: pairs that no lines distinguish.
         """
         judge = self._judge
         names = tuple(
@@ -414,8 +416,8 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
             else "changes in another proportion to the rest of the weather than in the run"
         )
         words.append(
-            f"To tell {labels} apart, measure it when the {' or the '.join(what)} {how}: on another"
-            " day or at another time of the day."
+            f"To distinguish {labels}, measure again when the {' or the '.join(what)} {how}: on"
+            " another day or at another time of the day."
         )
     return tuple(words)
 
@@ -428,20 +430,20 @@ def _bound_words(judge: Judge) -> list[LeftOpen]:
             found.append(
                 LeftOpen(
                     tuple(bound),
-                    f"Which alignment or pass it was ({len(bound)} may be), if it was one, is over"
-                    " and need not be told: align and measure that line again.",
+                    f"If it was one alignment or pass ({len(bound)} are possible), it is over and"
+                    " need not be identified: align and measure that line again.",
                 )
             )
     return found
 
 
 def _lost_words(lost: Sequence[tuple[Candidate, Candidate]]) -> list[LeftOpen]:
-    """Say of pairs that no lines tell apart what would."""
+    """State what would distinguish pairs that no lines distinguish."""
     found = []
     for one, other in lost:
         words = (
-            "No linear lines along the edges of the box and no step diagonals, however often, tell"
-            f" {one.label} from {other.label}"
+            "No linear lines along the edges of the box and no step diagonals, however often"
+            f" repeated, distinguish {one.label} from {other.label}"
         )
         turning = [
             candidate.setting["error"]

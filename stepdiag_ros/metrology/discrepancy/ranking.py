@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, tail
 from stepdiag_ros.metrology.geometry import Vector
 
 _NEW = 1e-2
-"""Share of a size's column beyond findings and earlier sizes below which it tells nothing new."""
+"""Share of a size's column beyond findings and earlier sizes below which it adds nothing new."""
 _MARGIN = 2.0
 """Standard uncertainties by which a size may lie beyond its plausible range."""
 _FAR = 3.0
@@ -118,7 +118,7 @@ class Ranker:
         return orthonormal([*parts, *self.unknown(chosen)])
 
     def unknown(self, chosen: Sequence[int]) -> list[Vector]:
-        """Return what the run does not tell of candidates, in columns of unit length."""
+        """Return what the run does not determine of candidates, in columns of unit length."""
         parts = []
         for index in chosen:
             columns = self.found.unknown.get(index)
@@ -184,11 +184,11 @@ class _Solved:
     """A group's candidates, each fitted alone by its first 1, 2 … m sizes; arrays (k, m).
 
     Attributes:
-        gain: of the first 1, 2 … sizes; NaN where a size tells nothing new.
-        number: of columns that count among these; NaN likewise.
-        values: by all sizes that tell something, of columns of unit length; 0 for others.
+        gain: of the first 1, 2 … sizes; NaN where a size adds nothing new.
+        number: of columns that count among these; NaN where a size adds nothing new.
+        values: by all sizes that add something, of columns of unit length; 0 for others.
         uncertainty: of the values.
-        told: which sizes tell something new.
+        told: which sizes add something new.
     """
 
     gain: Vector

@@ -1,4 +1,4 @@
-"""Rivals for one gap: how well readings that are still to be taken would tell them apart.
+"""Rivals for one gap: how well future readings would distinguish them.
 
 A run leaves the sizes of every rival, and the curves beside it, with some uncertainty. Each rival
 predicts further readings from that. If i is the cause, the readings will be what i predicts, but
@@ -61,7 +61,7 @@ def is_bound(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class RivalSeparation:
-    """How well the rivals of one finding would be told apart.
+    """How well the rivals of one finding would be distinguished.
 
     Attributes:
         distance: δ² of the cause i from the rival j, shape (rivals, rivals).
@@ -154,7 +154,7 @@ class FurtherReadings:
         return self._part.curves
 
     def of(self, acting: Acting) -> tuple[Vector, Vector]:
-        """Return what a unit of each size changes, and what no run tells of it, (rows, k) each."""
+        """Return the change by a unit of each size, and what no run determines of it, (rows, k)."""
         columns = acting.effect.columns(acting.setting, self._together)[self._before :]
         unknown = acting.effect.unknown(acting.setting, self._together)[self._before :]
         return self._part.left(columns), self._part.left(unknown[:, np.any(unknown, axis=0)])
@@ -211,7 +211,7 @@ class Contest:
         return values[: sum(block.shape[1] for block in blocks)], squares
 
     def separation(self, further: FurtherReadings) -> RivalSeparation:
-        """Return how well the rivals are told apart by the runs so far and further readings."""
+        """Return how well the runs so far and further readings distinguish the rivals."""
         new = [further.of(one) for one in self._acting]
         before, after = len(self._gap), len(further.curves)
         span = _span(np.vstack([self._curves, further.curves]))

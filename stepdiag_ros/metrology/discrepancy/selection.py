@@ -44,7 +44,7 @@ class Selection:
         found: the candidates beyond the baseline.
         gap: whitened and projected, shape (rows,).
         luck: what chance does on this plan.
-        progress: told what is being done.
+        progress: called with what is being done.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Selection:
 
     @property
     def contrived(self) -> str:
-        """Say why the choice closes the gap but is no explanation; empty if it may be one."""
+        """Say why the choice closes the gap but is not an explanation; empty if it may be one."""
         if len(self.chosen) >= MOST_NAMES:
             return f"it takes {len(self.chosen)} effects at once, which is no explanation"
         names = [self._found.candidates[index].effect.name for index in self.chosen]
@@ -95,7 +95,7 @@ class Selection:
     def weighed(self) -> float:
         """Return the evidence less what it costs that each effect is one of all that were tried.
 
-        Of choices with unlike numbers of effects, only this tells which is likelier: the more
+        Of choices with unlike numbers of effects, only this shows which is likelier: the more
         effects are tried together, the better they fit by luck (Scott & Berger 2010, Annals of
         Statistics 38, 2587).
         """

@@ -14,7 +14,7 @@ _NEAR = 15.0
 class Sizes:
     """The sizes of chosen candidates, all fitted together beside the baseline.
 
-    A size that the run does not tell is zero, its covariances NaN.
+    A size that the run does not determine is zero, its covariances NaN.
 
     Args:
         ranker: of the run.

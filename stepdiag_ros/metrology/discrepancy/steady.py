@@ -2,9 +2,10 @@
 
 An effect that goes by the phase of the light takes it from the reading, and so from the reading's
 own noise: what it would change and what the reading scatters are then related although nothing
-acts. Each pass alone hides little of that, but it adds up over many passes, until an effect is
-named in a run that has none. Passes over the same stops in the same sense differ by their offset,
-by a slope and by noise; without the last the phase is known well enough, and is nobody's own.
+acts. Each pass alone hides little of this relation, but it adds up over many passes, until an
+effect is named in a run that has none. Passes over the same stops in the same sense differ by their
+offset, by a slope and by noise; without the last the phase is known well enough, and is nobody's
+own.
 """
 
 from dataclasses import replace
@@ -42,7 +43,7 @@ def steadied(stops: Stops) -> Stops:
 def _without_noise(table: Vector) -> Vector:
     """Return what passes (rows) have in common at their places, with each pass's straight line.
 
-    Unknown values stay unknown; so does a place that no pass tells.
+    Unknown values stay unknown; so does a place that no pass determines.
     """
     known = np.isfinite(table)
     straight = np.zeros_like(table)

@@ -1,7 +1,7 @@
 """What is published and recorded of a diagnosis: plain values, without the run's stops.
 
-A ``Diagnosis`` holds the effects themselves and the gap at every stop. Whoever hears of it over
-the wire, or reads it from a bag, has neither the catalogue nor the lines at hand.
+A ``Diagnosis`` holds the effects themselves and the gap at every stop. A subscriber, or a reader of
+a bag, has neither the catalogue nor the lines at hand.
 """
 
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class Verdict:
 
     Attributes:
         name: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED, NOT TESTABLE or NOT DIAGNOSED.
-        sentence: the verdict in words, or why there is none.
+        sentence: the verdict in words, or why it is missing.
         effects: labels of the effects that act, strongest first; empty unless NAMED or AMBIGUOUS.
         rivals: where AMBIGUOUS, labels of others that may act in place of these.
     """
@@ -65,7 +65,7 @@ class FoundSize:
         unit: SI, for example ``m``.
         meaning: in a few words.
         value: fitted together with all other findings.
-        standard_uncertainty: of that.
+        standard_uncertainty: of ``value``.
         band: lower and upper end of the 95 % coverage interval.
     """
 
@@ -92,8 +92,8 @@ class FoundEffect:
         p_value: chance of such a gain of any candidate on a run that lacks nothing.
         probability: of this name among all, 0..1.
         ambiguous_with: labels of other names that may as well be the cause.
-        runners_up: the best candidates of other names, best first; which of them are not ruled out
-            is told by ``ambiguous_with``.
+        runners_up: the best candidates of other names, best first; ``ambiguous_with`` names
+            those that are not ruled out.
     """
 
     label: str
@@ -119,8 +119,8 @@ class Limit:
         settings: how many places or shapes of the effect these limits are of.
         size: name of the size.
         unit: of it, SI.
-        smallest: limit of these settings.
-        largest: likewise.
+        smallest: smallest limit of these settings.
+        largest: largest limit of these settings.
     """
 
     effect: str
@@ -138,7 +138,7 @@ class GapFigures:
 
     Attributes:
         chi_squared: of the fit.
-        degrees_of_freedom: of that.
+        degrees_of_freedom: of ``chi_squared``.
         p_value: chance of so bad a fit by noise alone.
         rms: of the gap, m.
         largest: size of the gap at one reading, m.
@@ -180,14 +180,14 @@ class DiagnosisSummary:
         findings: what is missing; empty unless NAMED or AMBIGUOUS.
         partial: where UNEXPLAINED, what closes a part of the gap.
         covariance: of all sizes of these, one finding's after another's, SI, row by row.
-        noise: standard deviation of a reading, m; NaN if not told.
-        noise_degrees_of_freedom: of that.
+        noise: standard deviation of a reading, m; NaN if unknown.
+        noise_degrees_of_freedom: of ``noise``.
         noise_correlation: between the noise of neighbouring stops.
         noise_source: in words.
         before: the gap of the model as it is.
-        after: likewise with what was found.
+        after: the gap with the findings.
         where: in words, where the gap of the model as it is lies.
-        where_after: likewise of the gap that is left, where UNEXPLAINED.
+        where_after: the same for the remaining gap, where UNEXPLAINED.
         map: the gap of the model as it is, split in several ways.
         detection_limits: one for each effect and setting, or for all settings of one effect.
         not_testable: what these lines cannot show, and why, in words.

@@ -1,11 +1,11 @@
 """Would the named effects, or fewer of them, explain more if they were not the same everywhere?
 
-Effects of the catalogue put together can look like a shape that is none of them: a sag with the
-product of three positions like two sags with two each, a lost motion that grows along another axis
-like a lost motion and something else. Each named effect is therefore tried in variants that the
-catalogue does not have, its size growing with a position or with time: in its own place, beside it,
-in the place of another finding, or of both. A variant that is clearly likelier than what was named
-shows that the names are not those of the cause.
+Effects of the catalogue put together can look like a shape of none of them: a sag with the
+product of three positions like two sags with two each, a reversal error that grows along another
+axis like a reversal error and something else. Each named effect is therefore tried in variants that
+the catalogue does not have, its size growing with a position or with time: in its own place, beside
+it, in the place of another finding, or of both. A variant that is clearly likelier than what was
+named shows that the names are not those of the cause.
 
 Evidence is counted as for the names themselves (``selection``).
 """

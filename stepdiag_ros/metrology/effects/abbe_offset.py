@@ -2,8 +2,8 @@
 
 A constant offset o of the mirror adds (ε_i(q_i) × n)·o, a function of one axis's position: part of
 that axis's curves where it is the same in all setups. Where one setup has another offset, it shows
-there alone. Offset and rotation are known only as a product: what is told is the length that it
-adds up to at the end of the travel.
+there alone. Offset and rotation are known only as a product: the size is the length
+that it adds up to at the end of the travel.
 """
 
 from collections.abc import Iterator, Mapping

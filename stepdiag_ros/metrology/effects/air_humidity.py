@@ -1,4 +1,4 @@
-"""Uncompensated air humidity: the humidity changes the wavelength and is not told."""
+"""Uncompensated air humidity: the humidity changes the wavelength, and no sensor measures it."""
 
 from collections.abc import Iterator, Mapping
 

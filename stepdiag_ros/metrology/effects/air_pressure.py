@@ -1,4 +1,4 @@
-"""Uncompensated air pressure: the pressure changes the wavelength and is not told."""
+"""Uncompensated air pressure: the pressure changes the wavelength, and no sensor measures it."""
 
 from collections.abc import Iterator, Mapping
 

@@ -1,4 +1,4 @@
-"""Uncompensated air temperature: the temperature changes the wavelength and is not told."""
+"""Uncompensated air temperature: the temperature changes the wavelength, unmeasured."""
 
 from collections.abc import Iterator, Mapping
 

@@ -1,4 +1,4 @@
-"""Backlash: an axis stands short of its target by half the lost motion, in the sense of its way."""
+"""Backlash: an axis stops short of its target by half the reversal error."""
 
 from collections.abc import Iterator, Mapping
 
@@ -10,7 +10,7 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 
 
 class Backlash(Effect):
-    """Lost motion of an axis between its two senses of travel."""
+    """Reversal error of an axis between its two senses of travel."""
 
     name = "backlash"
     sentence = "When an axis turns round, its drive moves before the carriage does."
@@ -34,7 +34,7 @@ class Backlash(Effect):
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
         """Return a column for the stops of each setup before the axis's first move there.
 
-        From which side the axis was brought to a setup's first stop is not told.
+        The direction of approach to a setup's first stop is unknown.
         """
         axis = AXES.index(setting["axis"])
         before = stops.last_sense[:, axis] == 0.0

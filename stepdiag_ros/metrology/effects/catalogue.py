@@ -14,8 +14,8 @@ def catalogue() -> dict[str, Effect]:
     group ``stepdiag_ros.effects`` that names an ``Effect``.
 
     Raises:
-        ValueError: an entry point cannot be loaded, is no effect, or takes a name that is there;
-            says which and of which package.
+        ValueError: an entry point cannot be loaded, is not an effect, or takes a name that is
+            there; says which and of which package.
     """
     own: list[Effect] = of_modules("stepdiag_ros.metrology.effects", "EFFECT")
     return with_added(own, ENTRY_POINTS, "effect", _fault)
@@ -24,10 +24,10 @@ def catalogue() -> dict[str, Effect]:
 def _fault(effect: object) -> str:
     """Return what keeps an object from being an effect; empty if nothing does."""
     if not isinstance(effect, Effect):
-        return "is no object of a class derived from Effect"
+        return "is not an object of a class derived from Effect"
     for name in ("name", "sentence", "source", "sizes"):
         if not getattr(effect, name, None):
-            return f"does not tell its '{name}'"
+            return f"does not state its '{name}'"
     names = [size.name for size in effect.sizes]
     if len(set(names)) < len(names):
         return "has two sizes of one name"

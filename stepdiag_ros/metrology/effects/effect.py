@@ -96,7 +96,7 @@ class Effect(ABC):
         sentence: what happens in the machine, for an engineer.
         source: where this is described.
         sizes: linear sizes; the change of the readings is proportional to each.
-        keys: of a setting, in the order in which a label tells them.
+        keys: of a setting, in their order in a label.
         needs: columns of ``Stops`` that must be known, and must vary, for the effect to be seen.
         typical: its one size is the typical size of many unknown values (``loose``), which no
             column shows and no simulation can have.
@@ -123,9 +123,9 @@ class Effect(ABC):
         """
 
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
-        """Return what of this effect no run tells, as columns to be fitted with it, (n, m).
+        """Return the part of this effect that no run determines, as columns to fit with it, (n, m).
 
-        None, if the run tells all that the effect depends on.
+        None, if the run determines all that the effect depends on.
         """
         del setting
         return np.zeros((len(stops.time), 0))
@@ -141,7 +141,7 @@ class Effect(ABC):
         return f"{self.name} of {words}" if words else self.name
 
     def known(self, stops: Stops) -> bool:
-        """Say whether the run tells, at any stop, every column that the effect needs."""
+        """Return whether the run has, at any stop, every column that the effect needs."""
         return all(bool(np.any(np.isfinite(getattr(stops, name)))) for name in self.needs)
 
     def columns(self, setting: Setting, stops: Stops) -> Vector:

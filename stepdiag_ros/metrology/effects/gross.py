@@ -1,6 +1,6 @@
 """Gross errors: axes that run backwards or are swapped, lines under a wrong name or move order.
 
-They are no effects of some size: a run has them or not, and it is better said before anything is
+They are not effects of some size: a run has them or not, and it is better said before anything is
 fitted. Two ways show them.
 
 - ``gross_errors`` compares each axis's moves with their nominal displacements. A reversed axis, a
@@ -44,7 +44,7 @@ class _Pass:
 def gross_errors(measurement: Measurement) -> tuple[str, ...]:
     """Return a sentence for every gross error that the nominal displacements show; empty if none.
 
-    Moves count by the median over their pass, so that a fringe slip is no gross error.
+    Moves count by the median over their pass, so that a fringe slip is not a gross error.
     """
     passes = [_pass(line, measurement.volume) for line in measurement.lines]
     wrong = [one for one in passes if any(abs(r - 1.0) > _TOLERANCE for r in one.ratios.values())]

@@ -1,4 +1,4 @@
-"""Growth with time: an axis grows steadily, whether or not a sensor tells it."""
+"""Growth with time: an axis grows steadily, with or without a sensor for the cause."""
 
 from collections.abc import Iterator, Mapping
 

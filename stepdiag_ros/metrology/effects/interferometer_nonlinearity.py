@@ -1,6 +1,6 @@
 """Interferometer nonlinearity: the reading swings with the phase of the light.
 
-The phase is told by the reading itself, in wavelengths: the commanded position is not known to a
+The reading itself determines the phase, in wavelengths: the commanded position is not known to a
 fraction of one. It can be seen only in noise well below a fringe over 2π (50 nm for half a
 wavelength), and, as every setup has a zero of its own, has a phase of its own there.
 """

@@ -27,15 +27,15 @@ class Stops:
         direction: nominal unit vector of the beam, shape (n, 3).
         start: first stop of the line's forward direction, on the beam, m, shape (n, 3).
         way: the move that led to each stop, m, shape (n, 3); zeros at the first stop of a pass,
-            whose approach the data do not tell, unless the pass was begun beyond it.
-        approach_told: the run tells how the machine came to the stop; False at the first stop of a
+            whose approach the data do not contain, unless the pass was begun beyond it.
+        approach_told: the run shows how the machine came to the stop; False at the first stop of a
             pass of which is not known whether it was begun beyond it, shape (n,).
         moved: sense (-1, 0, +1) of each axis in that move, shape (n, 3).
         last_sense: sense of each axis's last move since its setup was begun, shape (n, 3); 0
             before its first move there, because what the machine does while the laser is aligned
             is not recorded.
         time: s since the start of the stop's own run, shape (n,).
-        air_temperature: degC, shape (n,); NaN if unknown, likewise the following.
+        air_temperature: degC, shape (n,); NaN if unknown, as in the following.
         air_pressure: Pa, shape (n,).
         relative_humidity: 0..1, shape (n,).
         material_temperature: degC, shape (n,).

@@ -1,4 +1,4 @@
-"""Time constants of warming up that a run can tell."""
+"""Time constants of warming up that a run can determine."""
 
 import numpy as np
 

@@ -19,7 +19,7 @@ class TriggerDelay(Effect):
     needs = ("time",)
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
-        """Yield one setting if the times between stops are told."""
+        """Yield one setting if the times between stops are known."""
         if self.known(stops) and np.any(_velocity(stops)):
             yield {}
 

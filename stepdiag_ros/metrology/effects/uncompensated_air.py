@@ -22,7 +22,7 @@ class UncompensatedAir(Effect):
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield one setting if more of the air changes than its temperature alone.
 
-        Else nothing tells it from an uncompensated temperature.
+        Otherwise it cannot be distinguished from an uncompensated temperature.
         """
         further = (stops.air_pressure, stops.relative_humidity)
         changes = any(

@@ -19,7 +19,7 @@ class WarmUpGrowth(Effect):
     needs = ("time",)
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
-        """Yield each axis that moves with each time constant that the run can tell."""
+        """Yield each axis that moves with each time constant that the run can determine."""
         for letter in stops.moving_axes:
             for constant in time_constants(stops):
                 yield {"axis": letter, "time_constant_s": constant}

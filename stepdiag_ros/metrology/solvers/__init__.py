@@ -24,7 +24,7 @@ def solve(measurement: Measurement, method: str = "least_squares") -> Volumetric
     known = solvers()
     if method not in known:
         raise Refusal(
-            f"'{method}' is no method; use one of {', '.join(known)}",
+            f"'{method}' is not a method; use one of {', '.join(known)}",
             fault="unknown",
             aspect="method",
         )

@@ -49,7 +49,8 @@ def solve_alternative(measurement: Measurement) -> VolumetricErrors:
 
         r_x(k) = R_x,ppp(k) + R_x,npp(N-k+1) - 2 l_x (a_x + Δe_x(x(k))) - λ_xx,
 
-    r_y and r_z likewise from λ_yy and λ_zz, and g_i = ‖a‖/(2a_i), it gives beyond section 3.2
+    r_y and r_z in the same way from λ_yy and λ_zz, and g_i = ‖a‖/(2a_i), it gives beyond section
+    3.2
 
         Δe_y(x): 0                      Δe_z(x): g_z r_x
         Δe_x(y): -g_x (r_x + r_y + r_z)   Δe_z(y): g_z (r_x + 2 r_y + r_z)

@@ -24,7 +24,7 @@ def methods() -> dict[str, Method]:
     """Return all methods by name: those of this package in their order, then those of others.
 
     Raises:
-        ValueError: an entry point cannot be loaded, is no method, or takes a name that is there;
+        ValueError: an entry point cannot be loaded, is not a method, or takes a name that is there;
             says which and of which package.
     """
     return with_added(own_methods(), ENTRY_POINTS, "method", _fault)
@@ -65,8 +65,8 @@ def require_to_rely_on(names: Iterable[str], where: str) -> str:
     best = to_rely_on(solved)
     if best is None:
         raise Refusal(
-            f"{where}: solved by {', '.join(solved)} alone, which nobody relies on unasked: name"
-            " the method that is to be used",
+            f"{where}: solved by {', '.join(solved)} alone, which is not used by default. Name"
+            " the method to use",
             fault="undetermined",
             aspect="method",
         )

@@ -92,7 +92,7 @@ class Design:
         group: averaged row of each reading, shape (n,).
         first: the first reading of each averaged row, shape (groups,).
         tilt_setups: indices of the setups that have two angles.
-        unseen: orthonormal directions of the unknowns that the readings do not tell, (p, r).
+        unseen: orthonormal directions of the unknowns that the readings do not determine, (p, r).
         degrees_of_freedom: readings and direct rows minus determined unknowns.
         tilt_known: 1 where a tilt is determined, else NaN, shape (diagonal setups, 2).
 
@@ -111,7 +111,8 @@ class Design:
     ) -> None:
         if chain and chain not in CHAINS:
             raise Refusal(
-                f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+                f"'{chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}",
+                fault="unknown",
             )
         self.noise_estimated = float("nan")
         if observations.direct is not None and not observations.noise_known:
@@ -249,8 +250,8 @@ class Design:
                 if not self._is_node(counted):
                     raise Refusal(
                         f"on {setup.name} the axis {AXES[axis]} stands {setup.start[axis]:g} m from"
-                        " the first corner, which is no node: the rotations of that axis count "
-                        "there; let it stand at a node of the volume",
+                        " the first corner, which is not a node: the rotations of that axis count "
+                        "there; move it to a node of the volume",
                         fault="mismatch",
                         aspect="node",
                     )

@@ -95,7 +95,7 @@ def used_of(direct: DirectMeasurement, volume: Volume) -> dict[str, DirectCurve]
             raise Refusal(
                 f"{direct.origin(name)} was measured directly at {len(inside.positions)} positions"
                 f" within the measured travel of {nodes[0]:g} to {nodes[-1]:g} m; {free + 1} are"
-                " needed to tell anything: leave it out",
+                " needed to determine anything. Leave it out",
                 fault="too_few",
             )
         if not np.all(np.isfinite(inside.stated_uncertainty)):
@@ -116,7 +116,7 @@ def _not_weighed(direct: DirectMeasurement, name: str) -> Refusal:
 
 
 def told_rotations(direct: DirectMeasurement | None, volume: Volume) -> tuple[str, ...]:
-    """Return the rotations that were measured closely enough to be told at every node."""
+    """Return the rotations that were measured closely enough to be determined at every node."""
     if direct is None:
         return ()
     told = []
@@ -281,8 +281,8 @@ def remarks_of(direct: DirectMeasurement, volume: Volume, names: Sequence[str]) 
     if left:
         said = said if taken else []
         said.append(
-            f"{', '.join(left)} was measured directly, but not closely enough to tell every node:"
-            " this method did not use it; rigid_body does."
+            f"{', '.join(left)} was measured directly, but at too few positions to determine"
+            " every node: this method did not use it; rigid_body does."
         )
     outside = [
         f"{name} at {len(curve.positions) - len(used[name].positions)}"
@@ -296,7 +296,7 @@ def remarks_of(direct: DirectMeasurement, volume: Volume, names: Sequence[str]) 
     untold = [name for name, place in places.items() if np.any(np.isnan(place.standing))]
     if untold:
         said.append(
-            f"Where the other axes stood is not told of {', '.join(untold)}: taken as the first"
-            " corner of the box."
+            f"The positions of the other axes are unknown for {', '.join(untold)}: taken as the"
+            " first corner of the box."
         )
     return said

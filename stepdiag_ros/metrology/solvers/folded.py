@@ -25,7 +25,7 @@ def fold(curve_column: Integers, rows: Integers, count: int) -> list[Integers] |
         count: number of unknowns.
 
     Returns:
-        None if some reading ties levels that are no neighbours.
+        None if some reading ties levels that are not neighbours.
     """
     nodes = np.arange(curve_column.shape[1])
     level_of_node = np.minimum(nodes, nodes[::-1])

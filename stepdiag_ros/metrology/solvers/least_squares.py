@@ -5,11 +5,12 @@ Unknowns: the nine translational curves, free at every node; two angles for ever
 zero for every pass. A mirror is set to return the beam, so both are taken to be turned together:
 the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
 the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
-linear lines act on the reading in the second order only and cannot be told; they are taken as zero.
-Rotations of the axes are random functions of a size that the readings tell (``rotations``): those
-that the readings show are taken out, and what they do not show is in the uncertainties, as large as
-is plausible. Those that were measured directly at every node are unknowns instead, told by that
-measurement and its uncertainty. ``rigid_body`` has all rotations as free curves.
+linear lines act on the reading in the second order only and cannot be determined; they are taken as
+zero. Rotations of the axes are random functions of a size that the readings determine
+(``rotations``): those that the readings show are taken out, and what they do not show is in the
+uncertainties, as large as is plausible. Those that were measured directly at every node are
+unknowns instead, determined by the direct measurement and its uncertainty. ``rigid_body`` has all
+rotations as free curves.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """
@@ -41,7 +42,7 @@ from stepdiag_ros.metrology.solvers.verdicts import DETERMINED, Verdicts
 
 
 def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
-    """Estimate the volumetric errors from any lines: 1 to 4 diagonals, linear, both ways, partial.
+    """Estimate the volumetric errors from any lines: diagonal, linear, bidirectional or partial.
 
     What the lines do not determine is NaN and named; whatever follows from them all the same
     (squareness from four diagonals without linear lines, a straightness without its slope) is
@@ -203,7 +204,7 @@ def _tilt_figures(design: Design, tilts: Vector, covariance: Vector) -> list[Fig
 
 
 def _not_determined(observations: Observations, estimate: CurveEstimate) -> list[str]:
-    """Say in words what the lines cannot tell."""
+    """Return in words what the lines do not determine."""
     size = observations.volume.blocks + 1
     known = estimate.curves_determined()[: 9 * size].reshape(9, size)
     shape_only, partly, nothing = [], [], []

@@ -73,7 +73,7 @@ def require_size_for(evaluation: str, blocks: int, stops: int) -> None:
 
 
 def left_out_sentence(blocks: int, stops: int, asked: tuple[str, ...]) -> str:
-    """Say in one sentence what is left out of what was asked for; empty where nothing is."""
+    """Return a sentence on the requested evaluations that are left out; empty without any."""
     names = [name for name in left_out(blocks, stops) if name in asked]
     if not names:
         return ""

@@ -28,7 +28,7 @@ class LinearMap(NamedTuple):
     """A formulation as a matrix on the readings' excess over a perfect machine and setup.
 
     Attributes:
-        curves: shape (9(N+1), n); rows of NaN where the formulation does not tell a value.
+        curves: shape (9(N+1), n); rows of NaN where the formulation does not determine a value.
         parameters: shape (m, n), setup parameters in m.
         names: of the parameters.
     """
@@ -45,7 +45,7 @@ _AT_ONCE = 1024
 
 
 def noise_of(observations: Observations) -> tuple[Vector, list[str]]:
-    """Return standard uncertainties of the readings (m, NaN if nobody can tell) and remarks.
+    """Return standard uncertainties of the readings (m, NaN if unknown) and remarks.
 
     Unknown ones are estimated from repeated readings of the same setup at the same place.
     """
@@ -146,10 +146,10 @@ def apply(
 
 @dataclass(frozen=True)
 class _Applied:
-    """What a formulation makes of readings: p curve values (zero where not told), then parameters.
+    """Matrix of a formulation: p curve values (zero where undetermined), then parameters.
 
     Attributes:
-        told: which curve values the formulation tells, shape (9(N+1),).
+        told: which curve values the formulation determines, shape (9(N+1),).
         names: of the parameters.
         values: m, shape (p,).
         covariance: by the noise of the readings, m², shape (p, p).

@@ -25,7 +25,7 @@ class Method:
         summary: what it does, in one line without a full stop.
         needs: what must be measured, in one line without a full stop.
         source: document and equations.
-        solve: the solver; None where the readings are no displacements along a standing beam.
+        solve: the solver; None where the readings are not displacements along a standing beam.
         order: place among the methods, from the plainest to the one that uses everything.
         reliance: how far to rely on a result beside those of other methods; results are shown from
             the lowest to the highest, and the highest is preferred. 0: never preferred.

@@ -232,7 +232,7 @@ def estimator(measurement: Measurement, observations: Observations, method: str)
     chosen = methods().get(method)
     if chosen is None or chosen.estimator is None:
         raise Refusal(
-            f"'{method}' is no method for this; use one of {', '.join(replicable())}",
+            f"'{method}' is not a method for this; use one of {', '.join(replicable())}",
             fault="unknown",
             aspect="replicated method",
         )

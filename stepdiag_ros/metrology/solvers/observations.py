@@ -22,7 +22,7 @@ Integers = NDArray[np.int64]
 _OFF_GRID = 1e-4
 """Share of a step by which a stop may lie beside its node."""
 _ELSEWHERE = 1e-5
-"""Standing axes of one setup may differ by less, m; no lever tells such a distance."""
+"""Standing axes of one setup may differ by less, m; no lever shows such a distance."""
 _CONSPICUOUS = 2.0
 
 
@@ -187,7 +187,7 @@ class Observations:
     def pure_error(self, weight: Vector | None = None) -> tuple[float, int]:
         """Return sum of squares (m²) and degrees of freedom of the repeats within groups.
 
-        A pass's own zero is no part of it.
+        A pass's own zero is not part of it.
 
         Args:
             weight: of each reading, shape (n,): 1/u² makes χ² of the sum; all alike if None.
@@ -202,7 +202,7 @@ def observe(measurement: Measurement) -> Observations:
 
     Raises:
         NotDeterminable: there is no reading at all.
-        ValueError: a stop that is no node of the volume; lines of different directions or places
+        ValueError: a stop that is not a node of the volume; lines of different directions or places
             in one setup.
     """
     volume = measurement.volume
@@ -281,7 +281,7 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
         stop, axis = np.argwhere(beside)[0]
         raise Refusal(
             f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, "
-            "which is no node of the measured volume; the line and the volume contradict each"
+            "which is not a node of the measured volume; the line and the volume contradict each"
             " other",
             fault="mismatch",
             aspect="node",

@@ -45,8 +45,8 @@ class VolumetricErrors(CurveSet):
         lines: number of lines used.
         chi_squared: of the fit; NaN where the method leaves no degrees of freedom.
         degrees_of_freedom: of the fit.
-        not_determined: what these lines cannot tell, in words.
-        remarks: what the reader must know, in words.
+        not_determined: what these lines do not determine, in words.
+        remarks: for the reader, in words.
         covariance: of all curves stacked in the order of ``curves``, in the products of their
             units, shape (c(N+1), c(N+1)) for c curves; NaN rows and columns where not determined.
         frame: of the results, in words.

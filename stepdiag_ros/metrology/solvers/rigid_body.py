@@ -13,8 +13,8 @@ and not more.
 
 Frame: that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 
-Much of the eighteen curves cannot be told: the straightness of an axis at this point, for instance,
-is told only as far as its rotations are. What is not determined is NaN and named with what can do
+Much of the eighteen curves cannot be determined: the straightness of an axis at this point,
+for instance, only as far as its rotations. What is not determined is NaN and named with what can do
 the same; see ``visibility`` for the same before measuring.
 """
 

@@ -29,7 +29,7 @@ from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate
 
 SHOWN = 0.01
-"""Chance of a gain below which a run is said to show rotations."""
+"""Probability of a gain below which a run counts as showing rotations."""
 _SIZES = 60
 _SMALLEST, _LARGEST = 1e-3, 30.0
 """Sizes s that are averaged over, as multiples of the plausible one."""
@@ -41,7 +41,7 @@ _RANK_LIMIT = 1e-9
 
 @dataclass(frozen=True)
 class Rotations:
-    """What a run tells of the rotations, and what they may be beyond that.
+    """What a run shows of the rotations, and what they may be beyond that.
 
     Attributes:
         readings: what each mode adds to the averaged readings, m/rad, shape (groups, k).
@@ -50,7 +50,7 @@ class Rotations:
         mean: of the modes' factors, rad, shape (k,).
         covariance: of them, rad², shape (k, k).
         noise_factor: χ² per degree of freedom of what no rotation explains, where it is more than
-            chance, or the variance of a reading where that is not known; NaN: nothing tells it.
+            chance, or the variance of a reading where that is not known; NaN: unknown.
         explained: what rotations of the sizes that are averaged over take from χ², in its units.
         gain: what χ², in units of the noise, loses by free rotations.
         seen: number of independent sums of the rotations that the readings show.
@@ -215,7 +215,7 @@ class Turned:
 
 
 def turned(measurement: Measurement, observations: Observations) -> Turned:
-    """Fit translations to a measurement and tell what rotations do to them.
+    """Fit translations to a measurement and determine the influence of rotations on them.
 
     Raises:
         ValueError: the lines contradict the volume or each other.
@@ -310,16 +310,16 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
         ]
     if rotations.chance < SHOWN and misfit:
         return [
-            f"A part of the misfit looks like rotations of the axes, {size} in size (p = "
-            f"{rotations.chance:.1g}); the diagnosis says what it is. All uncertainties contain "
-            f"rotations of that size.{chain}"
+            f"A part of the misfit looks like rotations of the axes, {size} in size (p ="
+            f" {rotations.chance:.1g}); the diagnosis says what it is. All uncertainties contain"
+            f" rotations of that size.{chain}"
         ]
     if rotations.chance < SHOWN:
         return [
-            f"The readings show rotations of the axes, {size} in size (χ² falls by "
-            f"{rotations.gain:.3g} with {rotations.seen} free sums of them, p = "
-            f"{rotations.chance:.1g}). All uncertainties contain what the readings do not tell of "
-            f"them.{chain}"
+            f"The readings show rotations of the axes, {size} in size (χ² falls by"
+            f" {rotations.gain:.3g} with {rotations.seen} free sums of them, p ="
+            f" {rotations.chance:.1g}). All uncertainties contain what the readings do not tell"
+            f" of them.{chain}"
         ]
     return [
         "The readings show no rotation of the axes beyond chance. All uncertainties contain "
@@ -330,7 +330,7 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
 def plausible_rotations(
     design: Design, matrix: Vector, fit: Fit, readings: Vector, plausible: float
 ) -> tuple[Rotations, Vector]:
-    """Return what a run tells of the rotations, and how they turn the unknowns of the fit.
+    """Return what a run shows of the rotations, and how they change the unknowns of the fit.
 
     Args:
         design: of translations, without effects.
@@ -388,7 +388,7 @@ def _sizes(values: Vector, parts: Vector, plausible: float) -> tuple[Vector, Vec
 
     Args:
         values: λ in units of the noise, shape (k,).
-        parts: v·b likewise, shape (k,).
+        parts: v·b in units of the noise, shape (k,).
         plausible: size, rad.
 
     Returns:

@@ -146,7 +146,7 @@ def _measured(observations: Observations) -> set[str]:
 def _faces(observations: Observations) -> list[tuple[str, str]]:
     """Return the pairs of step diagonals of the faces of which one was measured, if no other was.
 
-    A face of which one diagonal is missing is among them: what is missing is said then.
+    A face of which one diagonal is missing is among them: a remark names it.
     """
     measured = _measured(observations)
     if measured & set(BODY_DIAGONALS):
@@ -176,7 +176,7 @@ def _of_faces(
 
         Δe_j(i) = (R_i,p - R_i,n - λ_ji) / 2 l_j,    Δe_i(j) = (R_j,p - R_j,n - λ_ij) / 2 l_i,
 
-    and by the closure of a block (IH eq. 5) λ_ij = -λ_ji, which the frame (eq. 17) tells.
+    and by the closure of a block (IH eq. 5) λ_ij = -λ_ji, which the frame (eq. 17) fixes.
     Positioning errors are those of the linear lines: setup errors spoil nothing else.
     """
     step = np.asarray(observations.volume.step)

@@ -7,8 +7,8 @@ displacement only if the two axes turn: to first order the difference is
 
 with n the beam's unit vector, Δε_i the change of the three rotations of axis i over its interval,
 and both displacements counted along +j. Translations, positions and the alignment, if it is the
-same in both, drop out. (Where i stands before j the same holds with i and j exchanged, so that each
-pair of axes tells of the later one alone.)
+same in both, drop out. (Where i stands before j the same holds with i and j exchanged, so
+that each pair of axes determines the later one alone.)
 
 For a chain c1 c2 c3 from workpiece to tool, five of the nine rotations follow: those of c2 about c2
 and c3, from the pair (c1, c2) on two diagonals, and all three of c3, from (c2, c3) on two diagonals
@@ -86,7 +86,7 @@ class AngleUncertainty:
 
 
 def equations_of(chain: str) -> tuple[Equation, ...]:
-    """Return the five differences that tell five rotations, in the order of IH (24) to (28).
+    """Return the five differences that determine five rotations, in the order of IH (24) to (28).
 
     The pair (c1, c2) needs two diagonals on which the signs of c2 and c3 differ in their product,
     the pair (c2, c3) two on which those of c1 and c3 do. Of ppp, npp and pnp those two serve whose
@@ -98,7 +98,7 @@ def equations_of(chain: str) -> tuple[Equation, ...]:
     """
     if chain not in CHAINS:
         raise Refusal(
-            f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
+            f"'{chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}", fault="unknown"
         )
     first, second, third = (AXES.index(letter) for letter in chain)
     same = {
@@ -115,7 +115,7 @@ def equations_of(chain: str) -> tuple[Equation, ...]:
 
 
 def angles_seen(chain: str) -> tuple[str, ...]:
-    """Return the names of the five rotations that the three orders tell, in the order of c2, c3."""
+    """Return the names of the five rotations from the three orders, in the order of c2, c3."""
     first, second, third = tuple(chain)
     return tuple(
         name
@@ -126,7 +126,7 @@ def angles_seen(chain: str) -> tuple[str, ...]:
 
 
 def angles_not_seen(chain: str) -> tuple[str, ...]:
-    """Return the names of the four rotations that no step diagonal tells."""
+    """Return the names of the four rotations that no step diagonal determines."""
     return tuple(name for name in ROTATIONS if name not in angles_seen(chain))
 
 
@@ -184,11 +184,11 @@ def solve_soons(measurement: Measurement) -> VolumetricErrors:
     """Solve the five differences of ``equations_of`` for the five rotations, interval by interval.
 
     IH take the three orders of a diagonal as measured in one alignment: it drops out of every
-    difference. Where each order was aligned anew (lines of different setups), the difference of the
-    alignments is a constant in each equation, so that every curve is known but for a straight line
-    through its first node: then curves are not given, only their shapes as figures ``shape E_AX`` …
-    (largest minus smallest deviation from the least-squares line). With one alignment the result
-    also has ``angular E_AX`` … (largest minus smallest value).
+    difference. Where each order was aligned again (lines of different setups), the difference of
+    the alignments is a constant in each equation, so that every curve is known but for a straight
+    line through its first node: then curves are not given, only their shapes as figures ``shape
+    E_AX`` … (largest minus smallest deviation from the least-squares line). With one alignment the
+    result also has ``angular E_AX`` … (largest minus smallest value).
 
     Right to the first order of the angular errors. The covariance is propagated from the readings,
     also those that successive intervals share.

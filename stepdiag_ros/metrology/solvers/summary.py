@@ -43,7 +43,7 @@ class CurveEstimate:
         values: one solution, m and rad, shape (c(N+1),); any multiple of ``unseen`` may be added.
         covariance: of the first values, shape (k, k), k ≤ c(N+1), without ``factor``; NaN where the
             noise is not known.
-        unseen: directions that the readings do not tell, shape (c(N+1), r), rotations times
+        unseen: directions that the readings do not determine, shape (c(N+1), r), rotations times
             ``arm``; r = 0 if all is determined.
         names: of the curves, the nine translations first.
         arm: distance by which a rotation is as large as a translation, m.
@@ -145,7 +145,7 @@ class Functional(NamedTuple):
         name: of the figure.
         unit: ``m`` or ``rad``.
         weights: whose product with the stacked curves is the figure, shape (c(N+1),).
-        curve: whose range it is; empty if it is none.
+        curve: whose range it is; empty for other figures.
         matrix: from that curve to the values whose range it is, shape (N+1, N+1).
     """
 

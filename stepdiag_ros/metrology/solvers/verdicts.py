@@ -1,7 +1,7 @@
-"""What a design tells of each of its errors, and which errors do the same where it does not tell.
+"""What a design determines of its errors, and which errors act alike where it does not.
 
 Null directions of the design are changes of the unknowns that no reading shows. An error that is in
-none of them is determined. Where it is in one, whoever else is in it can do the same. Setups
+none of them is determined. Where it is in one, every other error in it can do the same. Setups
 (angles and zeros) are free always and are named only where they can do it alone.
 """
 
@@ -26,7 +26,7 @@ CONFOUNDED = "confounded"
 INVISIBLE = "invisible"
 SETUP = "the setup"
 SHAPE = "the shape, not the slope"
-"""The part of a curve that is told where its mean slope is not."""
+"""The part of a curve that is determined where its mean slope is not."""
 
 _NOTHING = 1e-6
 """Part of a unit vector in undetermined directions, or of a partner in it, that counts as none."""
@@ -38,7 +38,7 @@ _SHARE = 1e-3
 
 @dataclass(frozen=True)
 class VerdictRow:
-    """What can be told of one error.
+    """What can be determined of one error.
 
     Attributes:
         name: ISO 230-1 name of a curve, or C0Y, B0Z, A0Z.
@@ -130,7 +130,7 @@ class Verdicts:
         return self._beside(np.concatenate([self._moves, self._setup]))
 
     def _beside(self, base: Integers) -> Vector:
-        """Return what readings tell of each unknown with some left free beside it, shape (p,).
+        """Return what readings determine of each unknown with some left free beside it, shape (p,).
 
         The diagonal of the normal matrix with these eliminated (Schur).
         """

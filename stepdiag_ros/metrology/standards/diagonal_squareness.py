@@ -20,8 +20,8 @@ between the positive axes is *smaller* than 90°. Hence
   when the axes' positioning was measured too: that mean must be Σ L_i Δ_ii / D_0 of the linear
   tests. Then even three diagonals are enough. Both are one weighted least-squares problem here.
 
-Rotations of the axes and shifts of the laser's scale change the lengths as well; no diagonal tells
-them, so they are in the uncertainties (``length_effects``).
+Rotations of the axes and shifts of the laser's scale change the lengths as well; no diagonal
+determines them, so they are in the uncertainties (``length_effects``).
 
 All of this holds only if the diagonals are those of one box: they start and finish at identical
 coordinates, and each end is read after a move in the same direction (RL, "Squareness analysis").
@@ -276,7 +276,7 @@ def from_face(
         first: the diagonal whose axes both run forward (pp0, p0p, 0pp).
         second: the other one (np0, n0p, 0np).
         chain: order of the axes from workpiece to tool; empty if not known.
-        plausible: what may act although no length tells it.
+        plausible: what may act although no length shows it.
 
     Raises:
         ValueError: they are not the two diagonals of one face, or ``check_ends`` refuses.
@@ -316,7 +316,7 @@ def from_body(
         diagonals: the four body diagonals, or three with the linear tests of all axes.
         linear: axis X, Y, Z → (positioning error over the travel, its standard uncertainty), m.
         chain: order of the axes from workpiece to tool; empty if not known.
-        plausible: what may act although no length tells it.
+        plausible: what may act although no length shows it.
 
     Raises:
         ValueError: too few diagonals, one of them twice, or ``check_ends`` refuses.
@@ -398,7 +398,7 @@ def squareness_of(measurement: Measurement) -> SquarenessResult:
     not of one box are left out, and the reason is among the remarks.
 
     Raises:
-        ValueError: nothing can be said; names what is missing.
+        ValueError: nothing is determined; names what is missing.
     """
     lengths, linear = lengths_of(measurement), linear_errors_of(measurement)
     return squareness_from(lengths, linear, measurement.chain, measurement.plausible)
@@ -416,10 +416,10 @@ def squareness_from(
         lengths: of face and body diagonals in any order; of several of one name the first counts.
         linear: see ``from_body``.
         chain: order of the axes from workpiece to tool; empty if not known.
-        plausible: what may act although no length tells it.
+        plausible: what may act although no length shows it.
 
     Raises:
-        ValueError: nothing can be said; names what is missing.
+        ValueError: nothing is determined; names what is missing.
     """
     by_name: dict[str, DiagonalLength] = {}
     remarks: list[str] = []

@@ -2,11 +2,11 @@
 
 With x_ij the positional deviations (m targets i, n runs j), ↑ and ↓ the directions of approach:
 
-    mean x̄_i↑, x̄_i↓, x̄_i = (x̄_i↑ + x̄_i↓)/2;  reversal B_i = x̄_i↑ - x̄_i↓, B = max |B_i|, mean B
-    estimator of repeatability s_i↑, s_i↓ = √(Σ (x_ij - x̄_i)² / (n - 1))
-    R_i↑ = 4 s_i↑;  R_i = max(2 s_i↑ + 2 s_i↓ + |B_i|; R_i↑; R_i↓);  R↑ = max R_i↑, R = max R_i
-    E↑ = max x̄_i↑ - min x̄_i↑;  E = max(x̄_i↑; x̄_i↓) - min(x̄_i↑; x̄_i↓);  M = max x̄_i - min x̄_i
-    A↑ = max(x̄_i↑ + 2 s_i↑) - min(x̄_i↑ - 2 s_i↑);  A the same over both directions
+    mean x̄_i↑, x̄_i↓, x̄_i = (x̄_i↑ + x̄_i↓)/2;  reversal B_i = x̄_i↑ - x̄_i↓, B = max |B_i|, mean
+    B estimator of repeatability s_i↑, s_i↓ = √(Σ (x_ij - x̄_i)² / (n - 1)) R_i↑ = 4 s_i↑;  R_i =
+    max(2 s_i↑ + 2 s_i↓ + |B_i|; R_i↑; R_i↓);  R↑ = max R_i↑, R = max R_i E↑ = max x̄_i↑ - min
+    x̄_i↑;  E = max(x̄_i↑; x̄_i↓) - min(x̄_i↑; x̄_i↓);  M = max x̄_i - min x̄_i A↑ = max(x̄_i↑ + 2
+    s_i↑) - min(x̄_i↑ - 2 s_i↑);  A the same over both directions
 
 s from a single run is not known, and neither is anything that is made of it; without runs in both
 directions, what compares them is not known.

@@ -36,7 +36,7 @@ class DiagonalGroup:
         labels: D1 … D4 or F1, F2, one for each test; two tests of one diagonal share it.
         tests: in the order of the labels.
         systematic_deviation: E_d, m; NaN while a diagonal of the group is missing.
-        reversal_value: B_d, m; NaN while one is missing or was not run both ways.
+        reversal_value: B_d, m; NaN while one is missing or was not run in both directions.
         systematic_uncertainty: U(E_d) for k = 2 of the worst diagonal, m; NaN if not known.
         reversal_uncertainty: U(B_d), m.
         remarks: what is missing, in words.
@@ -63,7 +63,9 @@ def place_of(diagonal: str) -> str:
     if diagonal in FACE_DIAGONALS:
         plane = "".join(a for a, sign in zip(AXES, diagonal, strict=True) if sign != "0")
         return f"face diagonals {plane}"
-    raise ValueError(f"'{diagonal}' is no diagonal; use {', '.join(BODY_DIAGONALS)} or a face's")
+    raise ValueError(
+        f"'{diagonal}' is not a diagonal; use {', '.join(BODY_DIAGONALS)} or a face diagonal"
+    )
 
 
 def diagonal_groups(tests: Sequence[PositioningTest]) -> tuple[DiagonalGroup, ...]:

@@ -5,8 +5,8 @@ do. The axes turn: a rotation ε_i moves the tool by ε_i × L_i with the lever 
 i in the chain (``metrology.forward``), and at the far ends of diagonals other rotations act on
 other levers, so that opposite faces of the box have other squarenesses. And the laser's scale
 shifts from one setup to the next, as the air on the beam is not that at the sensor: RL's graph has
-1 ppm for 1 µrad. Neither can be told from the lengths; both are in the uncertainty, as large as is
-plausible.
+1 ppm for 1 µrad. Neither can be determined from the lengths; both are in the uncertainty, as large
+as is plausible.
 """
 
 from collections.abc import Sequence

@@ -22,9 +22,9 @@ parameters give (derived here, since the annex's text is not among the project's
     U(R↑↓), U(R)   = 2 · U_EVE                    4 s with s no more than u_EVE of the environment
     U(A), U(A↑↓)   = √(U_L² + (2/n + 4) · U_EVE²) E and R together
 
-A zero that wanders shifts all targets of a run alike, so that more targets do not make U(mean B)
-smaller. What the machine itself does from one run to the next is part of what is measured (R), not
-of U.
+Drift of the zero from run to run shifts all targets of a run alike, so that more targets do not
+make U(mean B) smaller. What the machine itself does from one run to the next is part of what is
+measured (R), not of U.
 """
 
 from collections.abc import Mapping

@@ -124,12 +124,12 @@ def of_result(
     covariance of the curves, and with what rotations do that were not solved for, see
     ``volumetric_map``); that another place may be the worst is not in it. Where the
     covariance is not at hand (a recorded result), the standard uncertainties of the curves still
-    tell a limit: u(Σ w_i x_i) <= Σ |w_i| u(x_i).
+    give a limit: u(Σ w_i x_i) <= Σ |w_i| u(x_i).
 
     Args:
         result: curves that were not solved for (rotations) count as not known and are named.
         chain: order of the axes from workpiece to tool; needed where the result has rotations.
-        plausible: how large rotations are of which the result tells nothing.
+        plausible: size of rotations that the result does not determine.
 
     Raises:
         ValueError: the result has rotations and no chain is given.

@@ -48,7 +48,7 @@ class Adjustment:
 
     Attributes:
         parameters: shape (p,).
-        covariance: shape (p, p); NaN if neither the readings' uncertainty nor a residual tells.
+        covariance: shape (p, p); NaN if neither the readings' uncertainty nor a residual is known.
         residuals: reading less prediction, m, shape (n,).
         uncertainty: standard uncertainties of the readings, given or estimated, m, shape (n,).
         redundancy: share of each reading that the others check, 0..1, shape (n,).
@@ -76,7 +76,7 @@ class Adjustment:
 
     @property
     def coverage_factor(self) -> float:
-        """Return k for 95 %: normal, or Student's where the residuals told the uncertainty."""
+        """Return k for 95 %: normal, or Student's where the uncertainty is from the residuals."""
         if not self.estimated:
             return 1.96
         from scipy.special import stdtrit

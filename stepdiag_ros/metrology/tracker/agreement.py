@@ -1,7 +1,7 @@
 """Whether every pass of a tracker's test agrees with all the others.
 
-The joint estimate describes a machine of smooth curves, a counter whose zero wanders, air and lost
-motion. A pass that something else has happened in, such as a slipped fringe, a reflector that was
+The joint estimate describes a machine of smooth curves, a counter with drift, air and reversal
+errors. A pass that something else has happened in, such as a slipped fringe, a reflector that was
 touched or a machine that has warmed up, departs from what all other passes say of it. With
 
     V = s²_0 diag(u²) + Z diag(s²_g) Zᵀ,     P = V⁻¹ - V⁻¹ X (Xᵀ V⁻¹ X)⁻¹ Xᵀ V⁻¹

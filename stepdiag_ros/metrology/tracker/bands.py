@@ -1,4 +1,4 @@
-"""Uncertainty of figures that know nothing of a machine's curves, from the estimate that does.
+"""Uncertainty of figures without a machine's curves, from the estimate with them.
 
 A slope along one line, the squareness of a face line, the separation of one line and the tracker's
 place from some places are made of a few readings as if the machine were straight. How wrong such a

@@ -95,7 +95,7 @@ def displacement_design(commanded: Vector, volume: Volume, chain: str) -> Vector
 
 
 def error_curves(points: Points, chain: str) -> VolumetricErrors:
-    """Return the error curves that multilaterated points tell; NaN where they do not.
+    """Return the error curves that multilaterated points determine; NaN elsewhere.
 
     Args:
         points: on a grid, not all nodes of which need be there.
@@ -106,7 +106,7 @@ def error_curves(points: Points, chain: str) -> VolumetricErrors:
         ValueError: no such chain.
     """
     if chain not in CHAINS:
-        raise ValueError(f"'{chain}' is no kinematic chain; use one of {', '.join(CHAINS)}")
+        raise ValueError(f"'{chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}")
     volume = grid_of(points.commanded)
     size = volume.blocks + 1
     arm = float(np.max(np.asarray(volume.step)) * volume.blocks)
@@ -150,8 +150,8 @@ def error_curves(points: Points, chain: str) -> VolumetricErrors:
     said = []
     if missing:
         said.append(
-            f"{', '.join(missing)}: the points of one reflector do not tell all of it; a second"
-            " reflector at another offset, or an angular measurement, would"
+            f"{', '.join(missing)}: the points of one reflector do not tell all of it; a"
+            " second reflector at another offset, or an angular measurement, would"
         )
     return make_result(
         MULTILATERATION.name,

@@ -3,11 +3,11 @@
 Its CMM is a gantry of 1400 x 700 x 600 mm, and the test runs along X. What the figures show settles
 the rest:
 
-Figure 4 (squareness 0.1° alone): the deviation grows faster than the length. An axis that turns
-about its own start changes no length for a tracker at that start, and next to nothing for one
-behind it (D s/(D + s) · γ²/2 at a distance D, which grows more slowly than the length). It does
-what the figure shows when the line runs *towards* the tracker: there the path misses the tracker
-by more and more while the distance that is left shrinks,
+Figure 4 (squareness 0.1° alone): the deviation grows faster than the length. An axis
+that rotates about its own start changes no length for a tracker at that start, and next to nothing
+for one behind it (D s/(D + s) · γ²/2 at a distance D, which grows more slowly than the length). It
+does what the figure shows when the line runs *towards* the tracker: there the path misses the
+tracker by more and more while the distance that is left shrinks,
 
     |D x̂ - s u| - (D - s) ≈ D s / (D - s) · γ²/2.
 
@@ -24,12 +24,13 @@ from the tracker. Places that are mostly in the tracker's own XZ plane turn its 
 by just that; which six are taken decides the offset, from -1 mm to +1 mm. Those below give the
 printed range. They are found, not derived: others do as well.
 
-The document wonders at the offset, because "the estimated accuracy was only 13 µm". What six places
-tell of their own accuracy is the size of the residuals that one or two redundant readings leave;
-here that is of the same order, and it says nothing of the 2 mm by which the tracker is misplaced,
-nearly all of which the fit absorbs. The offset itself is harmless: every parameter of ISO 230-2 and
--6 is a difference of deviations. The shape is not: a compensation table made of it would bend a
-straight scale. (The range of the curve, 14 µm, is its E: that may be meant by 13 µm, too.)
+The document wonders at the offset, because "the estimated accuracy was only 13 µm". What
+six places show of their own accuracy is the size of the residuals that one or two redundant
+readings leave; here that is of the same order, and it says nothing of the 2 mm by which the tracker
+is misplaced, nearly all of which the fit absorbs. The offset itself is harmless: every parameter of
+ISO 230-2 and -6 is a difference of deviations. The shape is not: a compensation table made of it
+would bend a straight scale. (The range of the curve, 14 µm, is its E: that may be meant by 13 µm,
+too.)
 """
 
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ class FigureFive:
         location: what eq. 1 and the refinement made of them.
         shift: from the estimated to the actual place, m, shape (3,).
         located: the curve with the tracker where it was estimated.
-        true_place: the same line, reckoned from the tracker's true place.
+        true_place: the same line, calculated from the tracker's true place.
     """
 
     errors: AxisErrors
@@ -169,8 +170,8 @@ def figure_five(
     ways = np.linspace(begin, begin + line_length, LINE_STEPS)
     curves = []
     for label, place, start in (
-        ("reckoned from the located tracker", location.position, location.start_length),
-        ("reckoned from the tracker's true place", station, float(seen[0])),
+        ("calculated from the located tracker", location.position, location.start_length),
+        ("calculated from the tracker's true place", station, float(seen[0])),
     ):
         line = place + ways[:, None] * np.array([1.0, 0.0, 0.0])
         changes = lengths(_on_the_machine(line, errors), station) - seen[0]

@@ -55,9 +55,10 @@ _STEEPEST = np.radians(60.0)
 _MOST_OBLIQUE = 0.05
 """Larger tangents between beam and line let more than a twentieth of what is across it in."""
 LINES_ALONE = (
-    "Slopes of the lines, reckoned from the located tracker, carry what its place is wrong by; the"
-    " joint estimate from all readings does not. Their U, that of the squareness from them and that"
-    " of single lines is as large as they depart from the joint estimate of the same quantity."
+    "Slopes of the lines, reckoned from the located tracker, carry what its place is wrong by;"
+    " the joint estimate from all readings does not. Their U, that of the squareness from them"
+    " and that of single lines is as large as they depart from the joint estimate of the same"
+    " quantity."
 )
 NO_BANDS = (
     "Without a joint estimate nothing tells what straightness and angles do to slopes, squareness"
@@ -110,7 +111,7 @@ class SquarenessAngle:
 
 @dataclass(frozen=True)
 class LineEvaluation:
-    """The lines, reckoned from one place of the tracker.
+    """The lines, calculated from one place of the tracker.
 
     Attributes:
         tests: by ISO 230-2 (x, y, z) and ISO 230-6.
@@ -134,8 +135,8 @@ class SevenLineResult:
     Attributes:
         location: of the tracker, from the places ``locate``; with a joint estimate, its covariance
             has in it what the machine's errors do to it (``bands``).
-        joint: scales and squareness together with the tracker's place, from all readings; None if
-            the readings do not tell.
+        joint: scales and squareness together with the tracker's place, from all readings; None
+            if the readings do not determine them.
         located: the lines with the tracker where ``location`` has it, as ATLI evaluates them.
         corrected: the same with the tracker where ``joint`` has it; None without that.
         separations: line along an axis → positioning and squareness from its readings alone, or in
@@ -211,7 +212,7 @@ def locate_from(readings: Sequence[TrackerReading], minimum_range: float = 0.0) 
     """Locate the tracker from the readings ``locate`` among those of a station.
 
     Raises:
-        PoorGeometry: there are too few, or they do not tell.
+        PoorGeometry: there are too few, or they do not determine the result.
     """
     places = [reading for reading in readings if reading.line == LOCATE]
     if not places:
@@ -287,7 +288,7 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
     for reading in readings:
         run = groups.setdefault((reading.run, reading.direction), {})
         if reading.stop in run:
-            raise Refusal(f"line {reading} is there twice", fault="twice")
+            raise Refusal(f"line {reading} appears twice", fault="twice")
         run[reading.stop] = reading
     stops = sorted({reading.stop for reading in readings})
     targets = np.array([next(r.position for r in readings if r.stop == stop) for stop in stops])
@@ -351,13 +352,13 @@ def runs_of_line(readings: Sequence[TrackerReading], station: Vector) -> Bidirec
 def squareness_of(
     slopes: Sequence[LineSlope], joint: JointEstimate | None
 ) -> tuple[SquarenessAngle, ...]:
-    """Return the squareness angles that face lines and the lines along their axes tell.
+    """Return the squareness angles from face lines and the lines along their axes.
 
     Lines along which the beam does not run are left out: squareness across them is in their slopes.
 
     Args:
         slopes: of the lines.
-        joint: the same from all readings, which tells the uncertainty; None: it is unknown.
+        joint: the same from all readings, which gives the uncertainty; None: it is unknown.
     """
     by_name = {slope.name: slope for slope in slopes if slope.oblique <= _MOST_OBLIQUE}
     made = []

@@ -1,4 +1,4 @@
-"""What a seven-line test will tell, and how well, before anything moves.
+"""What a seven-line test will determine, and how well, before anything moves.
 
 The estimators of the evaluation on the lengths of a perfect machine: their covariance does not
 depend on the readings, to first order, so it is that of the measurement to come as far as the
@@ -27,7 +27,7 @@ class TrackerExpectation:
 
     Attributes:
         position: of the tracker's x, y, z from its places alone, m, shape (3,).
-        joint: name in ``joint.NAMES`` → standard uncertainty, m/m or rad, or NaN if not told.
+        joint: name in ``joint.NAMES`` → standard uncertainty, m/m or rad, or NaN if undetermined.
         separations: line along an axis → (u of scale, u of lean towards the tracker, correlation)
             from its readings alone, or in words why not.
         warnings: about the geometry of the places, in words.
@@ -40,7 +40,7 @@ class TrackerExpectation:
 
 
 def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> TrackerExpectation:
-    """Return how well a test will tell the tracker's place, positioning and squareness.
+    """Return how well a test will determine the tracker's place, positioning and squareness.
 
     Args:
         test: that is planned.
@@ -50,7 +50,7 @@ def expect(test: SevenLineTest, tracker: Tracker, chain: str = "") -> TrackerExp
 
     Raises:
         PoorGeometry: the places do not locate the tracker.
-        ValueError: the tracker is said to have no noise, so nothing can be expected of it.
+        ValueError: the tracker has no stated noise, so there is no expectation.
     """
     if tracker.length_noise == 0 and tracker.length_proportional == 0:
         raise ValueError("a tracker without noise has no uncertainty to expect")

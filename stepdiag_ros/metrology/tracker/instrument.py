@@ -151,6 +151,6 @@ class Tracker:
 def _unit(vector: Vector, what: str) -> tuple[float, float, float]:
     length = float(np.linalg.norm(vector))
     if length < 1e-9:
-        raise Refusal(f"{what} is no direction: all three numbers are zero", fault="malformed")
+        raise Refusal(f"{what} is not a direction: all three numbers are zero", fault="malformed")
     x, y, z = (float(value) for value in vector / length)
     return x, y, z

@@ -13,7 +13,7 @@ Ten unknowns are free: three scales, three squareness angles (right-handed), t a
 and what differs between passes are random effects (``mixed_model``): positioning, straightness and
 rotations repeat in every pass over a line, so no number of passes makes them smaller, and without
 them in the model the uncertainty is false by the root of that number. The three directions of the
-frame are no unknowns: turning machine and tracker together changes no length.
+frame are not unknowns: turning machine and tracker together changes no length.
 
 Scales and squareness are those of the whole machine, A and curves: the slopes of least-squares
 lines of E_XX, E_YY, E_ZZ, and the sums of ``forward.SQUARENESS_SLOPES``, over the measured box with
@@ -96,7 +96,7 @@ class JointEstimate:
     def machine_position(self) -> Vector:
         """Return where the machine would have to go for the reflector to meet the tracker, m, (3,).
 
-        With scales and squareness alone. Lines are reckoned from there.
+        With scales and squareness alone. Lines are calculated from there.
         """
         corner = self.machine.box.low
         near = np.linalg.solve(error_matrix(self.values), self.position - corner)
@@ -155,10 +155,10 @@ def estimate(
         station: rough place of the tracker, m, shape (3,), see ``location.locate``.
         start_length: rough L0, m.
         chain: order of the axes from workpiece to tool; empty if not known.
-        sizes: of ``machine_curves.SIZES`` if they are told; None: the readings tell them.
+        sizes: of ``machine_curves.SIZES`` if they are given; None: the readings determine them.
 
     Raises:
-        PoorGeometry: the places do not tell all ten unknowns.
+        PoorGeometry: the places do not determine all ten unknowns.
         ValueError: some readings have an uncertainty and some have none.
     """
     points, changes, spread = _arrays(readings)
@@ -231,8 +231,8 @@ def _rough(model: Model, changes: Vector, spread: Vector, start: Vector) -> Vect
         return adjust(model, changes, spread, start).parameters
     except PoorGeometry:
         raise PoorGeometry(
-            "scales, squareness and the tracker's place cannot be told from these places together;"
-            " measure all seven lines, and places on other sides of the tracker"
+            "scales, squareness and the tracker's place cannot be told from these places"
+            " together; measure all seven lines, and places on other sides of the tracker"
         ) from None
 
 

@@ -92,7 +92,7 @@ class AxisErrors:
             pivot: position of the axis where its errors are zero, m.
 
         Returns:
-            E_XX E_YX E_ZX (of X; likewise of Y, Z) at the two nodes, m.
+            E_XX E_YX E_ZX (of X; the same for Y, Z) at the two nodes, m.
         """
         ways = np.array([low, high]) - pivot
         errors = self.reached(np.zeros(3), ways) - np.asarray(self.shift)

@@ -48,7 +48,7 @@ class Location:
         start_length: L0, the length where the counter was zeroed, m.
         covariance: of position and L0, m², shape (4, 4); NaN if not known. Widened by the Birge
             ratio where the residuals are larger than chance allows.
-        linear: position and L0 by ATLI eq. 1 alone, m, shape (4,); NaN where it does not tell.
+        linear: position and L0 by ATLI eq. 1 alone, m, shape (4,); NaN where undetermined.
         adjustment: residuals, fit and condition number.
         dilution: u(position) per unit of a length's standard uncertainty, root sum of squares.
         points: that were used, m, shape (n, 3).
@@ -141,8 +141,8 @@ def locate(
         minimum_range: of the tracker, m: points nearer than that are warned of.
 
     Raises:
-        PoorGeometry: fewer than six places, places that do not tell where the tracker is, or places
-            in one plane without ``near``.
+        PoorGeometry: fewer than six places, places that do not determine where the tracker is, or
+            places in one plane without ``near``.
         ValueError: shapes that do not fit, or values that are not finite.
     """
     points = np.asarray(points, dtype=np.float64)

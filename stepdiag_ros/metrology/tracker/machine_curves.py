@@ -7,15 +7,15 @@ measured box (``forward.levers``),
     e(q) = A (q - q_0) + Σ_i t_i(q_i) + Σ_i ε_i(q_i) × L_i(q - q_0)
 
 A: scales and squareness (``joint``). Passes over a place meet the same curves, so what curves do
-does not average out, and seven lines do not tell eighteen curves. They enter as random
+does not average out, and seven lines do not determine eighteen curves. They enter as random
 curves instead, sums of half waves over the travel with amplitudes in proportion to their lengths,
 rotations with a slope in place of the longest wave. All positioning curves have one size, all
 straightnesses and all rotations. Beside them stand what differs between passes: the counter's zero,
-the scale of the lengths (air), and lost motion. The readings tell the sizes as far as they can
-(``mixed_model``), but not below those of a good machine.
+the scale of the lengths (air), and reversal errors. The readings determine the sizes as far as they
+can (``mixed_model``), but not below those of a good machine.
 
 Where the chain of the axes is not known, every axis's rotations act through both other axes. That
-is no machine there is: it gives values, and a rough expectation of a test, but no uncertainty.
+is not a machine there is: it gives values, and a rough expectation of a test, but no uncertainty.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ SIZES = (
     GroupSize("straightness, m", 1.0e-6, 2.0, least=0.8e-6),
     GroupSize("rotation, rad", 6.0e-6, 2.0, least=5.0e-6),
     GroupSize("zero of a pass, m", 0.1e-6, 4.0),
-    GroupSize("lost motion, m", 0.3e-6, 4.0),
+    GroupSize("reversal error, m", 0.3e-6, 4.0),
     GroupSize("scale of the lengths in a pass, m/m", 0.1e-6, 3.0),
 )
 """What is known of machines before anything is measured. Machine tools and coordinate measuring

@@ -1,4 +1,4 @@
-"""Least squares with random effects whose sizes the readings themselves tell.
+"""Least squares with random effects whose sizes the readings themselves determine.
 
     y = X β + Z b + r,     b_j ~ N(0, s²_g(j)),     r_i ~ N(0, s²_0 u_i²)
 
@@ -10,8 +10,8 @@ determinant gives the restricted likelihood of the sizes (Patterson and Thompson
     C = [X Z]ᵀ W [X Z] / s²_0 + diag(0, 1/s²_g),      W = diag(1/u²)
     -2 log L = n log s²_0 + Σ log s²_g(j) + log |C| + rᵀ W r / s²_0 + Σ b²_j / s²_g(j)
 
-A size that a few effects tell is uncertain itself, so the result is no estimate at the best sizes:
-it is the mean over many sizes that are as likely as the readings and what is known of sizes
+A size from a few effects is uncertain itself, so the result is not an estimate at the best
+sizes: it is the mean over many sizes that are as likely as the readings and what is known of sizes
 beforehand make them. The spread of their estimates is part of the covariance.
 """
 
@@ -195,7 +195,7 @@ def fit(y: Vector, uncertainty: Vector, free: Vector, effects: Effects) -> Mixed
 def fit_with_sizes(
     y: Vector, uncertainty: Vector, free: Vector, effects: Effects, sizes: Sequence[float]
 ) -> MixedFit:
-    """Return the same where all sizes are told, s_0 first."""
+    """Return the same where all sizes are given, s_0 first."""
     logs = np.log(np.asarray(sizes, dtype=np.float64))
     _, _, solution, inverse = _Equations(y, uncertainty, free, effects).solve(logs)
     return MixedFit(solution, inverse, np.exp(logs))

@@ -15,8 +15,8 @@ displacements from the commanded places have no mean and no mean rotation,
 so no single point is taken as perfect. The points are eliminated station by station (Schur
 complement), so the effort grows with the number of points alone.
 
-Uncertainties are those of the lengths, and more where the residuals are larger than these: a zero
-that wanders and a machine that does not come back to its places add to them. Such an excess is
+Uncertainties are those of the lengths, and more where the residuals are larger than these: drift
+of the zero and a machine that does not come back to its places add to them. Such an excess is
 partly common to places that follow each other, and then the fewer independent readings it leaves
 make it count more than once; it is counted twice. The part of a length's uncertainty that grows
 with the length is taken as common to all readings, too, as an error of the wavelength is.
@@ -55,7 +55,7 @@ class Points:
         start_lengths: L0_k, m, shape (m,).
         residuals: m, shape (n, m); NaN where not read.
         uncertainty: standard uncertainty of a length, given or estimated, m, shape (n, m).
-        degrees_of_freedom: readings less unknowns that lengths can tell.
+        degrees_of_freedom: readings less unknowns that lengths determine.
         chi_squared: NaN if the uncertainty was estimated from the fit.
         remarks: in words.
         frame: in words.
@@ -123,7 +123,7 @@ class Points:
 
 
 def rigid_motions(points: Vector) -> Vector:
-    """Return the displacements of points by three shifts and three turns about their mean.
+    """Return the displacements of points by three shifts and three rotations about their mean.
 
     Turns are counted in the points' extent, so that all six columns are alike.
 
@@ -160,8 +160,8 @@ def multilaterate(
         names: of the stations, for refusals.
 
     Raises:
-        PoorGeometry: too few stations or points, or stations and points that lengths alone do not
-            tell apart.
+        PoorGeometry: too few stations or points, or stations and points that lengths alone
+            do not separate.
         ValueError: shapes that do not fit.
     """
     commanded = np.asarray(commanded, dtype=np.float64)
@@ -194,8 +194,8 @@ def multilaterate(
             break
     else:
         raise PoorGeometry(
-            "the points did not settle; the rough places of the stations are too far off, or"
-            " stations and points hardly tell each other"
+            "the points did not converge: the approximate positions of the stations are too far"
+            " off, or stations and points hardly determine each other"
         )
     points, places = _into_frame(commanded, points, places)
     residual, unit = _residuals(points, places, starts, changes)
@@ -350,9 +350,8 @@ def _root_of_inverse(reduced: Vector) -> Vector:
     limit = _NOTHING * values[-1]
     if values[_FREE] <= limit:
         raise PoorGeometry(
-            "stations and points do not tell each other by lengths alone; the stations may not lie"
-            " in one plane, nor the points in one plane or on a few lines: place one station"
-            " higher",
+            "lengths alone do not determine stations and points. The stations must not lie in one"
+            " plane, nor the points in one plane or on a few lines: place one station higher",
             fault="undetermined",
         )
     made: Vector = vectors[:, _FREE:] / np.sqrt(values[_FREE:])

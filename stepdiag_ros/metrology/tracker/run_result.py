@@ -122,7 +122,8 @@ def solve_station(
     """Return the errors and the positioning tests of the station that a line belongs to.
 
     Raises:
-        NotDeterminable: the station is not complete, or its readings do not tell; says why.
+        NotDeterminable: the station is not complete, or its readings do not determine it; states
+            why.
     """
     if is_grid(plan):
         return _solve_grid(lines, plan, chain), ()

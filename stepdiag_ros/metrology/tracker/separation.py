@@ -7,19 +7,19 @@ to first order is to go (1 + g) w instead of w and to lean by τ towards m:
     L(w)² = |p0 - t + (1 + g) w u|²,  u = cos τ n + sin τ m
           = (1 + g)² w² + 2 (1 + g) w (a cos τ - h sin τ) + a² + h²
 
-So lengths along one straight line tell three numbers and no more: the scale g, the product
+So lengths along one straight line determine three numbers and no more: the scale g, the product
 a cos τ - h sin τ, and a² + h². Three things follow.
 
-- A lean across the plane of line and tracker changes nothing to first order: one line tells one of
-  the axis's two squareness angles, the one towards the tracker.
-- With the tracker on the line (h = 0) it tells neither: ∂L/∂τ = -h w / L.
-- The lean is known no better than the tracker: a tracker turned about p0 by some angle gives the
+- A lean across the plane of line and tracker changes nothing to first order: one line determines
+  one of the axis's two squareness angles, the one towards the tracker.
+- With the tracker on the line (h = 0) it determines neither: ∂L/∂τ = -h w / L.
+- The lean is known no better than the tracker: a tracker rotated about p0 by some angle gives the
   same lengths as a line that leans by it the other way. With e its error across the beam to p0, in
   the plane of line and tracker, u(τ) ≥ u(e)/|p0 - t|, whatever the noise; and a tracker that was
   located by the same erroneous axis carries that axis's errors. ``joint`` estimates both at once.
 
 The parts of g, ∂L/∂g = w (w + a)/L, and of τ differ as the beam swings around; on a short line far
-away both grow like w and cannot be told apart, which the correlation coefficient says.
+away both grow like w and cannot be separated, which the correlation coefficient shows.
 """
 
 from dataclasses import dataclass
@@ -108,7 +108,7 @@ def line_model(
     """Return the length changes along a line and their derivatives.
 
     Args:
-        points: commanded targets, m, shape (n, 3); the line turns about the first.
+        points: commanded targets, m, shape (n, 3); the line rotates about the first.
         direction: n.
         towards: m.
         parameters: scale, lean, station x, y, z, start length; shape (6,).
@@ -153,8 +153,8 @@ def separate(
             line has a zero of its own.
 
     Raises:
-        PoorGeometry: the tracker is on the line, or the line does not tell scale from lean.
-        ValueError: the targets are no line, or shapes do not fit.
+        PoorGeometry: the tracker is on the line, or the line does not separate scale and lean.
+        ValueError: the targets are not a line, or shapes do not fit.
     """
     points = np.asarray(points, dtype=np.float64)
     changes = np.asarray(changes, dtype=np.float64)
@@ -183,9 +183,9 @@ def separate(
         )
     except PoorGeometry:
         raise PoorGeometry(
-            f"positioning and squareness cannot be told apart on this line: the tracker is"
-            f" {offset * 1e3:.4g} mm beside it and the beam keeps its direction; put it beside the"
-            " middle of the line, or measure lines in other directions too"
+            "positioning and squareness cannot be separated on this line: the tracker is"
+            f" {offset * 1e3:.4g} mm beside it and the beam keeps its direction. Place it beside"
+            " the middle of the line, or also measure lines in other directions"
         ) from None
     both = fit.covariance[:2, :2]
     correlation = float(both[0, 1] / np.sqrt(both[0, 0] * both[1, 1]))
@@ -233,8 +233,8 @@ def _refuse_on_the_line(
     if offset < least:
         raise PoorGeometry(
             f"the tracker is on the line (offset {offset * 1e3:.3g} mm, needed {least * 1e3:.3g} mm"
-            " or more): a lean of the line then changes no length to first order, so its squareness"
-            " cannot be told; move tracker or line sideways",
+            " or more): a lean of the line then changes no length to first order, so its"
+            " squareness cannot be determined. Move tracker or line sideways",
             fault="out_of_range",
             aspect="offset",
         )
@@ -242,8 +242,8 @@ def _refuse_on_the_line(
 
 def _remarks(fit: Adjustment, covariance: Vector | None, correlation: float) -> list[str]:
     said = [
-        "Of the axis's two squareness angles this line tells the one towards the tracker; straight"
-        "ness that bends the line is in both figures."
+        "Of the axis's two squareness angles, this line determines the one towards the tracker;"
+        " straightness that bends the line is in both figures."
     ]
     if covariance is None:
         said.append(
@@ -252,8 +252,8 @@ def _remarks(fit: Adjustment, covariance: Vector | None, correlation: float) -> 
         )
     if abs(correlation) > _WEAK_CORRELATION:
         said.append(
-            f"Scale and lean are hardly told apart here (correlation {correlation:+.3f}): only"
-            " together they are as certain as the lengths are."
+            f"Scale and lean are hardly separable here (correlation {correlation:+.3f}): only"
+            " together are they as certain as the lengths."
         )
     if fit.estimated:
         said.append("The uncertainty of the lengths was taken from the residuals.")

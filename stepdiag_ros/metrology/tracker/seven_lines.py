@@ -2,10 +2,10 @@
 
 The lines begin at the place of the volume that is nearest to the tracker and run away from it: x, y
 and z along one axis, xy, xz, yz and xyz along the diagonals of what is left of the volume from
-there. So the beam runs along the line as nearly as the volume allows; how nearly is said for each
-line, because whatever moves the reflector across the beam enters the length by the sine of the
-angle between them; a line begins where that angle is 45° at most. No line passes the tracker nearer
-than its shortest length.
+there. So the beam runs along the line as nearly as the volume allows; how nearly is stated
+for each line, because whatever moves the reflector across the beam enters the length by the sine of
+the angle between them; a line begins where that angle is 45° at most. No line passes the tracker
+nearer than its shortest length.
 """
 
 from dataclasses import dataclass

@@ -16,7 +16,7 @@ def verdict_on(joint: JointEstimate | None) -> tuple[str, str]:
     (``agreement``), ``NOT TESTABLE`` without a joint estimate or with fewer than three passes.
 
     Args:
-        joint: estimate from all readings; None if there is none.
+        joint: estimate from all readings; None without one.
     """
     if joint is None:
         return NOT_TESTABLE, "Too few readings for a joint estimate: no pass can be compared."

@@ -49,7 +49,7 @@ _LAYOUT: dict[str, dict[str, tuple[str, float]]] = {
     "setup": {"alignment_rad": ("alignment", 0.1), "return_rad": ("return_angle", 0.1)},
     "machine": {"angular_errors_rad": ("angular_errors", 0.1)},
 }
-"""Section → key → attribute, and the largest value that is no typing error."""
+"""Section → key → attribute, and the largest value that is not a typing error."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Instrument:
-    """Standard uncertainties of everything that acts on a reading; unknown unless told.
+    """Standard uncertainties of everything that acts on a reading; unknown unless given.
 
     Attributes:
         name: in words.
@@ -86,13 +86,14 @@ class Instrument:
         relative_humidity: sensor, 0..1.
         co2: mole fraction of CO2, from the 450e-6 that the equation takes.
         index_equation: the equation for the refractive index, relative.
-        air_gradient: air temperature on the beam from that at the sensor, K, of each setup anew.
+        air_gradient: air temperature on the beam from that at the sensor, K, different for each
+            setup.
         turbulence: refractive index from reading to reading, relative.
         dead_path: from the laser's reference to the mirror at a setup's zero, m; NaN if unknown.
-        dead_path_spread: of the dead path that the compensation reckoned with, m.
+        dead_path_spread: of the dead path that the compensation assumed, m.
         material_temperature: sensor, K.
-        material_gradient: temperature of what is measured from that at the sensor, K, of each setup
-            anew.
+        material_gradient: temperature of what is measured from that at the sensor, K, different
+            for each setup.
         expansion: coefficient of thermal expansion, 1/K.
         alignment: beam and mirror together from their line, rad, each of two angles of each setup.
         return_angle: mirror from square to the beam, rad, each of two angles of each setup.

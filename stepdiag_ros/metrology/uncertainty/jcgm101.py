@@ -151,7 +151,7 @@ def monte_carlo(
         most_trials: where the procedure stops, settled or not.
         seed: of the random numbers; the same seed gives the same result.
         share: of δ, within which the results are to settle; ``VALIDATION_SHARE`` for a validation.
-        progress: told the part (0..1) of the most trials that is done.
+        progress: called with the part (0..1) of the most trials that is done.
 
     Raises:
         ValueError: an argument is out of range.

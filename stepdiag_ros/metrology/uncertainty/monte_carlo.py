@@ -51,7 +51,7 @@ def check_budget(
         digits: significant digits of the standard uncertainties that count, 1 or 2.
         most_trials: where the adaptive procedure stops, settled or not.
         seed: of the random numbers.
-        progress: told the part (0..1) of the most trials that is done.
+        progress: called with the part (0..1) of the most trials that is done.
 
     Raises:
         ValueError: an argument is out of range.

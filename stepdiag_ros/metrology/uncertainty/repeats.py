@@ -1,4 +1,4 @@
-"""What repeated passes tell: scatter of single readings, and drift from pass to pass.
+"""What repeated passes show: scatter of single readings, and drift from pass to pass.
 
 Passes of one setup in one direction stop at the same places, so that their differences hold nothing
 of the machine but what does not repeat. Each pass is compared with the mean of its likes: offset
@@ -25,7 +25,7 @@ class Repeats:
         reading_freedom: its degrees of freedom.
         offset: standard deviation of a pass's offset, m, beyond what the readings' scatter explains
             (0 if nothing is); NaN without repeats.
-        slope: standard deviation of a pass's slope along the line, m/m, likewise.
+        slope: standard deviation of a pass's slope along the line, m/m; 0 and NaN as of the offset.
         pass_freedom: degrees of freedom of offset and slope.
         centre: mean displacement of each reading's line, m, about which slopes turn, shape (n,).
     """
@@ -39,7 +39,7 @@ class Repeats:
 
 
 def repeats_of(measurement: Measurement, observations: Observations) -> Repeats:
-    """Return what the repeated passes of a measurement tell."""
+    """Return what the repeated passes of a measurement show."""
     directions = np.array(
         [measurement.lines[number].line.direction == "forward" for number in observations.passes]
     )

@@ -26,7 +26,7 @@ DEAD_PATH = "dead path"
 SETUP = "setup"
 REPEATABILITY = "repeatability"
 DRIFT = "drift between passes"
-MODEL = "misfit of the model"
+MODEL = "lack of fit of the model"
 ANGULAR = "angular errors"
 DIRECT = "measured directly"
 GROUPS = (
@@ -44,11 +44,11 @@ GROUPS = (
 """Groups of sources in the order in which they are shown."""
 
 COMMON = "common to all readings"
-PER_SETUP = "anew for each setup"
-PER_PASS = "anew for each pass"
-PER_PLACE = "anew for each place of each setup"
-PER_READING = "anew for each reading"
-PER_POSITION = "anew for each position"
+PER_SETUP = "independent for each setup"
+PER_PASS = "independent for each pass"
+PER_PLACE = "independent for each place of each setup"
+PER_READING = "independent for each reading"
+PER_POSITION = "independent for each position"
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _standard(distribution: str, shape: tuple[int, int], rng: np.random.Generato
     if distribution == PRODUCT:
         product: Vector = rng.standard_normal(shape) * rng.standard_normal(shape)
         return product
-    raise ValueError(f"'{distribution}' is no distribution that can be drawn from")
+    raise ValueError(f"'{distribution}' is not a distribution that can be drawn from")
 
 
 def common(

@@ -1,7 +1,7 @@
 """The sources of uncertainty of a measurement, each with what it does to every reading.
 
 What acts on a displacement as a length (laser, air, dead path, material) is in ``length_sources``;
-here are setup, scatter, drift, misfit and the angular errors that a model leaves out.
+here are setup, scatter, drift, lack of fit and the angular errors that a model leaves out.
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ def sources_of(readings: Readings, instrument: Instrument, method: Estimator) ->
     Args:
         readings: with their air and material.
         instrument: what is known of how well everything is known.
-        method: that the result comes from; what its model holds is no source.
+        method: that the result comes from; what its model holds is not a source.
     """
     scatter = _scatter(readings)
     angular = (
@@ -182,8 +182,9 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     """Return what the residuals of a fit hold beyond the readings' scatter; none if chance does it.
 
     Repeats share it, so that it is one unknown value for each place of each setup. With σ the
-    scatter and n_k readings at the place k, the variance of what a fit leaves is that of the misfit
-    plus the mean of σ²/n_k. The threshold is that of ``solve_least_squares``: p < 0.01.
+    scatter and n_k readings at the place k, the variance of what a fit leaves is that of
+    the lack of fit plus the mean of σ²/n_k. The threshold is that of ``solve_least_squares``: p <
+    0.01.
     """
     if not isinstance(method, LeastSquaresEstimator):
         return []
@@ -196,7 +197,7 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     variance = float(np.sum(left**2)) / freedom - float(np.mean(expected))
     return [
         Source(
-            "misfit of the model",
+            "lack of fit of the model",
             MODEL,
             float(np.sqrt(max(variance, 0.0))),
             "m",
@@ -216,14 +217,14 @@ def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...])
 
     Each of the nine is a random curve from zero at the first corner of the box, of the stated size
     at its last node, with waves on the way (``plausible``): a tilt that grows does not average out
-    over a line, and waves make straightness. Where the instrument description tells no size, it is
+    over a line, and waves make straightness. Where the instrument description states no size, it is
     the plausible one of the measurement.
     """
     seen, measurement = readings.observations, readings.measurement
     spread, note = instrument.angular_errors, ""
     if not spread.known:
         spread = Spread(measurement.plausible.rotation)
-        note = f"not told: {spread.standard_uncertainty * 1e6:.3g} µrad are taken as plausible"
+        note = f"not given: {spread.standard_uncertainty * 1e6:.3g} µrad assumed as plausible"
     slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
     truly: dict[str, Vector] = {}
     if measurement.chain:

@@ -1,4 +1,4 @@
-"""What is said first of a run, as a part of JSON documents."""
+"""Summary of a run, as a part of JSON documents."""
 
 from typing import Any
 

@@ -6,7 +6,7 @@ from stepdiag_ros.schemas.diagnosis import LeftOpen, Pair, Proposal
 
 
 def proposal_part(proposal: proposals.ExtraPlan | None, path: str = "") -> Proposal | None:
-    """Return a proposal as a part of a document; None if there is none."""
+    """Return a proposal as a part of a document; None without a proposal."""
     if proposal is None:
         return None
     plan = proposal.plan

@@ -101,10 +101,10 @@ def report_document(report: Report, lead: RunLead | None = None) -> dict[str, An
 
     Args:
         report: of the run.
-        lead: what is said first of it, where more is known than the report holds.
+        lead: its summary, where more is known than the report holds.
 
     Raises:
-        ValueError: the truth does not fit the results.
+        ValueError: the true errors do not fit the results.
     """
     content = {
         "run": {

@@ -51,7 +51,7 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def findings_title(diagnosis: Diagnosis) -> str:
-    """Say what the effects are that a diagnosis tells of: named, possible, or only a part."""
+    """Return what the effects of a diagnosis are: named, possible, or only a part."""
     if diagnosis.verdict == AMBIGUOUS:
         return "One of those that would close the gap"
     if diagnosis.findings:
@@ -210,7 +210,7 @@ def noise_sentence(diagnosis: Diagnosis) -> str:
 
 
 def group_sentences(findings: Sequence[Finding]) -> list[str]:
-    """Say which names this run cannot tell from those found."""
+    """State which names this run does not distinguish from those found."""
     sentences = []
     for finding in findings:
         if finding.ambiguous:

@@ -1,4 +1,4 @@
-"""A plan before it is run as text tables: what it costs, what it will tell and what not."""
+"""A plan before it is run as text tables: what it costs, what it will determine and what not."""
 
 from itertools import groupby
 
@@ -95,7 +95,7 @@ def _expanded(standard_uncertainty: float) -> str:
 
 
 def visibility_table(assessment: Assessment) -> Table:
-    """Return what the plan tells of each error, without and with rotations in the model."""
+    """Return what the plan shows of each error, without and with rotations in the model."""
     chain = assessment.machine.chain
     table = new_table(
         "Visibility", "error", "without rotations", f"with rotations ({chain or '?'})"
@@ -143,7 +143,7 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
     duration = assessment.duration
     repeats = "each line one way"
     if len({line.direction for line in assessment.plan.lines}) > 1:
-        repeats = "both ways"
+        repeats = "in both directions"
     sentences = [
         f"{len(assessment.plan.lines)} passes, {repeats}, with {duration.stops} stops and "
         f"{duration.alignments} alignments take {hours(duration.total)}: "
@@ -196,7 +196,7 @@ def print_assessment(
         for text in assessment.warnings:
             console.sentence(f"- {text}")
         console.print()
-    console.print("What this plan will not tell", style="bold")
+    console.print("What this plan will not determine", style="bold")
     for text in assessment.limits:
         console.sentence(f"- {text}")
 

@@ -5,16 +5,16 @@ from stepdiag_ros.text.numbers import plain
 from stepdiag_ros.text.table import Table, new_table
 
 _MOST_PAIRS = 12
-_PAIR_COLUMNS = ("cause", "or", "expected difference in σ", "chance to tell")
+_PAIR_COLUMNS = ("cause", "or", "expected difference in σ", "probability of a decision")
 
 
 def pairs_table(proposal: ExtraPlan | None) -> Table | None:
-    """Return how well the proposed lines tell the rivals apart, the least certain first."""
+    """Return how well the proposed lines distinguish the rivals, the least certain first."""
     if proposal is None or not proposal.pairs:
         return None
     shown = proposal.pairs[:_MOST_PAIRS]
     more = len(proposal.pairs) - len(shown)
-    title = "What the proposed lines will tell apart"
+    title = "What the proposed lines will distinguish"
     table = new_table(
         title + (f" (the {len(shown)} hardest of {len(proposal.pairs)} pairs)" if more else ""),
         *_PAIR_COLUMNS,

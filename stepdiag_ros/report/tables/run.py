@@ -84,8 +84,8 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
         report: what is printed.
         prefix: first word of the names.
         title: of the table.
-        only_known: leave out methods and figures of which nothing is determined: few plans tell
-            rotations, and the visibility table says which.
+        only_known: leave out methods and figures of which nothing is determined: few
+            plans determine rotations, and the visibility table says which.
     """
     results: Sequence[VolumetricErrors] = report.ordered_results()
     names: list[str] = []
@@ -177,7 +177,7 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
     """Return the translations or rotations of a method: one table an axis, one row a node.
 
     Translations are in µm, rotations in µrad. Rotations, and nodes of them, that are not determined
-    at all are left out; what can do the same is said elsewhere.
+    at all are left out; errors that can do the same are named elsewhere.
     """
     tables = []
     for axis, (letter, nodes) in enumerate(zip(AXES, result.nodes, strict=True)):
@@ -312,7 +312,7 @@ def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErro
 
 
 def fit_table(report: Report, with_equality: bool = True) -> Table:
-    """Return what each method was made from, how well it fits and how far from the truth it is.
+    """Return the basis of each method, how well it fits and its deviation from the true errors.
 
     Args:
         report: of a run.
@@ -325,13 +325,17 @@ def fit_table(report: Report, with_equality: bool = True) -> Table:
     table.add_row("χ² / degrees of freedom", "", *(_reduced_chi_squared(r) for r in results))
     if report.truth is not None:
         found = [compare_with_truth(result, report.truth) for result in results]
-        table.add_row("rms from the truth", "µm", *(plain(c.rms * IN_MICRO, 3) for c in found))
+        table.add_row(
+            "rms deviation from the true errors", "µm", *(plain(c.rms * IN_MICRO, 3) for c in found)
+        )
         table.add_row("largest deviation", "µm", *(plain(c.largest * IN_MICRO, 3) for c in found))
-        table.add_row("truth inside the 95 % bands", "points", *(_inside(c) for c in found))
+        table.add_row(
+            "true value inside the 95 % coverage interval", "points", *(_inside(c) for c in found)
+        )
         turned = [compare_with_truth(result, report.truth, rotations=True) for result in results]
         if any(c.points for c in turned):
             table.add_row(
-                "rms from the truth, rotations",
+                "rms deviation from the true errors, rotations",
                 "µrad",
                 *(plain(c.rms * IN_MICRO, 3) for c in turned),
             )

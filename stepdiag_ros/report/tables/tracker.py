@@ -54,7 +54,7 @@ def location_table(location: Location) -> Table:
 
 
 def joint_table(joint: JointEstimate, truth: Vector | None = None) -> Table:
-    """Return scales and squareness from all readings together, beside the truth if it is known."""
+    """Return scales and squareness from all readings together, beside the true values if known."""
     heads = ["", "unit", "value ± U"] if truth is None else ["", "unit", "value ± U", "truth"]
     table = new_table(
         "Positioning and squareness from all readings, with the tracker's place", *heads
@@ -159,7 +159,7 @@ def squareness_rows(result: SevenLineResult) -> Table | None:
 
 
 def separation_table(separations: "dict[str, AxisSeparation | str]") -> Table | None:
-    """Return positioning and squareness from single lines; None where no line tells them."""
+    """Return positioning and squareness from single lines; None where no line determines them."""
     found = {name: one for name, one in separations.items() if isinstance(one, AxisSeparation)}
     if not found:
         return None

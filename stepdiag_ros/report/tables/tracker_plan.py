@@ -20,7 +20,7 @@ _ALONE, _USUAL = "lengths alone", "lengths and a usual machine"
 def print_test(
     test: SevenLineTest, expectation: TrackerExpectation, station: str, console: PlainConsole
 ) -> None:
-    """Print a planned test: its lines, what it will tell, what is left out, remarks."""
+    """Print a planned test: its lines, what it will determine, what is left out, remarks."""
     table = new_table(
         f"Seven-line test, station {station}",
         "line",

@@ -10,7 +10,7 @@ from stepdiag_ros.topics import FIXED_FRAMES, Topic
 class Holding:
     """The messages of a topic that hold: the newest, or the newest of each kind.
 
-    What takes the place of what is said by ``Topic.newest_of_each``, as for whoever publishes it.
+    ``Topic.newest_of_each`` determines which message replaces which, as for the publisher.
     Fixed frames come from several publishers, and each message holds for the frames that it names.
 
     Args:
@@ -53,7 +53,7 @@ class Holding:
 
     @property
     def messages(self) -> list[tuple[bytes, int]]:
-        """Return the bytes of what holds, in the order in which it was said, and their times."""
+        """Return the bytes of messages that hold, in order of publication, and their times."""
         return [(data, self._times[data]) for data in self._held()]
 
     def _held(self) -> list[bytes]:

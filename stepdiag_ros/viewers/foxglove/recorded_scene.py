@@ -67,7 +67,7 @@ class RecordedScene:
         return own_types().encode(topics.FRAMES.type_name, message)
 
     def drawn(self, time: int) -> dict[Topic, bytes]:
-        """Return what is to be drawn anew: CDR of fixed frames and markers.
+        """Return what is to be drawn again: CDR of fixed frames and markers.
 
         Args:
             time: of the recording, ns.

@@ -27,7 +27,7 @@ from stepdiag_ros.viewers.foxglove.server import (
 TICK = 0.02
 """Real seconds between two looks at what is due."""
 TELL_PERIOD = 0.1
-"""Real seconds between two times that viewers are told what time it is."""
+"""Real seconds between two messages of the time to viewers."""
 TOOL_PERIOD = 1.0 / 30.0
 """Real seconds between two frames of the tool, at least."""
 DRAW_PERIOD = 0.5
@@ -39,7 +39,7 @@ SLOWEST, FASTEST = 0.001, 1000.0
 
 
 class FoxgloveReplay:
-    """A recorded run that is played as soon as the first viewer hears it.
+    """A recorded run that is played as soon as the first viewer subscribes.
 
     Viewers are offered every topic of the run with the definitions of the bag, and frames and
     markers where the bag has none.
@@ -49,7 +49,7 @@ class FoxgloveReplay:
         run_id: which run, where the bag holds several.
         rate: recorded seconds in a real second.
         place: where viewers are served.
-        log: is told, in words, who was turned away and why.
+        log: called with a sentence on each refused client.
 
     Raises:
         BagError: the bag cannot be read, or holds no run or several and none is named.
@@ -90,7 +90,7 @@ class FoxgloveReplay:
         self._bag.close()
 
     def play(self, stop: threading.Event) -> None:
-        """Serve viewers, once the server was started, until told to stop.
+        """Serve viewers, once the server was started, until asked to stop.
 
         Raises:
             BagError: a message cannot be decoded.

@@ -4,8 +4,8 @@ The protocol is that of ``foxglove-sdk`` (``foxglove.sdk.v1``), which runs the s
 its own. A viewer takes part in nothing: it cannot publish, call services or set parameters.
 
 Of a viewer that does not read, the library drops the oldest messages beyond ``BACKLOG``; nobody
-waits for it. What holds until it is said anew (``Qos.repeated``) is sent to each viewer once, and
-to one that comes late when it subscribes.
+waits for it. A message that holds until the next (``Qos.repeated``) is sent to each viewer once,
+and to one that comes late when it subscribes.
 """
 
 import logging
@@ -62,9 +62,9 @@ class ServedPlace:
     def __post_init__(self) -> None:
         if not self.is_local and not self.open_to_network:
             raise Refusal(
-                f"other computers can reach the address '{self.address}', and everybody there may"
-                " look on, because viewers do not log in: say open_to_network too if that is"
-                " wanted, or stay on 127.0.0.1 and use ssh -L",
+                f"other computers can reach the address '{self.address}', and everyone there"
+                " could view the run, because viewers do not log in. If you want that, set"
+                " open_to_network too; otherwise stay on 127.0.0.1 and use ssh -L",
                 fault="exposed",
             )
 
@@ -128,7 +128,7 @@ class Playback:
 
 @dataclass
 class _Feed:
-    """One topic: its channel, who hears it, and what holds on it."""
+    """One topic: its channel, its viewers, and the messages that hold on it."""
 
     topic: Topic | None
     channel: "Channel"
@@ -143,7 +143,7 @@ class FoxgloveServer:
     Args:
         title: that viewers show.
         place: where.
-        log: is told, in words, who was turned away and why.
+        log: called with a sentence on each refused client.
         playback: of a recording; None where things happen now.
     """
 
@@ -177,7 +177,7 @@ class FoxgloveServer:
             type_name: such as ``stepdiag_ros/msg/RunState``.
             schema: its ``ros2msg`` text.
             decode: makes an object of a message's bytes.
-            topic: which it is; None for one that is none of the suite's.
+            topic: which it is; None for one from outside the suite.
         """
         from foxglove import Channel, Schema
 
@@ -241,16 +241,16 @@ class FoxgloveServer:
         return f"ws://{host}:{0 if self._server is None else self._server.port}"
 
     def viewers(self, name: str) -> int:
-        """Return how many viewers hear this topic."""
+        """Return how many viewers subscribe to this topic."""
         return len(self._feeds[name].viewers)
 
     @property
     def has_viewers(self) -> bool:
-        """Say whether a viewer hears any topic."""
+        """Return whether a viewer subscribes to any topic."""
         return any(feed.viewers for feed in self._feeds.values())
 
     def work(self) -> bool:
-        """Take up who has come and gone since; whoever has come is sent what holds.
+        """Take up viewers that have come and gone since; send new ones the messages that hold.
 
         Returns:
             Whether somebody has come.
@@ -277,7 +277,7 @@ class FoxgloveServer:
             time: at which it was received, ns.
 
         Raises:
-            ValueError: it is one that holds, and its bytes are no message of the type.
+            ValueError: it is one that holds, and its bytes are not a message of the type.
         """
         feed = self._feeds[name]
         if feed.holding is None:
@@ -314,12 +314,12 @@ class FoxgloveServer:
                     feed.channel.log(data, log_time=time, sink_id=viewer)
 
     def tell_time(self, time: int) -> None:
-        """Tell all viewers what time it is, ns."""
+        """Send the time to all viewers, ns."""
         if self._server is not None:
             self._server.broadcast_time(time)
 
     def tell_playback(self, at: Playing) -> None:
-        """Tell all viewers where the playing of a recording is."""
+        """Send the position in the played recording to all viewers."""
         if self._server is not None:
             self._server.broadcast_playback_state(_state(at, ""))
 

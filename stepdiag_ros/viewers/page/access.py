@@ -1,8 +1,9 @@
 """Who may see the page and who may control the run: address, token, and where a request is from.
 
-The page is served on loopback unless told otherwise. Whoever can reach it there may look on; from
-another computer only who has the token. To control a run always needs the token. A browser that
-was lured elsewhere is kept out by the names it was told (Host) and by the page that asks (Origin).
+The page is served on loopback by default. There, every user can view it; from another
+computer, only users with the token. To control a run always needs the token. A browser that
+was lured elsewhere is kept out by the names that it sends (Host) and by the page that asks
+(Origin).
 """
 
 import hmac
@@ -26,7 +27,7 @@ class PageAccess:
     Attributes:
         address: that the page is served on.
         token: that control always needs, and viewing from elsewhere.
-        made: the token was made at start, and is to be shown to whoever has started this.
+        made: the token was made at start, and is shown to the user who has started this.
     """
 
     address: str
@@ -39,12 +40,12 @@ class PageAccess:
         return is_loopback(self.address)
 
     def knows(self, token: str) -> bool:
-        """Say whether a token is the right one, in a time that does not tell how much of it is."""
+        """Return whether a token is right, in a time that does not depend on how much of it is."""
         # JSON and headers may hold halves of characters, which no other encoding takes.
         return hmac.compare_digest(token.encode(errors="surrogatepass"), self.token.encode())
 
     def may_view(self, token: str) -> bool:
-        """Say whether the state may be shown to whoever has this token (empty: none)."""
+        """Return whether a client with this token (empty: none) may see the state."""
         return self.is_local or self.knows(token)
 
     def refuses_host(self, host: str) -> bool:
@@ -71,7 +72,7 @@ class PageAccess:
         """Say whether another site's page asks.
 
         Args:
-            origin: header Origin; None where there is none, as browsers never do for WebSockets.
+            origin: header Origin; None if missing, as browsers never do for WebSockets.
             host: header Host.
         """
         return origin is not None and origin.lower() not in (f"http://{host}".lower(),)

@@ -1,6 +1,6 @@
-"""Whom a live view hears: which nodes are there, which have gone, and what comes no more.
+"""Contacts of a live view: which nodes are there, which have gone, which topics are silent.
 
-A bag tells nothing of this: what it says of nodes held when it was recorded.
+A bag has no contacts: its messages about nodes held when it was recorded.
 """
 
 from collections.abc import Mapping
@@ -24,13 +24,13 @@ class SilentNode(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Which nodes are heard.
+    """Which nodes answer.
 
     Attributes:
-        known: some node has been heard at all.
-        roles: of those that are heard now.
+        known: some node has answered at all.
+        roles: of those that answer now.
         silent: those that have fallen silent.
-        at_work: one that a run needs was heard just now.
+        at_work: one that a run needs answered just now.
         quiet: names of topics on which something has come, but nothing for some seconds.
     """
 
@@ -46,7 +46,7 @@ class Contact(NamedTuple):
 
 
 def contact_of(watch: Watch, newest: Mapping[str, float], now: float) -> Contact:
-    """Return which nodes are heard.
+    """Return which nodes answer.
 
     Args:
         watch: on the heartbeats.

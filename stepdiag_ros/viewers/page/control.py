@@ -1,4 +1,4 @@
-"""What a viewer with the token may ask for, and how the answer is told."""
+"""Requests of a viewer with the token, and how the answer is reported."""
 
 from collections.abc import Callable
 from concurrent.futures import Future

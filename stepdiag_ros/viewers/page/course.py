@@ -1,4 +1,4 @@
-"""Sections about the course of a run: where it is, the picture of the volume, the axes."""
+"""Sections about the progress of a run: where it is, the picture of the volume, the axes."""
 
 from typing import Any, ClassVar
 
@@ -106,7 +106,7 @@ class RunSection(PageSection):
         """Return why no run can be started; nothing if one can, or if that is not known."""
         if self._contact is None or self._contact.roles.intersection(LEADERS):
             return ""
-        return "no sequencer is heard"
+        return "no message from a sequencer"
 
 
 class VolumeSection(PageSection):
@@ -212,7 +212,7 @@ class PositionSection(PageSection):
     of_run = False
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know nothing yet."""
+        """Start empty."""
         del run
         self._place: AxisPlace | None = None
         self._trouble = ""

@@ -16,8 +16,8 @@ def nominal_displacement(line: Line, volume: Volume, start: Vector, end: Vector)
     Args:
         line: whose beam it is.
         volume: the measured box.
-        start: m, shape (3,).
-        end: likewise.
+        start: position of the first stop, m, shape (3,).
+        end: position of the last stop, m, shape (3,).
     """
     return float(line.beam(volume).between(np.asarray(start), np.asarray(end)))
 
@@ -44,7 +44,7 @@ def expected_displacement(
         places: from which to which, m, each shape (3,).
 
     Returns:
-        m and the method of the first result that tells it; NaN and nothing if none does.
+        m and the method of the first result that determines it; NaN and nothing if none does.
     """
     for result in results:
         found = _by_result(result, line, setup, volume, chain, places)

@@ -1,4 +1,4 @@
-"""What the live page is made of: each topic that it hears, and what a message of it becomes.
+"""Parts of the live page: each topic that it subscribes to, and what a message becomes.
 
 Live nodes and bags go through the same table, so that a replay shows what a viewer has seen.
 """
@@ -93,11 +93,11 @@ class Said(NamedTuple):
 
 @dataclass(frozen=True)
 class HeardTopic:
-    """A topic that the page hears.
+    """A topic that the page subscribes to.
 
     Attributes:
         topic: which.
-        convert: a message to what the page folds in; several, or none where it tells nothing.
+        convert: a message to what the page folds in; several, or none where it contains nothing.
         newest: the newest message is enough; those in between need not be looked at.
     """
 
@@ -178,4 +178,4 @@ SOURCES: tuple[HeardTopic, ...] = (
         for name, (topic, field) in topics.WEATHER.items()
     ),
 )
-"""Every topic that the page hears."""
+"""Every topic that the page subscribes to."""

@@ -32,7 +32,7 @@ _KEPT_STOPS = 120
 _KEPT_BLOCKS = 400
 """Blocks of a pass that are drawn; of a longer one the last."""
 _TENTH = 10
-"""Parts of a percent of the signal that are told apart: noise is no news."""
+"""Resolution of the signal as parts of a percent: noise is not news."""
 
 
 class BeamSection(PageSection):
@@ -42,7 +42,7 @@ class BeamSection(PageSection):
     of_run = False
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know nothing yet."""
+        """Start empty."""
         del run
         self._reading: Reading | None = None
         self._silence = ""
@@ -89,8 +89,8 @@ def _silence(contact: Contact) -> str:
 class StopSection(PageSection):
     """The last stop: what was measured against a perfect machine and against the model.
 
-    Both are counted from the first settled stop of the setup, at which the reading is zeroed. Where
-    that was not heard, how far a stop is from it is not known. A tracker's place is known only
+    Both are counted from the first settled stop of the setup, at which the reading is zeroed. If
+    that stop is missing, how far a stop is from it is not known. A tracker's place is known only
     roughly until its readings are evaluated, so neither a perfect machine's reading nor the model's
     is known to better than millimetres: how far a stop is off is then unknown.
     """
@@ -109,7 +109,7 @@ class StopSection(PageSection):
         self._number = 0
 
     def take(self, item: object) -> bool:
-        """Take stops, and the results that tell what is expected of the next."""
+        """Take stops, and the results that predict the next."""
         if isinstance(item, VolumetricErrors):
             self._results[item.method] = item
             return False
@@ -145,7 +145,7 @@ class StopSection(PageSection):
             nominal, expected, method = self._expected(first, stop)
         from_nominal = math.nan if tracked else displacement - nominal
         from_expected = displacement - expected
-        # The zero has an uncertainty of its own, and is no stop against itself.
+        # The zero has an uncertainty of its own, and is not a stop against itself.
         uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
         uncertainty = 0.0 if stop is first else uncertainty
         self._trace.append(
@@ -164,14 +164,14 @@ class StopSection(PageSection):
         }
 
     def _line(self, stop: SettledStop) -> Line:
-        """Return a stop's line as the plan has it: a message does not tell a tracker's places."""
+        """Return a stop's line as the plan has it: messages lack a tracker's places."""
         assert self._run is not None
         lines = self._run.plan.lines
         index = stop.command.line_index
         return lines[index] if index < len(lines) else stop.line
 
     def _begins_setup(self, stop: SettledStop) -> bool:
-        """Say whether a stop is the first of its setup, as far as the plan tells."""
+        """Return whether a stop is the first of its setup, as far as the plan shows."""
         assert self._run is not None
         lines = enumerate(self._run.plan.lines)
         first = next((n for n, line in lines if line.setup == stop.command.setup), None)
@@ -197,7 +197,7 @@ class BlockSection(PageSection):
     name: ClassVar[str] = "blocks"
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know no block."""
+        """Start without a block."""
         self._plan = run.plan if run else None
         self._key: tuple[int, int] | None = None
         self._line: Line | None = None
@@ -275,7 +275,7 @@ def _deviation(block: BlockDisplacement) -> float:
 
 
 class WeatherSection(PageSection):
-    """The air and the machine's temperature, by the sensors or by what the laser was told."""
+    """The air and the machine's temperature, by the sensors or by the values given to the laser."""
 
     name: ClassVar[str] = "weather"
     of_run = False
@@ -287,7 +287,7 @@ class WeatherSection(PageSection):
     }
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know nothing yet."""
+        """Start empty."""
         del run
         self._values: dict[str, float] = {}
         self._sensed: set[str] = set()

@@ -40,7 +40,7 @@ class _ResultSection(PageSection):
     """A section that is made of the result to rely on."""
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know no result."""
+        """Start without a result."""
         del run
         self._results: dict[str, VolumetricErrors] = {}
 
@@ -64,7 +64,7 @@ class CurveSection(_ResultSection):
     name: ClassVar[str] = "curves"
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know no result, and none before it."""
+        """Start without a result."""
         super().begin(run)
         self._before: dict[str, VolumetricErrors] = {}
 
@@ -152,10 +152,10 @@ def _is_whole(result: VolumetricErrors, name: str) -> bool:
 
 
 def _trend(earlier: _Farthest, now: _Farthest) -> str | None:
-    """Say whether a value has left zero further behind; None if that cannot be told.
+    """Return whether a value has moved away from zero; None if undetermined.
 
     The later of two results holds the readings of the earlier one, so that u² of their difference
-    is the earlier u² less the later: more than the earlier U (95 %) is no chance.
+    is the earlier u² less the later: more than the earlier U (95 %) is not chance.
     """
     allowed = COVERAGE_FACTOR * earlier.standard_uncertainty
     if not np.isfinite(allowed):
@@ -280,7 +280,7 @@ class VerdictSection(PageSection):
     name: ClassVar[str] = "verdict"
 
     def begin(self, run: RunBegin | None) -> None:
-        """Know no diagnosis."""
+        """Start without a diagnosis."""
         del run
         self._summary: DiagnosisSummary | None = None
 
@@ -299,7 +299,7 @@ class VerdictSection(PageSection):
         if told.verdict == NOT_TESTABLE and not told.run_over and told.lines < told.lines_planned:
             # The lines that are left may tell it; advice is for a plan that is measured.
             lines = f"{told.lines} of {told.lines_planned} lines"
-            sentence = f"not yet: {lines} cannot tell whether model and run agree"
+            sentence = f"not yet: {lines} do not show whether model and run agree"
             return {"verdict": None, "sentence": sentence}
         return {
             "verdict": told.verdict,
@@ -330,7 +330,7 @@ def _finding(effect: FoundEffect) -> dict[str, Any]:
 
 
 class FaultSection(PageSection):
-    """What is wrong, in the words of whoever says so; what is well is not listed."""
+    """All faults, in the words of the node that reports them."""
 
     name: ClassVar[str] = "faults"
     of_run = False
@@ -424,12 +424,12 @@ class FaultSection(PageSection):
         return tuple(node for node in self._contact.silent if node.role not in BYSTANDERS)
 
     def _note(self) -> str:
-        """Return what is no fault, but tells how far it can be relied on that there is none."""
+        """Return notes that are not faults, but state how complete the list of faults is."""
         contact = self._contact
         if contact is None:
             # A bag has no contact; what it holds was heard when it was recorded.
-            return "" if self._heard else "nothing is heard yet"
+            return "" if self._heard else "no message yet"
         if not contact.known:
-            return "no node is heard; start a run with 'stepdiag run' or the launch file"
+            return "no node found. Start a run with 'stepdiag run' or the launch file"
         gone = self._is_over and not contact.at_work and bool(contact.silent)
         return "the run is over, and its nodes have ended" if gone else ""

@@ -13,14 +13,14 @@ _DIGITS = 6
 
 
 class PageSection(ABC):
-    """A part of the page: folds what is heard into one small document.
+    """A part of the page: folds messages into one small document.
 
     Its size does not grow with the length of the run, so that neither node nor browser does.
     """
 
     name: ClassVar[str]
     of_run: ClassVar[bool] = True
-    """It is about one run and begins anew with the next."""
+    """It is about one run and starts again with the next."""
 
     def __init__(self) -> None:
         self.begin(None)
@@ -31,7 +31,7 @@ class PageSection(ABC):
 
     @abstractmethod
     def take(self, item: object) -> bool:
-        """Take what was heard; say whether the document has changed."""
+        """Take a message; return whether the document has changed."""
 
     @abstractmethod
     def document(self) -> dict[str, Any]:

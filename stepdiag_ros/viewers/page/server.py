@@ -2,7 +2,7 @@
 
 A viewer gets all sections when it comes, and then those that have changed, at most ``RATE`` times a
 second. It says of each update that it has taken it, and only then gets the next, with what is the
-newest by then: whoever is slow skips what is old, and nothing piles up for it anywhere. Who takes
+newest by then: a slow viewer skips what is old, and nothing piles up for it anywhere. Who takes
 nothing for ``STALL_LIMIT``, or talks more than that, is cut off; so is who connects and asks for
 nothing. No viewer is ever waited for by a node or another viewer.
 """
@@ -45,7 +45,7 @@ MOST_CONNECTIONS = 128
 REQUEST_LIMIT = 5.0
 """Real seconds within which who has connected must have asked for something."""
 MOST_SURPLUS = 20
-"""Messages of a viewer in a row that are no answer to an update."""
+"""Messages of a viewer in a row that do not answer an update."""
 START_LIMIT = 60.0
 """Real seconds in which the server must have begun, or ended."""
 CLOSING = 1.0
@@ -83,7 +83,7 @@ class Offer:
         source: what the page says that it shows: ``run``, or ``replay`` of a bag.
         title: in words, such as the name of the bag.
         ask: for control; None where there is nothing to control.
-        log: is told of each request for control and of who is refused, in words.
+        log: called with a sentence on each request for control and each refused client.
     """
 
     state: PageState
@@ -302,7 +302,10 @@ class MonitorServer:
             token = str(first.get("token", "")) if isinstance(first, dict) else ""
         except (asyncio.TimeoutError, TypeError, ValueError) as error:
             why = str(error) if isinstance(error, ValueError) else "it sent no text in time"
-            self._refused(f"{request.remote} is no viewer, and is cut off: {why}")
+            self._refused(
+                f"{request.remote} does not follow the protocol of the page, connection"
+                f" closed: {why}"
+            )
             await socket.close()
             return
         if not offer.access.may_view(token):

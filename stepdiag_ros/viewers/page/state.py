@@ -1,4 +1,4 @@
-"""All sections of the page together: one thread folds in what is heard, another reads them."""
+"""All sections of the page together: one thread folds in messages, another reads them."""
 
 import json
 import threading
@@ -72,7 +72,7 @@ class PageState:
         return self._revision
 
     def take(self, item: object, run_id: str = "") -> None:
-        """Fold in what was heard.
+        """Fold in a message.
 
         Args:
             item: one of the classes in ``items.SOURCES``.

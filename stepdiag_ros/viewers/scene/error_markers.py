@@ -63,7 +63,7 @@ def markers(
 ) -> tuple[Shape, ...]:
     """Return the picture of one result; without one, the measured box alone.
 
-    What the lines do not tell is not drawn, and the text says what that is.
+    Errors that the lines do not determine are not drawn; the text names them.
 
     Args:
         result: of a solver.
@@ -258,7 +258,7 @@ def _angles(result: VolumetricErrors, volume: Volume) -> tuple[tuple[Shape, ...]
         points.append(places[chosen])
         tilts.append(axis_rotations(result, axis)[chosen])
     bases, turns = np.vstack(points), np.vstack(tilts)
-    # A rod is not seen to turn about itself.
+    # A rod is not seen to rotate about itself.
     tilting = [np.delete(turns, rod, axis=1) for rod in range(3)]
     known = [np.all(np.isfinite(part), axis=1) for part in tilting]
     seen = np.concatenate([part[rows] for part, rows in zip(tilting, known, strict=True)])

@@ -1,4 +1,4 @@
-"""What of a run is in the picture, live or from a bag, and what is to be drawn anew."""
+"""What of a run is in the picture, live or from a bag, and what is to be drawn again."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -106,10 +106,11 @@ class RunPicture:
         self.redraw(Part.SETUP, Part.PROGRESS)
 
     def redraw(self, *parts: Part) -> None:
-        """Draw parts anew at the next look."""
+        """Draw parts again at the next look."""
         self._changed.update(parts)
 
-    # Each is given once after a change; None: nothing is to be drawn anew, or nothing is known yet.
+    # Each is given once after a change; None: nothing is to be drawn again, or nothing is known
+    # yet.
 
     def tool(self) -> tuple[Placement, ...] | None:
         """Return the frame of the tool."""

@@ -26,7 +26,7 @@ class Shape:
 
     Attributes:
         group: what it belongs to, such as ``least_squares/vectors``; a viewer can hide a group.
-        number: tells it apart within its group, from 0; the same from picture to picture.
+        number: identifies it within its group, from 0; the same from picture to picture.
         kind: what it is.
         points: m, in its frame, shape (n, 3).
         size: m; see ``Kind``.
@@ -57,7 +57,7 @@ SKY_BLUE = colour(0.34, 0.71, 0.91)
 ORANGE = colour(0.90, 0.62, 0.0)
 VERMILION = colour(0.84, 0.37, 0.0)
 PURPLE = colour(0.80, 0.47, 0.65)
-"""The last four after Okabe & Ito: told apart with every kind of colour vision."""
+"""The last four after Okabe & Ito: distinguishable with every kind of colour vision."""
 
 _RAMP = np.array(
     [

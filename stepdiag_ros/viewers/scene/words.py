@@ -21,7 +21,7 @@ _TIED = "\u00a0"
 
 
 def unknown_curves(result: VolumetricErrors) -> list[str]:
-    """Return the curves that a method estimates, but that these lines do not tell throughout."""
+    """Return the curves that a method estimates, but these lines do not fully determine."""
     return [name for name, values in result.curves.items() if not np.all(np.isfinite(values))]
 
 

@@ -51,7 +51,7 @@ class Glyphs:
     def text(self, text: str) -> str:
         """Return a text as this terminal can show it, on one line.
 
-        What steers a terminal is taken out: texts come from whoever is in the ROS graph.
+        What steers a terminal is taken out: any participant of the ROS graph may send texts.
         """
         shown = "".join(sign if sign.isprintable() else " " for sign in text)
         if not self.ascii_only or shown.isascii():

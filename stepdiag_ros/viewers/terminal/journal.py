@@ -13,12 +13,12 @@ _FIGURE = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
 class Journal:
-    """Tells what has changed in the sections of a view.
+    """Writes what has changed in the sections of a view.
 
     Args:
         state: whose sections they are.
         signs: that can be written.
-        clock: returns the time of what was heard last.
+        clock: returns the time of the newest message.
         say: writes a line.
     """
 
@@ -37,12 +37,12 @@ class Journal:
         self._revision = 0
         self._run_id = ""
         self._told: dict[str, Any] = {}
-        # That nothing is heard before anything is, is no news.
+        # That nothing is heard before anything is, is not news.
         self._note: str = state.document("faults")["note"]
         self._faults: dict[tuple[str, str, str], str] = {}
 
     def look(self) -> None:
-        """Tell what is new."""
+        """Write what is new."""
         self._revision, changed = self._state.news(self._revision)
         self._documents.update(changed)
         run_id = self._documents["run"]["run_id"]
@@ -115,7 +115,7 @@ class Journal:
         self.write(f"verdict: {verdict['verdict']}, {lines}: {verdict['sentence']}{found}")
 
     def _tell_faults(self, faults: dict[str, Any]) -> None:
-        """Tell what has come and what has gone; a figure in it that moves is no news."""
+        """Write what has come and gone; a figure that changes is not news."""
         now = {}
         for one in faults["faults"]:
             key = one["level"], one["who"], _FIGURE.sub("#", one["text"])

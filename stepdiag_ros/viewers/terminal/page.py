@@ -26,7 +26,7 @@ class Heading:
     """What stands in the first row.
 
     Attributes:
-        source: what is shown: how many nodes are heard, or which bag is played.
+        source: what is shown: how many nodes answer, or which bag is played.
         time: in words.
     """
 
@@ -58,8 +58,8 @@ class ScreenPage:
             height: rows; None for as many as it takes.
 
         Returns:
-            rows, none of them wider than ``width``, no more of them than ``height``. Where
-            something has no room, this is said.
+            rows, none of them wider than ``width``, no more of them than ``height``. A
+            row states what has no room.
         """
         if width < LEAST_WIDTH:
             return self._narrow(documents, heading, width, height)
@@ -178,7 +178,7 @@ class ScreenPage:
         return rows
 
     def _fitted(self, lines: Lines, width: int, most: int) -> Lines:
-        """Return at most so many rows; a line that is not whole, and lines left out, are said."""
+        """Return at most so many rows, with a mark for lines cut or left out."""
         rows: Lines = []
         for number, line in enumerate(lines):
             left = max(0, most - len(rows))
@@ -194,7 +194,7 @@ class ScreenPage:
         return rows
 
     def _say_more(self, rows: Lines, count: int, width: int) -> Lines:
-        """Return rows of which the last one says that there is more."""
+        """Return rows of which the last one states that more follow."""
         said = f" {self._signs.ellipsis} and {count} more"
         last = self._clipped(rows[-1].copy(), width - len(said))
         return [*rows[:-1], last.append(said)]

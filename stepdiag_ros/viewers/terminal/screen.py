@@ -1,4 +1,4 @@
-"""The view on a terminal: drawn anew when something changes, a few times a second at most."""
+"""The view on a terminal: drawn again when something changes, a few times a second at most."""
 
 import time
 from collections.abc import Callable

@@ -116,8 +116,8 @@ def stop_lines(stop: Document, width: int) -> Lines:
         return [
             title,
             Text(last["line"]),
-            Text("off by: unknown, the setup's first"),
-            Text("stop was not heard"),
+            Text("deviation: unknown, the first"),
+            Text("stop of the setup is missing"),
         ]
     if last["note"]:
         # How far it is off is not known, which the note says.
@@ -144,7 +144,7 @@ def block_lines(blocks: Document, width: int, signs: Glyphs) -> Lines:
 
 
 def before_lines(blocks: Document, width: int, signs: Glyphs) -> Lines:
-    """Return the blocks of the pass before over the same line; nothing if there is none."""
+    """Return the blocks of the pass before over the same line; nothing without one."""
     if not blocks["before"]:
         return []
     return list(_block_row("Blocks of the pass before", blocks["before"], width, signs))
@@ -180,7 +180,7 @@ def weather_lines(weather: Document) -> Lines:
 def curve_lines(curves: Document, width: int, signs: Glyphs) -> Lines:
     """Return the largest value of each curve with U, where it is, and whether it grows."""
     if not curves["curves"]:
-        told = f"{curves['method']} tells no curves" if curves["method"] else "no result yet"
+        told = f"{curves['method']} determines no curves" if curves["method"] else "no result yet"
         return [titled("Worst errors: ", told)]
     of = f", {curves['method']}, {of_lines(curves['lines'])}"
     lines = [titled("Worst (U 95 %)", of)]
@@ -262,6 +262,6 @@ def course_lines(volume: Document, progress: Document) -> Lines:
 
 
 def remark_lines(curves: Document) -> Lines:
-    """Return what the result says of itself and what it could not tell."""
+    """Return the remarks of the result and what it does not determine."""
     remarks: Iterable[str] = (*curves["not_determined"], *curves["remarks"])
     return [Text(f"result: {remark}") for remark in remarks]

@@ -269,5 +269,5 @@ def test_the_command_says_what_it_made_and_refuses_in_one_sentence(tmp_path, cap
     assert (kept / "mapping.yaml").read_bytes() == shipped
     assert main(["import", str(COLUMNS), str(tmp_path / "c.mcap")]) != 0
     error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert re.search("of no format that is known.*--mapping", error)
+    assert re.search("has no known format.*--mapping", error)
     assert not list(tmp_path.glob("*c.mcap*"))

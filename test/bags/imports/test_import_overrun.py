@@ -89,7 +89,7 @@ def test_the_command_line_goes_before_the_mapping(tmp_path, capsys):
     source = DATA / "made_up_runs_in_columns.csv"
     arguments = ["import", str(source), "--mapping", "runs_in_columns", str(bag)]
     assert main([*arguments, "--overrun", "0.002"]) == 0
-    assert "lost motion" not in capsys.readouterr().err
+    assert "reversal error" not in capsys.readouterr().err
     assert {line.overrun for line in load_run(bag).lines} == {0.002}
 
 

@@ -83,7 +83,7 @@ def test_the_watchdog_stopped_the_machine_and_somebody_resumed_the_run(
     finished, network, peer, recorded
 ):
     ((state, text),) = finished.held
-    assert state is State.FAULT and "has told nothing for 2 s" in text
+    assert state is State.FAULT and "has not answered for 2 s" in text
     # The PLC braked on its way, before anybody could tell it to.
     assert len(peer.braked_by_watchdog) >= 1 and not peer.halfway
     ((where, orders),) = network.where_held
@@ -92,7 +92,7 @@ def test_the_watchdog_stopped_the_machine_and_somebody_resumed_the_run(
     (way,) = (axis for axis in range(3) if start[axis] != end[axis])
     share = (where[way] - start[way]) / (end[way] - start[way])
     assert 0.5 <= share < 0.99
-    broken = ["has told nothing" in text for _, text in answers_of(finished.bag, Answer.FAULT)]
+    broken = ["has not answered" in text for _, text in answers_of(finished.bag, Answer.FAULT)]
     assert sum(broken) == 1 and len(broken) <= finished.resumed
     attempts = {str(line.line): line.attempt for line in recorded.lines}
     assert len(recorded.lines) == len(attempts) == len(recorded.plan.lines)

@@ -199,7 +199,7 @@ def test_a_far_tracker_hardly_tells_scale_from_lean_and_says_so():
     assert far[0, 0] > 1e3 * near[0, 0]
     read = lengths(LINE, far_place)
     remarks = separate(LINE, read, 0.2e-6, far_place).remarks
-    assert any("hardly told apart" in text for text in remarks)
+    assert any("hardly separable" in text for text in remarks)
 
 
 @pytest.mark.parametrize(

@@ -267,7 +267,7 @@ def test_a_tolerance_that_is_no_number_is_wrong_usage(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["report", str(tmp_path / "run.mcap"), "--tolerance", "tight"])
     assert ended.value.code == 2
-    assert "'tight' is no number" in capsys.readouterr().err
+    assert "'tight' is not a number" in capsys.readouterr().err
 
 
 def test_without_the_pdf_library_a_sentence_says_what_to_install(tmp_path, capsys, monkeypatch):
@@ -351,5 +351,5 @@ def test_a_test_of_an_axis_at_uneven_targets_is_still_reported(tmp_path):
     (test,) = document["sections"]["axes"]["tests"]
     assert test["name"] == "X" and test["parameters"]["A"]["value"] > 0.0
     assert told.headings[0] == "This run does not tell the machine's errors"
-    assert "which is no node of the measured volume" in told.text
+    assert "not a node of the measured volume" in told.text
     assert document["summary"]["value"] is None

@@ -185,7 +185,7 @@ def test_a_viewer_pauses_and_goes_to_another_time(bag, recorded):
         (["--rate", "2"], "--rate is for a bag, and none is given"),
         (["--run", "a"], "--run is for a bag, and none is given"),
         (["none.mcap", "--port", "0"], "there is no bag none.mcap"),
-        ([str(OLD), "--address", "0.0.0.0"], "everybody there may look on"),
+        ([str(OLD), "--address", "0.0.0.0"], "everyone there could view the run"),
         ([str(OLD), "--use-sim-time"], "--use-sim-time is for live nodes"),
         ([str(OLD), "--namespace", "/cell_1"], "--namespace is for live nodes"),
         ([str(OLD), "--run", "a", "--port", "0"], "holds no run 'a'"),
@@ -247,7 +247,7 @@ def test_a_port_in_use_is_refused_in_one_sentence(capsys):
 
 @pytest.mark.parametrize(
     ("option", "value", "said"),
-    [("--rate", "0", "is not between 0.001 and 1000"), ("--port", "http", "is no port")],
+    [("--rate", "0", "is not between 0.001 and 1000"), ("--port", "http", "is not a port")],
 )
 def test_options_are_numbers_that_make_sense(option, value, said, capsys):
     with refused(SystemExit, code=2):

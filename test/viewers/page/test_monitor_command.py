@@ -43,7 +43,7 @@ def test_what_cannot_be_shown_is_refused_in_one_sentence(arguments, said, capsys
 def test_a_port_is_a_number(port, capsys):
     with refused(SystemExit, code=2):
         main(["monitor", str(BAG), "--port", port])
-    assert "is no port: 0 to 65535" in capsys.readouterr().err
+    assert "is not a port. Use a number from 0 to 65535" in capsys.readouterr().err
 
 
 def test_a_bag_is_folded_in_as_it_was_recorded():

@@ -55,11 +55,11 @@ def read(graph):
 
 def test_nobody_heard_is_not_said_to_be_well():
     state = PageState()
-    assert state.document("faults")["note"] == "nothing is heard yet"
+    assert state.document("faults")["note"] == "no message yet"
     graph = Graph(state, ())
     assert graph.faults() == (
         [],
-        "no node is heard; start a run with 'stepdiag run' or the launch file",
+        "no node found. Start a run with 'stepdiag run' or the launch file",
     )
     graph.alive = set(NODES)
     graph.pass_by(0.5)
@@ -145,13 +145,13 @@ def test_what_never_came_is_not_said_to_have_stopped(state):
 def test_nothing_can_be_started_where_nobody_leads(state):
     assert state.document("run")["refused_start"] == ""
     graph = Graph(state, ("recorder",))
-    assert state.document("run")["refused_start"] == "no sequencer is heard"
+    assert state.document("run")["refused_start"] == "no message from a sequencer"
     graph.alive.add("by_hand")
     graph.pass_by(0.5)
     assert state.document("run")["refused_start"] == ""
     graph.alive.remove("by_hand")
     graph.pass_by(SILENCE_LIMIT + 0.5)
-    assert state.document("run")["refused_start"] == "no sequencer is heard"
+    assert state.document("run")["refused_start"] == "no message from a sequencer"
 
 
 def test_only_what_has_changed_is_told_again(state):
@@ -180,7 +180,7 @@ def test_what_later_lines_may_tell_is_not_advised_before(state, summary):
     state.take(untold)
     assert state.document("verdict") == {
         "verdict": None,
-        "sentence": f"not yet: 1 of {planned} lines cannot tell whether model and run agree",
+        "sentence": f"not yet: 1 of {planned} lines do not show whether model and run agree",
     }
     # Once no line is left, or the run is over, it is as the diagnosis has it.
     for final in (replace(untold, lines=planned), replace(untold, run_over=True)):

@@ -247,7 +247,9 @@ def test_a_lost_node_and_a_lost_server_are_said(cell, page, pages):
     process.kill()
     process.wait()
     cell.wait(
-        lambda: text(page, "#refused-start") == "Nothing can be started: no sequencer is heard.",
+        lambda: (
+            text(page, "#refused-start") == "Nothing can be started: no message from a sequencer."
+        ),
         "the page says that nobody starts a run",
     )
     assert page.is_disabled("[data-action=start]")

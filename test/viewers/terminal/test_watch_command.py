@@ -38,9 +38,9 @@ def test_what_cannot_be_shown_is_refused_in_one_sentence(arguments, said, bag, c
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--rate", "fast", "'fast' is no number"),
+        ("--rate", "fast", "'fast' is not a number"),
         ("--rate", "-1", "-1 is not between 0 and"),
-        ("--namespace", "a b", "'a b' is no namespace, such as /cell_1"),
+        ("--namespace", "a b", "'a b' is not a namespace. Write it like /cell_1"),
     ],
 )
 @pytest.mark.parametrize("command", ["watch", "monitor"])

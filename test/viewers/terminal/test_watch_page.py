@@ -98,7 +98,7 @@ def test_before_anything_is_known_all_is_said_to_be_unknown():
     text = joined(drawn(known()))
     for said in (
         "no run is known yet",
-        "Faults: nothing is heard yet",
+        "Faults: no message yet",
         "Beam: no reading has come yet",
         "signal unknown",
         "reading unknown",

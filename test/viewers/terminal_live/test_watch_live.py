@@ -97,6 +97,6 @@ def test_a_lost_node_is_said_and_ctrl_c_ends(cell):
         ),
         "the log says that the node is silent",
     )
-    assert f"{len(cell.nodes)} of {len(cell.nodes) + 1} nodes heard" in cell.logged()
+    assert f"{len(cell.nodes)} of {len(cell.nodes) + 1} nodes answer" in cell.logged()
     cell.watch.send_signal(signal.SIGINT)
     assert cell.watch.wait(PATIENCE) == 0

@@ -8,7 +8,7 @@ LinuxCNC itself adds to the command line. Settings, in the section ``[STEPDIAG]`
 
 =========  ==================================================================================
 SOCKET     path of the Unix socket on which the client is awaited; needed
-MODE       mode of the socket, octal (660): whoever may write to it may move the machine
+MODE       mode of the socket, octal (660): a user with write access can move the machine
 ERRORS     READ (default), or LEAVE where another display reads LinuxCNC's messages, which only
            one reader can have
 MOTORS     HAL pins with the positions of the motors of X, Y, Z (``joint.N.motor-pos-fb``)
@@ -24,7 +24,7 @@ of CLOCK_REALTIME. The client asks, ``ask`` being a number of its own, and is an
 - ``{"op": "start"}``: an operator has said that the machine may move. Ends with every stop, fault
   and silence.
 - ``{"op": "move", "move": N, "target": [x, y, z], "feed": m/s, "axes": "X"}``: N is one more than
-  that of the move before, as the hello tells; a number that was used is never executed again.
+  that of the move before, as the hello states; a number that was used is never executed again.
 - ``{"op": "stop", "reason": "..."}``: brake now.
 - ``{"op": "alive"}``: not answered; the client's sign of life when it has nothing to ask.
 
@@ -114,7 +114,7 @@ class Client:
             raise ValueError("a line without an end")
         messages = [json.loads(line) for line in lines if line.strip()]
         if not all(isinstance(message, dict) for message in messages):
-            raise ValueError("a message that is no object")
+            raise ValueError("a message that is not an object")
         return messages
 
     def send(self, **message: Any) -> None:
@@ -153,7 +153,7 @@ class Agent:
         self.identity = f"{os.getpid()}-{time.time_ns()}"
 
     def run(self, goes_on: Callable[[], bool]) -> None:
-        """Work until told to end."""
+        """Work until asked to end."""
         while goes_on():
             period = IDLE_PERIOD if self._client is None else PERIOD
             sockets = [self._listener] + ([self._client.connection] if self._client else [])
@@ -305,7 +305,7 @@ class Agent:
         length = sum(way * way for way in ways) ** 0.5
         fastest = controller.largest("MAX_VELOCITY")
         if not 0.0 < feed < 100.0:
-            raise Refused(f"the feed {feed!r} m/s is none")
+            raise Refused(f"the feed {feed!r} m/s is not between 0 and 100 m/s")
         moved = [name for way, name in zip(ways, AXES) if abs(way) > self._window]  # noqa: B905
         if not set(moved) <= set(axes):
             asked = f"one of {' and '.join(axes)}" if axes else "none"
@@ -409,7 +409,7 @@ class Agent:
         return ("fault", trouble) if trouble else ("ready", "")
 
     def _tell(self) -> None:
-        """Tell the client the state if it is another one than before, and the position."""
+        """Send the state to the client if it has changed, and the position."""
         client, controller = self._client, self._controller
         if client is None or not client.greeted:
             return
@@ -426,7 +426,7 @@ class Agent:
                 client.send(event="sample", motors=controller.motors(), **told)
         except OSError as error:
             deaf = error.errno == errno.ENOBUFS
-            self._lose_client("the client does not take what it is told" if deaf else GONE)
+            self._lose_client("the client does not read the messages sent to it" if deaf else GONE)
 
 
 def listen(path: str, mode: int) -> socket.socket:

@@ -44,7 +44,7 @@ class Controller:
         except hal.error:
             raise SystemExit(
                 "HAL has a component stepdiag already: another agent runs, or one has been killed;"
-                " start LinuxCNC anew"
+                " restart LinuxCNC"
             ) from None
         for pin in ("heartbeat", "session", "stop"):
             self.component.newpin(pin, hal.HAL_BIT, hal.HAL_OUT)
@@ -89,7 +89,7 @@ class Controller:
         try:
             self.stat.poll()
         except linuxcnc.error as error:
-            self._slow = f"LinuxCNC tells no status any more ({error})"
+            self._slow = f"LinuxCNC no longer reports its status ({error})"
             return
         # Whoever sets the clock back does not make times fall.
         self.time = max(time.time_ns(), self.time + 1)
@@ -118,7 +118,7 @@ class Controller:
         return [value / self.per_metre for value in self.stat.position[:3]]
 
     def trouble(self) -> str:
-        """Say why the machine cannot move, whoever asks; empty if it can."""
+        """Return why the machine cannot move, for any client; empty if it can."""
         state = self.stat.task_state
         # HAL knows of an open e-stop chain first; without iocontrol only the task's state does.
         if state == linuxcnc.STATE_ESTOP or not _bit(ESTOP_CHAIN, unknown=True):
@@ -149,7 +149,7 @@ class Controller:
         return bool(self.stat.task_mode == linuxcnc.MODE_MDI)
 
     def move(self, target: list[float], feed: float) -> int:
-        """Send a straight move to LinuxCNC; return the number under which it tells of it."""
+        """Send a straight move to LinuxCNC; return the number under which it reports on it."""
         x, y, z = (1000.0 * value for value in target)
         line = f"G21 G90 G94 G53 G1 X{x:.7f} Y{y:.7f} Z{z:.7f} F{60000.0 * feed:.5f}"
         self.command.mdi(line)
@@ -165,17 +165,17 @@ class Controller:
     def at_rest(self) -> bool:
         """Say whether LinuxCNC commands no motion any more.
 
-        Where real time is none, an axis may stand for a moment in mid-move.
+        Without real time, an axis may stand for a moment in mid-move.
         """
         return bool(abs(self.stat.current_vel) < 1e-9)
 
     def failed(self, serial: int) -> bool:
-        """Say whether LinuxCNC has refused a command, whoever reads its messages."""
+        """Return whether LinuxCNC has refused a command, even if others read its messages."""
         stat = self.stat
         return bool(stat.echo_serial_number >= serial and stat.state == linuxcnc.RCS_ERROR)
 
     def abort(self) -> None:
-        """Brake now; what cannot be told to LinuxCNC is told to HAL."""
+        """Brake now; use HAL for what LinuxCNC does not accept."""
         if self._dead:
             # A command would be waited for, for seconds.
             self.component["stop"] = True
@@ -251,7 +251,7 @@ class Controller:
             if not number:
                 # Task would have stopped the machine; now only HAL can.
                 self._dead = self.component["stop"] = True
-                return f"LinuxCNC's process {name} has died: start LinuxCNC anew"
+                return f"LinuxCNC's process {name} has died: restart LinuxCNC"
         for number, joint in enumerate(self.stat.joint[: self.stat.joints]):
             if joint["fault"]:
                 return f"the drive of joint {number} is faulty"
@@ -280,7 +280,7 @@ def _lives(number: int) -> bool:
 
 
 def _process(name: str) -> int:
-    """Return the number of a living process of that name; 0 if there is none."""
+    """Return the number of a living process of that name; 0 without one."""
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             if (folder / "comm").read_text().strip() == name and _lives(int(folder.name)):

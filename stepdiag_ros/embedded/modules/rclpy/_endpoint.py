@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 def type_user_data(cls: type) -> str:
-    """Return the user data that tells peers the type hash of a message class."""
+    """Return the user data that announces the type hash of a message class to peers."""
     return f"typehash={registry.hash_of(cls)};"
 
 
 class QosWatch(Source):
-    """Tells when a peer does not match because of its quality of service.
+    """Reports a peer that does not match because of its quality of service.
 
     Args:
         node: Whose publisher or subscription.

@@ -14,7 +14,7 @@ _NamesAndTypes = list[tuple[str, list[str]]]
 
 
 class NodeGraph:
-    """What a node can tell about its peers."""
+    """What a node can report about its peers."""
 
     _ros_graph: Graph
 

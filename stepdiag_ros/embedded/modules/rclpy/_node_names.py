@@ -39,7 +39,7 @@ class NodeNames:
         return naming.full_node_name(self._namespace, self._name)
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """Return a topic's full name, after remapping unless told otherwise.
+        """Return a topic's full name, after remapping unless requested otherwise.
 
         Raises:
             rclpy.exceptions.InvalidTopicNameException: The name breaks the rules.
@@ -47,7 +47,7 @@ class NodeNames:
         return self._resolve(topic, only_expand, False, InvalidTopicNameException)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """Return a service's full name, after remapping unless told otherwise.
+        """Return a service's full name, after remapping unless requested otherwise.
 
         Raises:
             rclpy.exceptions.InvalidServiceNameException: The name breaks the rules.

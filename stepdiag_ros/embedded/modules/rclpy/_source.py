@@ -38,7 +38,7 @@ class Source:
         """Move what has arrived to :attr:`_pending`."""
 
     def _take(self) -> Any:
-        """Return the next item for the callback, ``None`` if there is none."""
+        """Return the next item for the callback, ``None`` without one."""
         return self._pending.popleft() if self._pending else None
 
     def _run(self, item: Any) -> Any:

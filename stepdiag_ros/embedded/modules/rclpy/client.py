@@ -95,7 +95,7 @@ class Client(Source):
         """Return the future of a request by its number.
 
         Raises:
-            KeyError: There is none.
+            KeyError: The request is unknown.
         """
         return self._requests[sequence_number]
 

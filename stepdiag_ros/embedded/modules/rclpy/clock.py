@@ -34,7 +34,7 @@ class ClockChange(IntEnum):
 
 
 class JumpThreshold:
-    """How far time must jump before somebody is told.
+    """How far time must jump before a callback is called.
 
     Args:
         min_forward: Smallest jump forwards, positive, or ``None``.

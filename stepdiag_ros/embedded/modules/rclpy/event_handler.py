@@ -11,7 +11,7 @@ from rclpy.qos import QoSPolicyKind
 
 
 class UnsupportedEventTypeError(RCLError):
-    """The middleware does not tell of such events."""
+    """The middleware does not report such events."""
 
 
 @dataclass(frozen=True)

@@ -229,7 +229,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
 
         Raises:
             rclpy.exceptions.InvalidTopicNameException: The topic's name breaks the rules.
-            TypeError: ``msg_type`` is no message class.
+            TypeError: ``msg_type`` is not a message class.
         """
         _refuse(qos_overriding_options, "qos_overriding_options")
         publisher = publisher_class(
@@ -273,7 +273,7 @@ class Node(NodeNames, NodeParameters, NodeGraph):
 
         Raises:
             rclpy.exceptions.InvalidTopicNameException: The topic's name breaks the rules.
-            TypeError: ``msg_type`` is no message class.
+            TypeError: ``msg_type`` is not a message class.
         """
         _refuse(qos_overriding_options, "qos_overriding_options")
         subscription = Subscription(

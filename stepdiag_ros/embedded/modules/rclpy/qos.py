@@ -296,7 +296,7 @@ class QoSProfile:
 
     @classmethod
     def _from_dds(cls, qos: dds.Qos) -> QoSProfile:
-        """Return a discovered endpoint's settings; history and depth are not told by DDS."""
+        """Return a discovered endpoint's settings; DDS does not announce history and depth."""
         reliability = ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT
         durability = DurabilityPolicy.VOLATILE
         if qos.transient_local:

@@ -28,7 +28,7 @@ _put_off: list[tuple[int, FrameType | None]] | None = None
 
 
 class _Watcher:
-    """Thread that wakes whoever waits in DDS when a signal has come.
+    """Thread that wakes threads waiting in DDS when a signal has come.
 
     Python runs its signal handlers between two of its own instructions, which a waiting C function
     does not reach; it does write a byte to the wake-up descriptor at once.
@@ -72,7 +72,7 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
 
 
 def uninstall_signal_handlers() -> None:
-    """Give the signals back to whoever had them."""
+    """Give the signals back to their earlier handlers."""
     global _watcher
     if threading.current_thread() is not threading.main_thread():
         return
@@ -121,7 +121,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
 
 
 def _pass_on(number: int, frame: FrameType | None) -> None:
-    """Call whoever handled a signal before."""
+    """Call the earlier handler of a signal."""
     previous = _previous.get(number)
     if callable(previous):
         previous(number, frame)

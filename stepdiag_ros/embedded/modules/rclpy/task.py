@@ -62,7 +62,7 @@ class Future:
         return self._done
 
     def result(self) -> Any:
-        """Return the result, ``None`` if there is none yet; raise the exception if one was set."""
+        """Return the result, ``None`` if not done yet; raise the exception if one was set."""
         if self._exception is not None:
             self._exception_fetched = True
             raise self._exception

@@ -1,4 +1,4 @@
-"""What the graph tells about a publisher or subscription."""
+"""What the graph states about a publisher or subscription."""
 
 from __future__ import annotations
 

@@ -40,12 +40,12 @@ const sizes = new ResizeObserver((changes) => {
   }
 });
 
-// The colours are read anew when the look of the computer changes.
+// The colours are read again when the look of the computer changes.
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const { plot } of charts.values()) plot.redraw();
 });
 
-// Of a plot without data uPlot draws no axes; a tiny range around zero says that there is none.
+// Of a plot without data uPlot draws no axes; a tiny range around zero shows that there are no data.
 const range = (_, low, high) => {
   if (low == null || high == null) return [-1, 1];
   const margin = Math.max((high - low) * 0.1, 0.05);

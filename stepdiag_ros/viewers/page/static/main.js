@@ -8,7 +8,7 @@ const at = (id) => document.getElementById(id);
 
 const token = takeToken();
 let socket = null;
-let heard = 0; // when the server was heard last
+let heard = 0; // time of the last message of the server
 let everHeard = false;
 let refused = false;
 let hello = {};
@@ -124,7 +124,7 @@ function enableControls() {
 
 const QUESTIONS = {
   start: "Start the run? The machine will move.",
-  resume: "Go on? The machine will move.",
+  resume: "Resume the run? The machine will move.",
 };
 
 function confirmed(question) {

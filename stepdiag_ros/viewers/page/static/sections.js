@@ -70,8 +70,8 @@ function faults(told) {
   const rows = told.faults.map((one) => [`${SIGNS[one.level]}${one.who}: ${one.text}`, one.level]);
   if (told.more) rows.push([`and ${told.more} more`, "warning"]);
   if (told.note) rows.push([`– ${told.note}`, "note"]);
-  else if (!rows.length) rows.push(["✔ nobody complains", ""]);
-  // A list that is written anew is read out anew.
+  else if (!rows.length) rows.push(["✔ no faults reported", ""]);
+  // A list that is written again is read out again.
   const said = JSON.stringify(rows);
   if (said !== saidFaults) list("fault-list", rows);
   saidFaults = said;
@@ -107,12 +107,12 @@ function stop(told) {
     say(`stop-${name.replace("_", "-")}`, last ? (last[name] ?? "unknown") : "");
   }
   say("stop-by", last?.zero_known === false
-    ? "The first stop of this setup was not heard: what is counted from it is not known."
+    ? "The first stop of this setup is missing: values relative to it are unknown."
     : last?.note
     ? `${last.note} Counted from the first stop of the station.`
     : last?.expected_by
     ? `Expected by ${last.expected_by} from the lines so far. Counted from the first stop of the setup.`
-    : "The lines so far do not tell what to expect here. Counted from the first stop of the setup.");
+    : "The lines so far do not predict this stop. Counted from the first stop of the setup.");
   drawStops(told.trace);
 }
 

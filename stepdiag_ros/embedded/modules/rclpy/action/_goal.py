@@ -109,7 +109,7 @@ class ServerGoalHandle:
         self._action_server.notify_execute(self, execute_callback)
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Tell the clients how far it is.
+        """Report the progress to the clients.
 
         Raises:
             TypeError: It is another message than the action's feedback.

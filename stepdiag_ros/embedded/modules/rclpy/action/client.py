@@ -71,7 +71,7 @@ class ClientGoalHandle:
 
     @property
     def status(self) -> int:
-        """The last status heard, one of the constants of ``action_msgs/msg/GoalStatus``."""
+        """The last status received, one of the constants of ``action_msgs/msg/GoalStatus``."""
         return self._status
 
     def cancel_goal(self) -> Any:
@@ -171,7 +171,7 @@ class ActionClient(Source):
         status_sub_qos_profile: Quality of the status topic.
 
     Raises:
-        TypeError: ``action_type`` is no action class.
+        TypeError: ``action_type`` is not an action class.
         ValueError: The action's name breaks the rules.
     """
 

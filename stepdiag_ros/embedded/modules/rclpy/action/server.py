@@ -69,7 +69,7 @@ class ActionServer(Source):
     """Executes goals with a function, in the executor and outside all callback groups.
 
     A function that waits therefore needs a :class:`rclpy.executors.MultiThreadedExecutor`, or has
-    to be a coroutine function, for wishes to cancel to be heard meanwhile.
+    to be a coroutine function, to receive requests to cancel in the meantime.
 
     Args:
         node: The node.
@@ -90,7 +90,7 @@ class ActionServer(Source):
         result_timeout: How long a result is kept after the goal's end, in seconds.
 
     Raises:
-        TypeError: ``action_type`` is no action class or ``execute_callback`` no function.
+        TypeError: ``action_type`` is not an action class or ``execute_callback`` no function.
         ValueError: The action's name breaks the rules, or ``result_timeout`` is negative.
     """
 

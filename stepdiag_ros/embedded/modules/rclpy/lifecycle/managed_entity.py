@@ -36,7 +36,7 @@ class TransitionCallbackReturn(Enum):
 
 
 class ManagedEntity:
-    """Base of what is told of its node's transitions; each callback gets the state before."""
+    """Base of followers of a node's transitions; each callback gets the state before."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """Handle the transition from unconfigured to inactive."""

@@ -122,7 +122,7 @@ class LifecycleNodeMixin(ManagedEntity):
         return self.__change_state("deactivate")
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Tell an entity of the transitions too.
+        """Notify an entity of the transitions too.
 
         Raises:
             TypeError: It is not a managed entity.
@@ -132,27 +132,27 @@ class LifecycleNodeMixin(ManagedEntity):
         self._managed_entities[entity] = None
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Tell the managed entities; overriding methods call this one too."""
+        """Notify the managed entities; overriding methods call this one too."""
         return self.__tell_entities("on_error", state)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
