@@ -206,7 +206,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
                 self._look_when_simulated()
 
     def _look_when_simulated(self) -> None:
-        """Read a simulated device as soon as it has been told what its readings wait for."""
+        """Read a simulated device as soon as it has what its readings depend on."""
         if self._is_simulated():
             self.look_at_device()
 
