@@ -89,6 +89,9 @@ def run(arguments: argparse.Namespace) -> int:
 
         def tell(told: "RunNews") -> None:
             progress(told.done / told.total if told.total else 0.0, told.text)
+            if told.total and told.done == told.total:
+                # While the recorder closes the bag: what is to be solved and drawn next.
+                solve.prepare()
 
         session = MeasuringSession(nodes, folder, tell)
         try:

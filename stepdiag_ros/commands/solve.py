@@ -98,6 +98,14 @@ def run(arguments: Namespace) -> int:
     return show_report(report, arguments, folder, details)
 
 
+def prepare() -> None:
+    """Import what ``run`` needs and what takes long to import; harmless when called again."""
+    import stepdiag_ros.bags.run
+    import stepdiag_ros.evaluation.recorded_run
+    import stepdiag_ros.plots.files.run
+    import stepdiag_ros.report.publish  # noqa: F401
+
+
 def report_of(bag: Path, with_visibility: bool = False, run_id: str | None = None) -> "Report":
     """Solve a bag by every method.
 

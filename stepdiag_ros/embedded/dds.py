@@ -58,6 +58,7 @@ class Participant:
         self._lib = library()
         self._builtin: dict[int, int] = {}
         self._known: dict[int, dict[int, EndpointInfo]] = {}
+        self._news: dict[int, int] = {}
         self._lock = threading.Lock()
         domains.open(domain)
         qos = self._lib.dds_create_qos()
@@ -127,7 +128,15 @@ class Participant:
                 self._builtin[kind] = lib.check(
                     lib.dds_create_reader(self.handle, kind, None, None), "watch discovery"
                 )
+                self._news[kind] = lib.check(
+                    lib.dds_create_readcondition(self._builtin[kind], ddslib.ANY_NEWS),
+                    "watch discovery",
+                )
             reader = self._builtin[kind]
+            if kind in self._known and not lib.dds_triggered(self._news[kind]):
+                return list(self._known[kind].values())
+            # Before the others: who goes from now on is news for the next look.
+            self._note_gone(reader)
             size = 256
             while True:
                 samples, infos = (c_void_p * size)(), (ddslib.SampleInfo * size)()
@@ -149,6 +158,17 @@ class Participant:
                     self._known[kind] = found
                     return list(found.values())
                 size *= 4
+
+    def _note_gone(self, reader: int) -> None:
+        """Mark what discovery has said of endpoints that are gone as read."""
+        lib, size = self._lib, 256
+        while size == 256:
+            samples, infos = (c_void_p * size)(), (ddslib.SampleInfo * size)()
+            count = lib.dds_read_mask(reader, samples, infos, size, size, ddslib.GONE_NEWS)
+            lib.check(count, "read what discovery found")
+            if count:
+                lib.dds_return_loan(reader, samples, count)
+            size = count
 
 
 class _Entity:

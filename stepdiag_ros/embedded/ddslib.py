@@ -25,6 +25,8 @@ INSTALL = "pip install 'cyclonedds>=11.0,<11.1'"
 ANY_STATE = 127
 ALIVE_STATE = 3 | 12 | 16
 NOT_READ = 2
+ANY_NEWS = NOT_READ | 12 | 112
+GONE_NEWS = NOT_READ | 12 | 96
 INFINITE = 2**63 - 1
 SDK_DATA = 2
 
@@ -210,6 +212,7 @@ _SLOW: dict[str, tuple[Any, list[Any]]] = {
         c_int32,
         [_ENTITY, POINTER(_POINTER), POINTER(SampleInfo), c_size_t, c_uint32, c_uint32],
     ),
+    "dds_triggered": (c_int32, [_ENTITY]),
     "dds_return_loan": (c_int32, [_ENTITY, POINTER(_POINTER), c_int32]),
     "dds_strretcode": (c_char_p, [c_int32]),
     "dds_create_qos": (_POINTER, []),

@@ -1,5 +1,6 @@
 """What all nodes share: topics, parameters, heartbeat, the watch on the other nodes."""
 
+import os
 import signal
 import sys
 import time
@@ -18,7 +19,14 @@ from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
 from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
-from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, SILENCE_LIMIT, TIME_SOURCE, Peer, Watch
+from stepdiag_ros.run.supervision import (
+    HEARTBEAT_PERIOD,
+    HELD,
+    SILENCE_LIMIT,
+    TIME_SOURCE,
+    Peer,
+    Watch,
+)
 from stepdiag_ros.text.sentence import PREFIX, sentence
 from stepdiag_ros.topics import DIAGNOSTICS, RUN_DESCRIPTION, RUN_STATE
 
@@ -270,6 +278,9 @@ def _begin() -> None:
     left = remove_ros_args(sys.argv)[1:]
     if left:
         raise ValueError(f"'{' '.join(left)}' is not understood; parameters go behind --ros-args")
+    if os.environ.pop(HELD, ""):
+        # Until whoever has started this process closes the pipe.
+        sys.stdin.read()
     rclpy.init()
 
 

@@ -111,6 +111,9 @@ class BridgeNode(DeviceNode[CncDevice]):
         self.listen(topics.MACHINE_COMMAND, self._on_command)
         self.offer("~/stop", self.stop)
         self.offer("~/reset", self.reset)
+        if self._is_simulated():
+            # At each tick of /clock, and only then, the machine has gone on.
+            self.every(self.poll_period, self.look_at_device)
         self.every(STATE_PERIOD, self._repeat_state, real=True)
         self.every(WATCH_PERIOD, self._watch_sequencer, real=True)
 

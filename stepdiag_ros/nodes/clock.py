@@ -2,14 +2,13 @@
 """Node: simulated time on /clock, running faster or slower than real time by a factor."""
 
 import sys
-from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
-from stepdiag_ros.messages.fields import to_nanoseconds
+from stepdiag_ros.bags.peek import stamp_of
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.links import message_class
 from stepdiag_ros.run.health import HealthFinding
@@ -40,13 +39,14 @@ class ClockNode(StepdiagNode):
         # Only the newest reading matters, and none is worth a repetition.
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         reading = topics.READING
-        self.create_subscription(message_class(reading), reading.name, self._on_reading, newest)
+        self.create_subscription(
+            message_class(reading), reading.name, self._on_reading, newest, raw=True
+        )
         self.on_change("factor", lambda new: self._governed.run_at(new, self.real_time()))
         self.every(period, self._tick, real=True)
 
-    def _on_reading(self, message: Any) -> None:
-        time = to_nanoseconds(message.header.stamp)
-        self._governed.heard(time, self.real_time(), "interferometer")
+    def _on_reading(self, message: bytes) -> None:
+        self._governed.heard(stamp_of(message), self.real_time(), "interferometer")
 
     def on_heartbeat(self, peer: Peer) -> None:
         """Wait for a recorder that is behind."""

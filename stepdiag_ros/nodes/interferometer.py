@@ -83,6 +83,7 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
         # Since when a good reading of the present setup is waited for, ns; 0 if it has come.
         self._aligned = 0
         self._weather_time = 0
+        self._position_time = 0
         self._readings = self.stream(topics.READING)
         self._samples = self.stream(topics.SAMPLES)
         self._message = new_message(topics.READING.type_name)
@@ -189,14 +190,25 @@ class InterferometerNode(DeviceNode[InterferometerDevice]):
             in_position = message.status == Answer.IN_POSITION
             time = to_nanoseconds(message.header.stamp)
             self.device.update_answer(int(message.command_id), time, in_position)
+            self._look_when_simulated()
 
     def _on_joints(self, message: Any) -> None:
         position = motor_positions(message) or axis_positions(message)
         if self.device is not None and position is not None:
             self._compensator.move(position)
-            self._count_check.add_position(to_nanoseconds(message.header.stamp), position)
+            time = to_nanoseconds(message.header.stamp)
+            self._count_check.add_position(time, position)
+            spacing, self._position_time = time - self._position_time, time
             with self.failing("pass the position to the interferometer"):
-                self.device.update_position(to_nanoseconds(message.header.stamp), position)
+                self.device.update_position(time, position)
+            if time + spacing > self.now():
+                # The last of those that came at once: none is due any more.
+                self._look_when_simulated()
+
+    def _look_when_simulated(self) -> None:
+        """Read a simulated device as soon as it has what its readings depend on."""
+        if self._is_simulated():
+            self.look_at_device()
 
     def _on_weather(self, name: str, field: str, message: Any) -> None:
         # The four sensors speak one after another with the same stamp; each word counts.

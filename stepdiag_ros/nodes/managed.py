@@ -41,6 +41,9 @@ SIMULATED = "simulated"
 """Driver that every kind of device has."""
 CLOCK_PERIOD = 0.01
 """Real seconds between two looks whether the ROS clock runs."""
+SIMULATED_PERIOD = 0.02
+"""Real seconds between two looks at a device in simulated time: it has news when that goes on, and
+a node that must not be late with them looks then."""
 
 
 class Closable(Protocol):
@@ -118,7 +121,8 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self._starting = self.every(CLOCK_PERIOD, self._start, real=True)
         self._retrying = self.every(self._retry_after, self._start, real=True)
         self._retrying.cancel()
-        self.every(self.poll_period, self.look_at_device, real=True)
+        period = SIMULATED_PERIOD if self._is_simulated() else self.poll_period
+        self.every(period, self.look_at_device, real=True)
         if self._autostart:
             self._say("waiting for the ROS clock to run")
         else:

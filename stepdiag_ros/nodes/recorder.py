@@ -91,6 +91,7 @@ class RecorderNode(StepdiagNode):
         self.health.add_task("positions", self._judge_positions)
         self.health.add_task("sequence", partial(self._judge_gaps, self._gaps))
         self.health.add_task("samples", partial(self._judge_gaps, self._sample_gaps))
+        self._names = {topic: self.resolve_topic_name(topic.name) for topic in topics.RECORDED}
         self.follow_run()
         for topic in topics.RECORDED:
             if topic is not topics.RUN_DESCRIPTION:
@@ -155,8 +156,7 @@ class RecorderNode(StepdiagNode):
                 self._early[topic].append(message)
             return
         try:
-            name = self.resolve_topic_name(topic.name)
-            self._writer.write(name, topic.type_name, message, self.now())
+            self._writer.write(self._names[topic], topic.type_name, message, self.now())
             if topic is topics.RUN_STATE:
                 self._writer.flush()
             elif topic is topics.STOP:

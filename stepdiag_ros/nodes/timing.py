@@ -14,6 +14,11 @@ class TimedNode(Node):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._real_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        # The embedded client can look for the simulated time when it is asked for, where rclpy
+        # wakes a node at each tick.
+        look_when_asked = getattr(self._time_source, "look_when_asked", None)
+        if look_when_asked is not None:
+            look_when_asked()
 
     def now(self) -> int:
         """Return the ROS time in ns."""

@@ -83,8 +83,10 @@ class MeasuringSession:
         with in_graph():
             operator = OperatorNode()
             self._tell(RunNews("looking for other measurements"))
-            self._refuse_company(operator)
-            with Processes(self._nodes, self._folder / "logs") as processes:
+            # Their interpreters start while others are looked for; nothing of them is heard yet.
+            with Processes(self._nodes, self._folder / "logs", held=True) as processes:
+                self._refuse_company(operator)
+                processes.release()
                 yield operator, processes
 
     def _refuse_company(self, operator: "OperatorNode") -> None:

@@ -14,6 +14,7 @@ from types import TracebackType
 import stepdiag_ros
 from stepdiag_ros.parameters.declaration import written
 from stepdiag_ros.parameters.nodes import declared_node
+from stepdiag_ros.run.supervision import HELD
 from stepdiag_ros.text.sentence import PREFIX
 
 PR_SET_PDEATHSIG = 1
@@ -122,11 +123,14 @@ class Processes:
     Args:
         nodes: what to start.
         log_folder: each node's output goes to NAME.log there.
+        held: get the processes ready at once, but let the nodes join the graph only after
+            ``release``.
     """
 
-    def __init__(self, nodes: Listing[NodeProcess], log_folder: Path) -> None:
+    def __init__(self, nodes: Listing[NodeProcess], log_folder: Path, held: bool = False) -> None:
         self._nodes = nodes
         self._logs = log_folder
+        self._held = held
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> "Processes":
@@ -148,14 +152,21 @@ class Processes:
         with (self._logs / f"{node.name}.log").open("ab") as log:
             self.running[node.name] = subprocess.Popen(
                 node.command(),
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if self._held else subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 # Ctrl-C is for the command line, which then ends the nodes in order.
                 start_new_session=True,
-                env=environment(),
+                env={**environment(), HELD: "1" if self._held else ""},
                 preexec_fn=_end_with_parent,
             )
+
+    def release(self) -> None:
+        """Let nodes that are held join the graph; those started from now on are not held."""
+        self._held = False
+        for process in self.running.values():
+            if process.stdin is not None:
+                process.stdin.close()
 
     def ended(self) -> str:
         """Return a sentence about the first node that has ended; empty if all run."""
@@ -190,6 +201,8 @@ class Processes:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+            if process.stdin is not None:
+                process.stdin.close()
 
     def _last_words(self, name: str) -> str:
         log = self._logs / f"{name}.log"

@@ -12,6 +12,8 @@ FAULTY_LEVEL = 2
 """Level of a heartbeat, ERROR of diagnostic_msgs/DiagnosticStatus, with which no run can go on."""
 TIME_SOURCE = "time_source"
 """Fact by which a node says where its ROS time comes from: /clock or computer."""
+HELD = "STEPDIAG_HELD"
+"""Environment variable of a node process that joins the ROS graph when its input ends."""
 HEARTBEAT_PERIOD = 0.5
 """Real seconds between two heartbeats of a node."""
 SILENCE_LIMIT = 2.0

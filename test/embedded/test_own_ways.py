@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from patience import PATIENCE
 
-from .conftest import Peer, spin_until
+from .conftest import Peer, spin_until, wait_until
 
 Start = Callable[..., Peer]
 
@@ -213,3 +213,66 @@ def test_levels_of_the_log_hold_until_the_last_context_ends() -> None:
     assert get_logger_effective_level("") is LoggingSeverity.FATAL
     second.shutdown()
     assert get_logger_effective_level("") is LoggingSeverity.INFO
+
+
+def test_simulated_time_that_is_looked_for_when_asked_wakes_nobody(ros: Any) -> None:
+    from rclpy.executors import SingleThreadedExecutor, TimeoutException
+    from rclpy.parameter import Parameter
+    from rosgraph_msgs.msg import Clock
+
+    sim = Parameter("use_sim_time", value=True)
+    node = ros.create_node("tester", parameter_overrides=[sim])
+    node._time_source.look_when_asked()
+    publisher = ros.create_node("source").create_publisher(Clock, "/clock", 10)
+    clock = node.get_clock()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def tick(seconds: int) -> None:
+        message = Clock()
+        message.clock.sec = seconds
+        publisher.publish(message)
+
+    def reached(seconds: int) -> Callable[[], bool]:
+        return lambda: clock.now().nanoseconds == seconds * 1_000_000_000
+
+    tick(1)
+    with pytest.raises(TimeoutException):
+        executor._wait(200_000_000, None)
+    # Without any spinning.
+    wait_until(reached(1))
+    # What goes by the clock is woken by it, and nobody is any more once that has ended.
+    calls: list[int] = []
+    timer = node.create_timer(1.0, lambda: calls.append(clock.now().nanoseconds))
+    tick(3)
+    spin_until(node, lambda: bool(calls))
+    assert calls == [3_000_000_000]
+    assert node.destroy_timer(timer)
+    tick(5)
+    wait_until(reached(5))
+    assert calls == [3_000_000_000]
+
+
+def test_the_graph_is_read_anew_when_somebody_comes_goes_or_dies(node: Any, peer: Start) -> None:
+    from std_msgs.msg import String
+
+    def there() -> int:
+        return len(node.get_publishers_info_by_topic("chat"))
+
+    for _ in range(20):
+        publisher = node.create_publisher(String, "chat", 1)
+        assert there() == 1 and there() == 1
+        node.destroy_publisher(publisher)
+        assert there() == 0 and there() == 0
+    other = peer(
+        """
+        from std_msgs.msg import String
+        rclpy.init()
+        node = rclpy.create_node('talker')
+        publisher = node.create_publisher(String, 'chat', 1)
+        rclpy.spin(node)
+        """
+    )
+    wait_until(lambda: there() == 1)
+    other.process.kill()
+    wait_until(lambda: there() == 0)

@@ -1,12 +1,16 @@
-"""The environment in which node processes start."""
+"""How node processes start: in which environment, and when they join the graph."""
 
+import signal
 import subprocess
 import sys
 
 import pytest
+from domains import own_domain
+from patience import PATIENCE
 
 import stepdiag_ros
-from stepdiag_ros.processes.node_process import environment
+from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.node_process import NodeProcess, Processes, environment
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks where it stands")
@@ -18,3 +22,24 @@ def test_nodes_are_of_the_package_that_starts_them_also_beside_another_copy(tmp_
     told = [sys.executable, "-c", "import stepdiag_ros; print(stepdiag_ros.__file__)"]
     done = subprocess.run(told, env=environment(), capture_output=True, text=True, check=True)
     assert done.stdout.strip() == stepdiag_ros.__file__
+
+
+def test_a_held_node_joins_the_graph_only_when_it_is_released(tmp_path):
+    with own_domain(), in_graph():
+        from stepdiag_ros.nodes.operator import OperatorNode
+
+        operator = OperatorNode()
+        try:
+            with Processes([NodeProcess("weather")], tmp_path, held=True) as processes:
+                assert not operator.spin_until(lambda: bool(operator.watch.peers), 2.0)
+                assert processes.ended() == ""
+                processes.release()
+                assert operator.spin_until(lambda: bool(operator.watch.peers), PATIENCE)
+        finally:
+            operator.destroy_node()
+
+
+def test_a_held_node_ends_when_it_is_told_to(tmp_path):
+    with Processes([NodeProcess("weather")], tmp_path, held=True) as processes:
+        process = processes.running["weather"]
+    assert process.returncode == -signal.SIGTERM

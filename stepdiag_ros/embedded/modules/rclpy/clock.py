@@ -97,11 +97,13 @@ class JumpHandle:
         self._threshold = threshold
         self._pre, self._post = pre_callback, post_callback
         clock._jump_handles.append(self)
+        clock._watchers_changed()
 
     def unregister(self) -> None:
         """Call the callbacks no more."""
         if self in self._clock._jump_handles:
             self._clock._jump_handles.remove(self)
+            self._clock._watchers_changed()
 
     def _wants(self, change: ClockChange, delta: int) -> bool:
         if change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
@@ -169,6 +171,9 @@ class Clock:
     def _is_taken_over(self) -> bool:
         return False
 
+    def _watchers_changed(self) -> None:
+        """Called when jumps of the clock are watched, or are not any more."""
+
     def create_jump_callback(
         self,
         threshold: JumpThreshold,
@@ -229,10 +234,15 @@ class ROSClock(Clock):
         assert isinstance(made, ROSClock)
         made._active = False
         made._override = 0
+        made._look = made._tell_watchers = None
         return made
 
     _active: bool
     _override: int
+    #: Of a time source that is asked for the time: brings it up to date.
+    _look: Callable[[], None] | None
+    #: Of the same: is told when jumps of this clock are watched, or are not any more.
+    _tell_watchers: Callable[[], None] | None
 
     @property
     def ros_time_is_active(self) -> bool:
@@ -244,10 +254,18 @@ class ROSClock(Clock):
         return self._active
 
     def _now_ns(self) -> int:
-        return self._override if self._active else _time.time_ns()
+        if not self._active:
+            return _time.time_ns()
+        if self._look is not None:
+            self._look()
+        return self._override
 
     def _timer_ns(self) -> int:
         return self._override if self._active else _time.monotonic_ns()
+
+    def _watchers_changed(self) -> None:
+        if self._tell_watchers is not None:
+            self._tell_watchers()
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:
         if enabled == self._active:

@@ -46,6 +46,7 @@ class Subscription(Source):
         self.qos_profile = qos_profile
         self.raw = raw
         self.callback = callback
+        self._wakes = True
         self._decode = Decoder(node, msg_type, f"topic {topic}")
         participant, _ = node.context._require()
         self._reader = participant.create_reader(
@@ -89,7 +90,18 @@ class Subscription(Source):
         self._node.destroy_subscription(self)
 
     def _conditions(self) -> list[int]:
-        return [self._reader.condition]
+        return [self._reader.condition] if self._wakes else []
+
+    def _set_wakes(self, wakes: bool) -> None:
+        """Choose whether messages wake the executor; those that do not wait to be taken."""
+        if wakes == self._wakes:
+            return
+        self._wakes = wakes
+        executor = self._executor()
+        if executor is not None:
+            executor._remove_source(self)
+            executor._add_source(self)
+            executor.wake()
 
     def _fetch(self) -> None:
         self._pending.extend(self._reader.take(_BATCH))

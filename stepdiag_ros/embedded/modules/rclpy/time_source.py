@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 import weakref
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
 CLOCK_TOPIC = "/clock"
 USE_SIM_TIME_NAME = "use_sim_time"
+#: Whoever asks for the time more often than this, in ns, is told the same.
+_LOOK_NS = 100_000
 
 
 class TimeSource:
@@ -30,6 +34,9 @@ class TimeSource:
         self._clocks: list[ROSClock] = []
         self._last = Time(clock_type=ClockType.ROS_TIME)
         self._active = False
+        self._when_asked = False
+        self._next_look = 0
+        self._looking = threading.Lock()
         if not node.has_parameter(USE_SIM_TIME_NAME):
             node.declare_parameter(USE_SIM_TIME_NAME, False)
         self.ros_time_is_active = bool(node.get_parameter(USE_SIM_TIME_NAME).value)
@@ -56,6 +63,7 @@ class TimeSource:
             self._subscription = node.create_subscription(
                 ClockMsg, CLOCK_TOPIC, self.clock_callback, qos, callback_group=node._clock_group
             )
+            self._choose_wakes()
         elif self._subscription is not None:
             node.destroy_subscription(self._subscription)
             self._subscription = None
@@ -65,6 +73,41 @@ class TimeSource:
         clock.set_ros_time_override(self._last)
         clock._set_ros_time_is_active(self._active)
         self._clocks.append(clock)
+        if self._when_asked:
+            self._follow_when_asked(clock)
+
+    def look_when_asked(self) -> None:
+        """Take the time from ``/clock`` when somebody asks for it, not at each message.
+
+        rclpy has nothing like it. Messages wake the executor only while a timer goes by ROS time or
+        jumps of it are watched.
+        """
+        self._when_asked = True
+        for clock in self._clocks:
+            self._follow_when_asked(clock)
+
+    def _follow_when_asked(self, clock: ROSClock) -> None:
+        clock._look, clock._tell_watchers = self._look, self._choose_wakes
+        self._choose_wakes()
+
+    def _choose_wakes(self) -> None:
+        if self._subscription is not None and self._when_asked:
+            self._subscription._set_wakes(any(clock._jump_handles for clock in self._clocks))
+
+    def _look(self) -> None:
+        """Set the clocks to the newest message, unless its arrival wakes the executor anyway."""
+        subscription, now = self._subscription, time.monotonic_ns()
+        if subscription is None or subscription._wakes or now < self._next_look:
+            return
+        if not self._looking.acquire(blocking=False):
+            return
+        try:
+            self._next_look = now + _LOOK_NS
+            subscription._fetch()
+            while (item := subscription._take()) is not None:
+                subscription._run(item)
+        finally:
+            self._looking.release()
 
     def clock_callback(self, msg: Any) -> None:
         """Set the clocks to the time of a ``/clock`` message."""
