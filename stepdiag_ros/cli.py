@@ -33,6 +33,12 @@ _COLLECTED_AT = 50_000
 Nearly all that a command imports, reads and computes lives until it ends. At Python's own threshold
 (700 to 2,000 objects) looking through it again and again takes a tenth of a command's time.
 """
+_THREADS = "1"
+"""Threads of the numerical libraries, which are loaded later.
+
+The matrices of a run gain nothing by more, and sums over several threads differ in their last bits
+from computer to computer.
+"""
 _WIDEST = 100
 """Columns of the widest help text, however wide the terminal is."""
 _FIRST_STEPS = (
@@ -123,6 +129,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: arguments without the program's name; those of the process if not given.
     """
     gc.set_threshold(_COLLECTED_AT)
+    for library in ("OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", _THREADS)
     # A caller may have closed what is written to; there is still work to be done.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
