@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Volume
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures
-from stepdiag_ros.metrology.visibility import measured_visibility
+from stepdiag_ros.metrology.visibility import Visibility, measured_visibility
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.cell import SimulatedCell
@@ -77,6 +77,11 @@ def truth_from_curves(
     )
 
 
+def _visibility(measurement: Measurement) -> Visibility:
+    with one_thread():
+        return measured_visibility(measurement)
+
+
 def build_report(
     measurement: Measurement,
     *,
@@ -121,10 +126,6 @@ def build_report(
     if not measurement.lines:
         raise ValueError(f"{bag or 'this run'}: no line was finished, so there is nothing to solve")
     results, refused = solve_reproducibly(measurement)
-    visibility = None
-    if with_visibility:
-        with one_thread():
-            visibility = measured_visibility(measurement)
     last = {result.method: result for result in recorded}
     equal: dict[str, bool] = {}
     more: list[str] = []
@@ -149,7 +150,7 @@ def build_report(
         simulated=simulated,
         truth=truth,
         measurement=measurement,
-        visibility=visibility,
+        visibility=_visibility(measurement) if with_visibility else None,
         equals_recorded=equal,
         rounded=frozenset(
             method

@@ -33,8 +33,16 @@ sampling: {dwell_s: 0.1, settle_s: 0.1, window_s: 0.1}
 """
 
 
+def bridge_of(cell):
+    return next(p for p in cell.operator.watch.peers.values() if p.role == "cnc_bridge")
+
+
 def meddle(cell):
-    """Command a move beside the sequencer: nothing moves, and the run is held until that ends."""
+    """Command a move beside the sequencer: nothing moves, and the run is held until that ends.
+
+    The bridge reports the other sender after it has stopped the machine, and its end later than the
+    sequencer sees it: who resumes before would be stopped again.
+    """
     commands = cell.operator.create_publisher(
         message_class(topics.MACHINE_COMMAND),
         topics.MACHINE_COMMAND.name,
@@ -55,7 +63,9 @@ def meddle(cell):
     assert not any(
         status.command_id == 1000 and status.status != Answer.REJECTED for status in cell.statuses
     )
+    cell.wait(lambda: bridge_of(cell).faulty, "the bridge reports it")
     cell.operator.destroy_publisher(commands)
+    cell.wait(lambda: not bridge_of(cell).faulty, "the bridge has seen its end")
 
 
 @pytest.fixture(scope="module")
