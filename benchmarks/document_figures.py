@@ -99,7 +99,7 @@ def named_effects() -> str:
 
 
 def seen_patterns() -> str:
-    rows = ["| hidden | told |", "|---|---|"]
+    rows = ["| hidden | reported |", "|---|---|"]
     for case in ("effect_a", "effect_b", "effect_e", "effect_f"):
         told = []
         for one in diagnosis_of(case).diagnosis.patterns:
