@@ -280,11 +280,11 @@ def test_a_misfit_of_the_model_is_a_source_and_chance_is_none():
         {s.name: s for s in sources_of(r, perfect(), ready(r, "least_squares"))}
         for r in (good, bad)
     ]
-    assert "lack of fit of the model" not in names[0]
-    left = names[1]["lack of fit of the model"]
+    assert "misfit of the model" not in names[0]
+    left = names[1]["misfit of the model"]
     assert left.standard_uncertainty > 0.1e-6
     # The method that estimates the rotations has neither a misfit nor angular errors left out.
     whole_model = ready(bad, "rigid_body")
     whole = {s.name for s in sources_of(bad, perfect(), whole_model)}
-    assert "lack of fit of the model" not in whole
+    assert "misfit of the model" not in whole
     assert not any(name.startswith("angular") for name in whole)

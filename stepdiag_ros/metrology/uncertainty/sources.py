@@ -197,7 +197,7 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     variance = float(np.sum(left**2)) / freedom - float(np.mean(expected))
     return [
         Source(
-            "lack of fit of the model",
+            MODEL,
             MODEL,
             float(np.sqrt(max(variance, 0.0))),
             "m",
