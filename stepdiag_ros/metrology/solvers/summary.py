@@ -232,11 +232,12 @@ def common_figures(
     for one, value, uncertainty in zip(asked, values, uncertainties, strict=True):
         if one.curve:
             here = estimate.place(one.curve)
-            if not shape_determined(estimate, one.matrix, here):
+            if shape_determined(estimate, one.matrix, here):
+                covariance = one.matrix @ estimate.covariance[here, here] @ one.matrix.T
+                excess = range_excess(one.matrix @ estimate.values[here], covariance)
+                uncertainty = np.hypot(uncertainty, excess)
+            else:
                 value, uncertainty = np.nan, np.nan
-            covariance = one.matrix @ estimate.covariance[here, here] @ one.matrix.T
-            excess = range_excess(one.matrix @ estimate.values[here], covariance)
-            uncertainty = np.hypot(uncertainty, excess)
         made.append(Figure(one.name, float(value), float(uncertainty), one.unit))
     return tuple(made)
 
