@@ -123,18 +123,23 @@ class Verdicts:
 
     @cached_property
     def _beside_setups(self) -> Vector:
-        return self._beside(self._setup)
+        return self._beside(self._setup, self._moves)
 
     @cached_property
     def _beside_base(self) -> Vector:
-        return self._beside(np.concatenate([self._moves, self._setup]))
+        turns = [self._groups[name] for name in self._design.names[len(TRANSLATIONS) :]]
+        return self._beside(np.concatenate([self._moves, self._setup]), np.concatenate(turns))
 
-    def _beside(self, base: Integers) -> Vector:
-        """Return what readings determine of each unknown with some left free beside it, shape (p,).
+    def _beside(self, base: Integers, asked: Integers) -> Vector:
+        """Return what readings determine of some unknowns with others left free, shape (p,).
 
         The diagonal of the normal matrix with these eliminated (Schur).
+
+        Args:
+            base: unknowns that are left free.
+            asked: unknowns whose values are wanted; NaN for the others.
         """
-        block, across = self._normal[np.ix_(base, base)], self._normal[base]
+        block, across = self._normal[np.ix_(base, base)], self._normal[np.ix_(base, asked)]
         lower, failed = lapack.dpotrf(block, lower=1)
         pivots = np.diag(lower) ** 2
         if failed or np.min(pivots) <= _RANK_LIMIT * np.max(pivots):
@@ -143,7 +148,8 @@ class Verdicts:
             taken = (vectors[:, good].T @ across) / np.sqrt(values[good, None])
         else:
             taken = solve_triangular(lower, across, lower=True, check_finite=False)
-        left: Vector = np.diag(self._normal) - np.sum(taken**2, axis=0)
+        left: Vector = np.full(len(self._normal), np.nan)
+        left[asked] = np.diag(self._normal)[asked] - np.sum(taken**2, axis=0)
         return left
 
     def _shows(self, name: str) -> bool:
@@ -163,7 +169,7 @@ class Verdicts:
             everyone who can do it alone; else the fewest together that were found.
         """
         design = self._design
-        moved = np.any(np.abs(design.unseen @ part.T) > _NOTHING, axis=1)
+        moved = np.any(np.abs(part @ design.unseen.T) > _NOTHING, axis=0)
         coupled = [
             name
             for name, columns in self._groups.items()
@@ -307,7 +313,7 @@ def _held_by(gram: Vector, within: Vector | None = None) -> Vector:
 
 def _reaches(part: Vector, directions: Vector) -> bool:
     """Say whether an error, with its part in each direction, is in one of some directions."""
-    return bool(np.any(np.abs(part @ directions) > _SHARE))
+    return bool(directions.size) and bool(np.any(np.abs(part @ directions) > _SHARE))
 
 
 def _ranges(numbers: Integers) -> str:
