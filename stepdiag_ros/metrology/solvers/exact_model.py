@@ -165,13 +165,10 @@ def _squares(tilts: Vector) -> Vector:
 
 def _cross(one: Vector, other: Vector) -> Vector:
     """Return cross products of vectors along the last dimension but one, shape (..., 3, n)."""
-    product: Vector = np.stack(
-        [
-            one[..., i, :] * other[..., j, :] - one[..., j, :] * other[..., i, :]
-            for i, j in ((1, 2), (2, 0), (0, 1))
-        ],
-        axis=-2,
-    )
+    product: Vector = np.empty(np.broadcast_shapes(one.shape, other.shape))
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(one[..., i, :], other[..., j, :], out=product[..., k, :])
+        product[..., k, :] -= one[..., j, :] * other[..., i, :]
     return product
 
 

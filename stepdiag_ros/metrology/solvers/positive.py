@@ -44,20 +44,20 @@ def normal_of_entries(columns: Integers, values: Matrix, weight: Matrix, count: 
 
     Args:
         columns: of the entries of each row, shape (entries, rows); ``count`` for entries that are
-            left out.
+            left out. Each column belongs to one of the entries.
         values: of the entries, same shape.
         weight: of the rows, shape (rows,).
         count: number of columns.
     """
     width = count + 1
-    weighted = values * weight
+    weighted, rows = values * weight, columns * width
     one, other = np.triu_indices(len(columns))
     pairs = max(1, _AT_ONCE // max(columns.shape[1], 1))
 
     def sums(start: int) -> NDArray[Any]:
         first, second = one[start : start + pairs], other[start : start + pairs]
-        left, right = columns[first], columns[second]
-        places = np.minimum(left, right) * width + np.maximum(left, right)
+        # Two columns meet in one pair of entries only: on one side of the diagonal, whichever.
+        places = rows[first] + columns[second]
         products = weighted[first] * values[second]
         return np.bincount(places.ravel(), products.ravel(), width * width)
 
