@@ -3,9 +3,12 @@
 import csv
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from stepdiag_ros.bags.table_rows import COLUMNS
+from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.selftest.problems import UNKNOWN_NOISE, Problem
 
 _SECONDS_A_STOP = 3.0
@@ -53,5 +56,7 @@ def write_problem(problem: Problem, folder: Path) -> Path:
     }
     if problem.noise > 0.0 and problem.kind != UNKNOWN_NOISE:
         case["reading_noise_m"] = problem.noise
+    if not any(np.any(problem.curves.get(name, 0.0)) for name in ROTATIONS):
+        case[ROTATIONS_KEY] = 0.0
     (folder / "case.yaml").write_text(yaml.safe_dump(case, sort_keys=False), encoding="utf-8")
     return table

@@ -82,7 +82,7 @@ def _curve(name, rng, way, without):
     share = way / way[-1]
     if name in ROTATIONS:
         made = ANGLE * rng.standard_normal() * share + ANGULAR_WAVES * _waves(rng, share)
-        return 0.0 * made if "rotations" in without else made
+        return 0.0 * made if "rotations" in without or name in without else made
     if name[2] != name[3]:
         made = STRAIGHTNESS * _waves(rng, share)
         return 0.0 * made if "straightness" in without else made
@@ -373,7 +373,7 @@ def draw(seed, without=()):
 
     Args:
         seed: everything random comes from it.
-        without: of ``PARTS``.
+        without: of ``PARTS``, and names of rotations.
     """
     rng = np.random.default_rng([seed, 1])
     longest = float(np.exp(rng.uniform(*np.log(TRAVEL))))

@@ -218,7 +218,8 @@ def test_volumetric_accuracy_of_a_bag(capsys, tmp_path):
     methods = json.loads(out)["methods"]
     found = methods["least_squares"]
     assert 1e-6 < found["value"] < 20e-6
-    assert 0 < found["standard_uncertainty"] < 1e-6
+    # Angles of 10 µrad over this box, of which the lines determine few.
+    assert 0 < found["standard_uncertainty"] < 2e-6
     assert "E_YX" in found["frame"]
 
 

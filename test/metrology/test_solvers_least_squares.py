@@ -47,7 +47,7 @@ def test_degrees_of_freedom_of_a_plan(plan, freedom):
 
 
 def test_four_diagonals_alone_tell_squareness_and_shape_but_no_scale():
-    measured = measure(linear=(), noise=1e-9)
+    measured = by_noise_alone(measure(linear=(), noise=1e-9))
     result = solve(measured, "least_squares")
     truth = truth_of(measured)
     for name in ("E_XX", "E_YY", "E_ZZ"):
@@ -145,7 +145,7 @@ def test_partial_lines_are_used_as_far_as_they_go():
     assert np.all(np.isfinite(result.curves["E_XX"][:4]))
     assert np.all(np.isnan(result.curves["E_XX"][4:]))
     assert any("E_XX at the nodes 4, 5, 6" in words for words in result.not_determined)
-    whole = measure()
+    whole = by_noise_alone(measure())
     partial = solve(cut(whole, "ppp XYZ", 9), "least_squares")
     assert not partial.not_determined
     for name in TRANSLATIONS:

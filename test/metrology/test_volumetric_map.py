@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells_for_tests import make_cell, make_plan
+from cells_for_tests import by_noise_alone, make_cell, make_plan
 from refused import a_fault, refused
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
@@ -118,7 +118,7 @@ def test_rotations_that_were_not_estimated_are_named_and_a_zero_by_definition_is
 
 def test_the_uncertainty_is_that_of_many_repeated_measurements():
     cell, plan = make_cell(noise=0.2e-6), make_plan(blocks=4)
-    run = simulate(plan, cell, seed=0)
+    run = by_noise_alone(simulate(plan, cell, seed=0))
     first = VolumetricMap.of_result(solve_least_squares(run), plausible=NOTHING)
     where = np.array([[0.013, 0.031, 0.007], [0.04, 0.04, 0.04], [0.0, 0.04, 0.02]])
     told = first.standard_uncertainty_at(where)

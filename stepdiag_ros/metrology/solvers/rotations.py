@@ -8,7 +8,9 @@ covariance of c (best linear unbiased prediction; Robinson 1991, Statistical Sci
     c = (S + 1/s²)⁻¹ b,     cov c = (S + 1/s²)⁻¹,
     ln p(r | s) = -½ Σ ln(1 + s² λ) + ½ Σ (v·b)² s² / (1 + s² λ) + const,    S v = λ v.
 
-Results are averaged over s by its evidence times what is plausible.
+Values are averaged over s by its evidence times what is plausible. For their uncertainty a size
+below the plausible one counts as that one: that the rotations which the readings show are small
+says nothing of one that acts on no reading, because one axis may turn alone.
 """
 
 from collections.abc import Sequence
@@ -48,14 +50,15 @@ class Rotations:
         information: of the modes' factors beyond all that is free, 1/rad², shape (k, k).
         shrinkage: from the pull of the residuals on each mode to its factor, rad m, shape (k, k).
         mean: of the modes' factors, rad, shape (k,).
-        covariance: of them, rad², shape (k, k).
+        covariance: mean square and products of their errors, rad², shape (k, k).
+        second_moment: mean square and products of the factors themselves, rad², shape (k, k).
         noise_factor: χ² per degree of freedom of what no rotation explains, where it is more than
             chance, or the variance of a reading where that is not known; NaN: unknown.
         explained: what rotations of the sizes that are averaged over take from χ², in its units.
         gain: what χ², in units of the noise, loses by free rotations.
         seen: number of independent sums of the rotations that the readings show.
         degrees_of_freedom: left by the fit with free rotations.
-        size: root mean square of s, rad.
+        size: root mean square of s, none below the plausible one, rad.
     """
 
     readings: Vector
@@ -63,18 +66,13 @@ class Rotations:
     shrinkage: Vector
     mean: Vector
     covariance: Vector
+    second_moment: Vector
     noise_factor: float
     explained: float
     gain: float
     seen: int
     degrees_of_freedom: int
     size: float
-
-    @property
-    def second_moment(self) -> Vector:
-        """Return mean square and products of the modes' factors, rad², shape (k, k)."""
-        moment: Vector = self.covariance + np.outer(self.mean, self.mean)
-        return moment
 
     @property
     def chance(self) -> float:
@@ -322,8 +320,8 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
             f" of them.{chain}"
         ]
     return [
-        "The readings show no rotation of the axes beyond chance. All uncertainties contain "
-        f"rotations of {size}, which could not have been seen.{chain}"
+        "The readings show no rotation of the axes beyond chance. All uncertainties contain what"
+        f" the readings do not determine of rotations of {size}.{chain}"
     ]
 
 
@@ -361,18 +359,24 @@ def plausible_rotations(
     factor = noise_factor(squares, freedom, design.observations.noise_known)
     unit = factor if np.isfinite(factor) else 1.0
     share, sizes = _sizes(values / unit, parts / unit, plausible)
-    square = sizes[:, None] ** 2
-    given = square / (1.0 + square * values / unit)
-    shrunk = share @ given / unit
+    shrunk = share @ _given(sizes, values / unit) / unit
     mean = shrunk * parts
-    away = (given * parts / unit - mean) * np.sqrt(share)[:, None]
-    covariance = np.diag(share @ given) + away.T @ away
+    sizes = np.maximum(sizes, plausible)
+    given = _given(sizes, values / unit)
+    factors, weight = given * parts / unit, np.sqrt(share)[:, None]
+
+    def moment(about: Vector | float) -> Vector:
+        away = (factors - about) * weight
+        made: Vector = vectors @ (np.diag(share @ given) + away.T @ away) @ vectors.T
+        return made
+
     rotations = Rotations(
         readings=rows,
         information=information,
         shrinkage=(vectors * shrunk) @ vectors.T,
         mean=vectors @ mean,
-        covariance=(vectors @ covariance) @ vectors.T,
+        covariance=moment(mean),
+        second_moment=moment(0.0),
         noise_factor=factor,
         explained=float(shrunk @ parts**2),
         gain=gain / unit,
@@ -381,6 +385,13 @@ def plausible_rotations(
         size=float(np.sqrt(share @ sizes**2)),
     )
     return rotations, change
+
+
+def _given(sizes: Vector, values: Vector) -> Vector:
+    """Return the variance that each size leaves to each factor, rad², shape (m, k)."""
+    square = sizes[:, None] ** 2
+    left: Vector = square / (1.0 + square * values)
+    return left
 
 
 def _sizes(values: Vector, parts: Vector, plausible: float) -> tuple[Vector, Vector]:

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cells_for_tests import by_noise_alone
 from PIL import Image
 from report.pages.page_reading import ReadPage
 from standard_runs import RUN_ID, write_bag
@@ -157,10 +158,10 @@ def test_table_one_is_that_of_the_result(page, solved):
     assert len(rows) == 1 + 12
 
 
-def uncertainty_of_the_worst_point(solved, worst):
-    """Return U of its length by the sources in the demo instrument."""
+def uncertainty_of_the_worst_point(solved, worst, measurement):
+    """Return U of its length by the sources in the demo instrument that act on the curves."""
     instrument = load_instrument("demo")[0]
-    budget = make_budget(solved.measurement, instrument, "least_squares")
+    budget = make_budget(measurement, instrument, "least_squares")
     direction = np.array(worst.vector) / worst.value
     weights = np.zeros(len(budget.sensitivity.quantities))
     for row, quantity in enumerate(budget.sensitivity.quantities):
@@ -177,8 +178,11 @@ def uncertainty_of_the_worst_point(solved, worst):
 def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
     worst = of_result(solved.preferred(), solved.chain)
     expanded = document["summary"]["expanded_uncertainty"]
-    # Left-out rotations act at the worst point itself, together with what they do to the curves.
-    assert expanded == pytest.approx(uncertainty_of_the_worst_point(solved, worst), rel=0.1)
+    # Left-out rotations act at the worst point itself too, and take back a part of what they do to
+    # the curves there.
+    by_curves = uncertainty_of_the_worst_point(solved, worst, solved.measurement)
+    stiff = by_noise_alone(solved.measurement)
+    assert uncertainty_of_the_worst_point(solved, worst, stiff) < expanded < by_curves
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, IN_MICRO)
     assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
