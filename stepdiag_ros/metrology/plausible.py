@@ -11,9 +11,9 @@ makes, by its leading sine functions (Karhunen and Loève):
 
 The readings determine ``s`` as far as they see rotations at all. What is known of the machine
 before that is the ``plausible`` size: given by the user, or that of a class of machines. It is the
-scale of Student's distribution with 4 degrees of freedom, so that readings may overrule it by far:
-in the values both ways, in the uncertainties only upwards, for one axis may turn where no line
-shows it and the others hardly.
+scale of Student's distribution with 4 degrees of freedom, so that readings may overrule it by far.
+For the uncertainties they only enlarge it: one axis may turn where no line shows it, and the others
+hardly.
 
 The laser's scale. An interferometer that is compensated by sensors is wrong by what these are wrong
 by, the same in all setups, and by the air on the beam not being that at the sensor, separately in

@@ -212,9 +212,8 @@ class VolumetricMap(CurveSet):
 
     def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
-        size, count = weights.shape[-1], sum(len(self.nodes_of(c)) for c in CURVES)
-        told = len(self.turned_factor) == count and len(self.left_out) == 9
-        if told and self.chain:
+        size = weights.shape[-1]
+        if self._left_out_known():
             turning = self._rotation_weights(positions, self.chain)
             # What it tells of the curves themselves is in their covariance.
             turned = turning @ self.turned_factor[size:]
@@ -238,6 +237,36 @@ class VolumetricMap(CurveSet):
         most = np.argmax(np.einsum("cnii->cn", every), axis=0)
         largest: Vector = self.plausible.rotation**2 * np.array(every)[most, np.arange(len(ways))]
         return largest
+
+    def left_out_variance(self, positions: Vector, along: Vector) -> float:
+        """Return what left-out rotations add to the variance of a sum over places, m².
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+            along: factor of each component of the error vector at each place, shape (n, 3).
+
+        Returns:
+            negative where they take back what they do to the curves; 0 where none is left out.
+        """
+        if not self.left_out:
+            return 0.0
+        weights, _ = self.sensitivities(positions)
+        if not self._left_out_known():
+            # How they go together from place to place is not known: at most, all one way.
+            covariance = self._of_left_out(positions, weights)
+            each = np.einsum("ni,nij,nj->n", along, covariance, along)
+            return float(np.sum(np.sqrt(np.maximum(each, 0.0))) ** 2)
+        size = weights.shape[-1]
+        turning = self._rotation_weights(positions, self.chain)
+        turned = np.einsum("ni,nij->j", along, turning) @ self.turned_factor[size:]
+        curves = np.einsum("ni,nij->j", along, weights) @ self.turned_factor[:size]
+        return float(turned @ turned + 2.0 * curves @ turned)
+
+    def _left_out_known(self) -> bool:
+        """Say whether it is known how the rotations, all left out, go with the curves."""
+        count = sum(len(self.nodes_of(curve)) for curve in CURVES)
+        told = len(self.turned_factor) == count and len(self.left_out) == len(ROTATIONS)
+        return told and bool(self.chain)
 
     def uncertainty_limit_at(self, positions: Vector) -> Vector:
         """Return what the standard uncertainty cannot exceed, m, shape (n, 3).

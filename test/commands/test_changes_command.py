@@ -18,6 +18,7 @@ from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.evaluation.changes import ChangesReport
 from stepdiag_ros.metrology.agreement import compare
 from stepdiag_ros.metrology.agreement.shared import UNSEEN_ANGLES
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.pages import changes as changes_page
@@ -101,6 +102,10 @@ def test_the_document_holds_what_both_results_say(capsys, before, after):
             assert figures[name][f"{when}_standard_uncertainty"] == told.standard_uncertainty
         for name, values in result.curves.items():
             assert document["curves"][name][when] == values.tolist()
+        # Left-out rotations act at the place itself, as in the figure that 'solve' prints.
+        alone = of_result(result, "YXZ").standard_uncertainty
+        told = document["volume"]["worst"][f"{when}_standard_uncertainty"]
+        assert told == pytest.approx(alone, rel=1e-9)
     one = figures["C0Y"]
     u = one["difference_standard_uncertainty"]
     assert one["difference"] == one["after"] - one["before"]

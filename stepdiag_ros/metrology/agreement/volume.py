@@ -1,5 +1,6 @@
 """The error vectors in the volume, of two measurements: rms, worst place, largest change."""
 
+import math
 from math import nan
 
 import numpy as np
@@ -54,20 +55,14 @@ def volume_changes(both: ResultPair) -> Volumes:
     maps = [VolumetricMap.of_result(result, both.chain) for result in results]
     found = [of_result(result, both.chain) for result in results]
     spread_places = maps[0].some_nodes(MOST_WITH_UNCERTAINTY)
-    rms_slopes = [_rms_slope(one, spread_places) for one in maps]
-    worst_slopes = [_length_slope(one, accuracy) for one, accuracy in zip(maps, found, strict=True)]
+    rms_sums = [_rms_sum(one, spread_places) for one in maps]
+    worst_sums = [_length_sum(one) for one in found]
     noise = [_rms_noise(one, spread_places) for one in maps]
     figures = [
-        FigureChange.of(
-            name,
-            "m",
-            values,
-            (_spread(slopes[0], both.before), _spread(slopes[1], both.after)),
-            float(slopes[0] @ both.cross @ slopes[1]),
-        )
-        for name, values, slopes in (
-            (RMS, (found[0].rms, found[1].rms), rms_slopes),
-            (WORST, (found[0].value, found[1].value), worst_slopes),
+        _changed(name, values, both, maps, sums)
+        for name, values, sums in (
+            (RMS, (found[0].rms, found[1].rms), rms_sums),
+            (WORST, (found[0].value, found[1].value), worst_sums),
         )
     ]
     return (
@@ -77,6 +72,42 @@ def volume_changes(both: ResultPair) -> Volumes:
         np.array([one.position for one in found]),
         (noise[0], noise[1]),
     )
+
+
+def _changed(
+    name: str,
+    values: tuple[float, float],
+    both: ResultPair,
+    maps: list[VolumetricMap],
+    sums: list[tuple[Vector, Vector]],
+) -> FigureChange:
+    """Return the change of a figure of which both derivatives by the error vectors are known.
+
+    Args:
+        name: of the figure.
+        values: before and after, m.
+        both: the two results.
+        maps: of them.
+        sums: places, m, and the derivative by the error vector at each, shape (n, 3), of both.
+    """
+    slopes = [
+        np.einsum("ni,nij->j", along, one.sensitivities(places)[0])
+        for one, (places, along) in zip(maps, sums, strict=True)
+    ]
+    before, after = (
+        one.left_out_variance(places, along)
+        for one, (places, along) in zip(maps, sums, strict=True)
+    )
+    shared = float(slopes[0] @ both.cross @ slopes[1])
+    if np.any(both.cross):
+        # Rotations that no reading shows are the same in both: only what they do differs.
+        differs = (math.sqrt(abs(before)) - math.sqrt(abs(after))) ** 2
+        shared += 0.5 * (before + after - differs)
+    spreads = (
+        _spread(slopes[0], both.before, before),
+        _spread(slopes[1], both.after, after),
+    )
+    return FigureChange.of(name, "m", values, spreads, shared)
 
 
 def _moved(both: ResultPair, maps: list[VolumetricMap]) -> PlaceChange:
@@ -111,29 +142,25 @@ def _rms_noise(error_map: VolumetricMap, places: Vector) -> float:
     return float(np.sqrt(np.mean(np.sum(spread**2, axis=1))))
 
 
-def _rms_slope(error_map: VolumetricMap, places: Vector) -> Vector:
-    """Return the derivative of the rms over places by all curve values, shape (k,)."""
+def _rms_sum(error_map: VolumetricMap, places: Vector) -> tuple[Vector, Vector]:
+    """Return places and the derivative of the rms over them by each error vector, (n, 3) each."""
     vectors = error_map.errors(places)
     rms = float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
-    total = np.einsum("ni,nij->j", vectors, _sensitivity(error_map, places))
-    slope: Vector = total / (len(places) * rms) if rms > 0.0 else np.zeros_like(total)
-    return slope
+    return places, vectors / (len(places) * rms) if rms > 0.0 else np.zeros_like(vectors)
 
 
-def _length_slope(error_map: VolumetricMap, found: VolumetricAccuracy) -> Vector:
-    """Return the derivative of the longest vector's length by all curve values, shape (k,)."""
-    weights = _sensitivity(error_map, np.asarray(found.position)[None, :])[0]
+def _length_sum(found: VolumetricAccuracy) -> tuple[Vector, Vector]:
+    """Return the place of the longest vector and its direction, shape (1, 3) each."""
     along = np.asarray(found.vector) / found.value if found.value > 0.0 else np.zeros(3)
-    slope: Vector = along @ weights
-    return slope
+    return np.asarray(found.position)[None, :], along[None, :]
 
 
 def _sensitivity(error_map: VolumetricMap, places: Vector) -> Vector:
     return error_map.sensitivities(places)[0]
 
 
-def _spread(slope: Vector, result: VolumetricErrors) -> float:
-    variance = float(slope @ result.covariance @ slope)
+def _spread(slope: Vector, result: VolumetricErrors, left_out: float) -> float:
+    variance = float(slope @ result.covariance @ slope) + left_out
     if not np.any(slope) or not np.isfinite(variance):
         return nan
     return float(np.sqrt(max(variance, 0.0)))
