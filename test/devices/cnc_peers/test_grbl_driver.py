@@ -349,6 +349,7 @@ def test_a_controller_held_by_a_link_that_broke_is_reset_by_an_operator(peer):
     assert peer._state == "Hold:0"
     operator.reset()
     assert operator.device.state is CncState.READY
+    operator.until(lambda: operator.position is not None)
     assert operator.position[0] < 0.049
 
 
