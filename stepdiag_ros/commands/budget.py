@@ -51,7 +51,7 @@ def _add_options(parser: ArgumentParser) -> None:
         type=partial(number, low=5e4, high=1e7),
         default=400_000.0,
         metavar="N",
-        help="most trials of the Monte Carlo method (default: 400000)",
+        help="maximum number of trials of the Monte Carlo method (default: 400000)",
     )
     add_common(parser, "seed", help="seed of the Monte Carlo method (default: 0)")
     parser.add_argument(

@@ -19,24 +19,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
 _FORM = """\
-the table of direct measurements is CSV in SI units; lines that begin with # are notes:
+the table of direct measurements is CSV in SI units; # begins a note:
   name                  a curve (E_XX ... E_CZ) or a squareness (C0Y, B0Z, A0Z)
-  position_m            machine coordinate of the moving axis; empty for a squareness
+  position_m            of the moving axis; empty for a squareness
   repeat                from 0; may be left out
   value                 m, or rad for angles and squareness
-  standard_uncertainty  of the value without its repeatability (the artefact's); empty if unknown
-  definition            of a squareness: rotation (right-handed, ISO 230-1) or angle (positive where
-                        the angle between the positive axes is larger than 90 degrees)
+  standard_uncertainty  of the artefact, without repeatability; empty if unknown
+  definition            of a squareness: rotation (right-handed, ISO 230-1) or
+                        angle (positive where the angle between the positive
+                        axes is larger than 90 degrees)
   x_m y_m z_m, reflector_x_m reflector_y_m reflector_z_m
-                        where a straightness was measured, for 'solve --direct' (docs/direct.md);
-                        not used here
-a straightness may have any zero and slope: deviations from least-squares lines are compared.
+                        where a straightness was measured, for 'solve --direct'
+                        (docs/direct.md); not used here
+a straightness may have any zero and slope: deviations from least-squares lines
+are compared.
 
 examples:
-  stepdiag compare run.mcap --measured artefact.csv         tables, pictures in run_comparison/
+  stepdiag compare run.mcap --measured artefact.csv         tables, pictures
   stepdiag compare run.mcap --measured artefact.csv --json  the same as JSON
   stepdiag run --plan ibaraki_hata_2010 --cell ibaraki_hata_2010 --factor 60
-                                                            makes a bag to try it on"""
+                                                            a bag to try it on"""
 
 
 def _add_options(parser: ArgumentParser) -> None:

@@ -23,20 +23,22 @@ _MILLI, _MICRO = 1e-3, 1e-6
 # Every byte is a sign of its own in it: what is not changed stays as it is, in any encoding.
 _BYTES = "latin-1"
 _EPILOG = """\
-read are ISO 6983 programs: G0 to G3 (I J K, or R), G17 to G19, G20/G21, G53 to G59.3, G90/G91,
-G43 H, G28/G30, N words, comments, F S T M. The command refuses everything else that
-moves the axes or changes the meaning of coordinates, and names the line: cutter compensation,
-subprograms, macros, probing, rotated, scaled and polar coordinates, other axes. See
+the command reads ISO 6983 programs: G0 to G3 (I J K, or R), G17 to G19,
+G20/G21, G53 to G59.3, G90/G91, G43 H, G28/G30, N words, comments, F S T M. It
+refuses everything else that moves the axes or changes the meaning of
+coordinates, and names the line: cutter compensation, subprograms, macros,
+probing, rotated, scaled and polar coordinates, other axes. See
 docs/compensate_nc.md.
 
-The work offsets are those set in the control when the program runs: machine coordinates of the
-workpiece zero. The errors depend on where the axes really stand, so the program is right for this
-set-up alone.
+The work offsets are those set in the control when the program runs: machine
+coordinates of the workpiece zero. The errors depend on where the axes really
+stand, so the program is correct only for these work offsets.
 
 examples:
   stepdiag compensate-nc part.nc run.mcap --offset G54=150,-150,-300
-  stepdiag compensate-nc part.nc run_results/results.json --offset G54=150,-150,-300 \\
-      --tool-length 1=85.2 --tolerance 1 --outside hold --output part_corrected.nc"""
+  stepdiag compensate-nc part.nc run_results/results.json \\
+      --offset G54=150,-150,-300 --tool-length 1=85.2 --tolerance 1 \\
+      --outside hold --output part_corrected.nc"""
 
 
 def _triple(text: str) -> tuple[float, float, float]:

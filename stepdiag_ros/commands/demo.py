@@ -18,7 +18,7 @@ COMMAND = Command(
     10,
     _add_options,
     run,
-    help="measure a simulated machine and show the result (about a minute)",
+    help="measure a simulated machine and show the result (1 to 2 minutes)",
     description="Measure a simulated machine with three linear axes and four step diagonals of "
     "12 blocks of 10 mm, in both directions, twice, faster than real time; then show what "
     "each method finds beside the true errors.",

@@ -33,18 +33,18 @@ _EXAMPLES = """\
 verdicts:
   CONSISTENT    the model explains the run to within its noise
   NAMED         what is missing, with size, uncertainty and what else was tried
-  AMBIGUOUS     the gap closes, but this run does not show which of several effects closes it
-  UNEXPLAINED   there is a gap that nothing in the catalogue closes; where and how large
+  AMBIGUOUS     several effects close the gap; the run does not show which one
+  UNEXPLAINED   no effect of the catalogue closes the gap; where and how large
   NOT TESTABLE  the run has no data that could contradict the model
 
 examples:
-  stepdiag diagnose run.mcap                     what do the error curves not explain?
-  stepdiag diagnose run.csv --model mill.yaml    compared with what is known of the machine
-  stepdiag diagnose run.mcap --extend mill.yaml  writes a model that has the named effects
+  stepdiag diagnose run.mcap                     what do the curves leave?
+  stepdiag diagnose run.csv --model mill.yaml    compared with a known model
+  stepdiag diagnose run.mcap --extend mill.yaml  writes the extended model
   stepdiag diagnose later.mcap --model mill.yaml does it still hold?
-  stepdiag diagnose run.mcap --propose more.yaml AMBIGUOUS: writes the shortest plan to decide
+  stepdiag diagnose run.mcap --propose more.yaml writes a short extra plan
   stepdiag run --plan more.yaml                  measures it
-  stepdiag diagnose run.mcap more.mcap           both runs together: which effect it is"""
+  stepdiag diagnose run.mcap more.mcap           both runs together"""
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -82,7 +82,7 @@ def _add_options(parser: ArgumentParser) -> None:
         "--propose",
         type=Path,
         metavar="PLAN",
-        help="where several effects may be the cause: write the shortest extra plan (YAML) that"
+        help="where several effects may be the cause: write a short extra plan (YAML) that"
         " distinguishes them, with the run's own box, feed and dwell",
     )
     add_common(

@@ -14,8 +14,9 @@ _UNITS = ("urad", "mrad", "arcsec", "nm", "um", "mm")
 """As in ``bags.imports.renishaw_direct``, which is slow to import."""
 
 _EXAMPLES = """\
-the file states neither the error nor its unit nor its uncertainty, so you give them.
-They must agree with what it does state (angles or straightness, the axis).
+the file states neither the error nor its unit nor its uncertainty, so you give
+them. They must agree with the kind of test (angles or straightness) and the axis
+that the file states.
 
 examples:
   stepdiag direct pitch.rta --curve E_BX --unit arcsec --uncertainty 0.2
@@ -60,7 +61,11 @@ def _add_options(parser: ArgumentParser) -> None:
             help=what,
         )
     parser.add_argument(
-        "--decimal", choices=(".", ","), default=".", help="sign in numbers (default: .)"
+        "--decimal",
+        choices=(".", ","),
+        default=".",
+        metavar="SIGN",
+        help="decimal sign, a point or a comma (default: .)",
     )
     parser.add_argument("--encoding", default="", help="encoding of the text (default: detected)")
     add_common(parser, "output", metavar="TABLE", help="default: NAME_CURVE.csv beside the file")

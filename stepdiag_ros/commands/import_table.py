@@ -17,26 +17,27 @@ if TYPE_CHECKING:
 
 _FORMATS = """\
 formats, detected by content (docs/import.md describes each of them):
-  run table            the plain form in which measurements are exchanged, see below
-  Renishaw .rtl        linear positioning (also .rtl2, as far as it is text of this form)
-  table of an axis     cycle,direction,target_mm,position_mm (as 'stepdiag iso230' reads it)
-  anything else        text with columns, by a mapping file (config/imports has examples)
+  run table            CSV of this package in SI units, see below
+  Renishaw .rtl        linear positioning (also .rtl2, if it is such a text)
+  table of an axis     cycle,direction,target_mm,position_mm ('stepdiag iso230')
+  anything else        text with columns, by a mapping file (config/imports)
 
 columns of a run table, in SI units, one row a stop in order of time:
   time_s, kind (linear, step_diagonal or diagonal),
   line (x y z; of a diagonal ppp npp pnp ppn, pp0 np0 p0p n0p 0pp 0np),
-  order (XYZ …, empty unless step_diagonal), repeat (from 0), direction (forward or backward),
-  stop (from 0), x_m, y_m, z_m (commanded), reading_m (zero at the line's first stop),
-  air_temperature_degC, air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC;
-  and only where they are needed (docs/import.md): setup, overrun_m, standard_uncertainty_m,
-  settled, attempt, line_index
+  order (XYZ …, empty unless step_diagonal), repeat (from 0),
+  direction (forward or backward), stop (from 0), x_m, y_m, z_m (commanded),
+  reading_m (zero at the line's first stop), air_temperature_degC,
+  air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC;
+  and only where they are needed (docs/import.md): setup, overrun_m,
+  standard_uncertainty_m, settled, attempt, line_index
 
 examples:
   stepdiag import run.csv                    writes run.mcap beside it
-  stepdiag import run.csv --case case.yaml   with the chain, the box and the noise of the readings
+  stepdiag import run.csv --case case.yaml   with chain, box and noise
   stepdiag import axis.rtl --axis X          a positioning test of another laser
   stepdiag import d1.rtl d2.rtl d3.rtl d4.rtl run.mcap --axis ppp npp pnp ppn
-      --box 0 0 0 0.5 0.4 0.3                four body diagonals as one measurement
+      --box 0 0 0 0.5 0.4 0.3                four diagonals, one measurement
   stepdiag import laser.csv --mapping runs_in_columns
   stepdiag import stream.csv --mapping readings_in_time --plan quick
   stepdiag iso230 axis.mcap                  then evaluates it"""
@@ -118,7 +119,11 @@ def _add_options(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--encoding", default="", help="encoding of the text (default: detected)")
     parser.add_argument(
-        "--decimal", default=".", choices=(".", ","), help="decimal sign in a .rtl (default: .)"
+        "--decimal",
+        default=".",
+        choices=(".", ","),
+        metavar="SIGN",
+        help="decimal sign in a .rtl, a point or a comma (default: .)",
     )
     parser.add_argument(
         "--plan",

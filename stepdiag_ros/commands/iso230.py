@@ -21,12 +21,12 @@ a table is CSV, one row a reading:
 
 --uncertainty names a YAML file; missing values are unknown:
   device_U_m_per_m             of the calibrated laser, k = 2
-  misalignment_m               parallel deviation of beam and axis over the length
-  temperature_range_K          range of the error of the measured machine temperature
+  misalignment_m               deviation of beam from axis over the length
+  temperature_range_K          of the error of the machine temperature
   expansion_coefficient_per_K  of the machine's scale or the workpiece
-  expansion_range_per_K        range of the error of that coefficient
+  expansion_range_per_K        of the error of that coefficient
   temperature_difference_K     of the machine from 20 degrees C
-  environmental_variation_m    range of readings while the machine stands still (EVE)
+  environmental_variation_m    range of readings at standstill (EVE)
 
 --published names a YAML file: 'unit: mm' and 'parameters: {A: 8.881e-05, ...}'.
 
