@@ -6,6 +6,8 @@ import numpy as np
 from band_rows import NORMAL_95
 
 RIGHT, WIDE, NARROW, UNKNOWN = "right", "wide", "too narrow", "unknown"
+NOT_REFUTED = "not refuted"
+"""The bounds allow less than the share of a right interval: too few values to know."""
 AT_LEAST, AT_MOST = 0.93, 0.97
 ROUNDING = 1e-15
 """m or rad: an error so small is none, and may have no uncertainty."""
@@ -48,9 +50,18 @@ def summary(machines):
     variance = np.sum((inside - share * known) ** 2) / total**2 * number / max(number - 1, 1)
     size = min(share * (1.0 - share) / variance, total) if variance > 0.0 else number
     low, high = _wilson(share, size)
-    says = NARROW if high < AT_LEAST else WIDE if low > AT_MOST else RIGHT
+    says = _judged(round(low, 3), round(high, 3))
     made.update(share=float(share), low=float(low), high=float(high), says=says)
     return {**made, "rms_z": float(np.sqrt(np.sum(squares) / total))}
+
+
+def _judged(low, high):
+    """Return the word for bounds, as they are printed."""
+    if high < AT_LEAST:
+        return NARROW
+    if low > AT_MOST:
+        return WIDE
+    return RIGHT if low >= AT_LEAST else NOT_REFUTED
 
 
 def _wilson(share, size):
