@@ -15,23 +15,26 @@ from stepdiag_ros.run.sequence import ANSWER_LIMIT, BEAM_LIMIT
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
 TEXT = " ".join(PAGE.split())
-COLUMNS = 5
 
 
-def rows():
-    table = PAGE.split("| fault | what is seen |", 1)[1].split("\n\n", 1)[0]
-    return [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+def rows(head, columns):
+    table = PAGE.split(head, 1)[1].split("\n\n", 1)[0]
+    found = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+    assert {len(row) for row in found} == {columns}
+    return found
 
 
 def test_every_fault_has_a_test_that_exists():
-    assert len(rows()) >= 25
-    for row in rows():
-        assert len(row) == COLUMNS, row
-        found = re.fullmatch(r"\[`(?P<path>\S+)::(?P<test>\w+)`\]\(\.\./(?P<link>\S+)\)", row[-1])
-        assert found, f"no test in the row of: {row[0]}"
+    faults = rows("| no. | fault | what is seen |", 5)
+    tests = rows("| no. | test |", 2)
+    assert len(faults) >= 25
+    assert [row[0] for row in faults] == [row[0] for row in tests]
+    for number, test in tests:
+        found = re.fullmatch(r"\[`(?P<path>\S+)::(?P<test>\w+)`\]\(\.\./(?P<link>\S+)\)", test)
+        assert found, f"no test in row {number}"
         assert found["path"] == found["link"]
         text = (ROOT / found["path"]).read_text(encoding="utf-8")
-        assert re.search(rf"^def {found['test']}\(", text, re.MULTILINE), row[-1]
+        assert re.search(rf"^def {found['test']}\(", text, re.MULTILINE), test
 
 
 def test_figures_are_those_of_the_code():
