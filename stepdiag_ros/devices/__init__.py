@@ -1,18 +1,18 @@
 """Drivers of controllers, interferometers and weather stations: one driver a module.
 
-A driver does not import ROS and holds no clock: time is given to it in whole nanoseconds, and it is
-asked (``poll``) for what has happened since. It holds no thread unless its library needs one.
-``prepare`` finds one by its name, checks its settings, and returns what opens the device; a device
-object is open until its ``close``.
+A driver does not import ROS and does not have a clock: the node passes the time in whole
+nanoseconds, and calls ``poll`` for the events since the last call. It does not start a thread
+unless its library needs one. ``prepare`` finds a driver by its name, checks its settings, and
+returns a function that opens the device; a device object is open until its ``close``.
 
 Drivers of other packages are found by entry points: group ``stepdiag_ros.cnc``,
 ``stepdiag_ros.interferometer`` or ``stepdiag_ros.weather``, name of the driver, a function like
 those in the table below.
 
-Nothing of it takes long: while a device is opened or asked, its node is silent, and after 2 s the
-others take the node for lost. Opening a device, and any of its methods, may raise OSError (it does
-not answer) or ValueError (what it answers makes no sense, or it refuses). The caller closes
-it then, and opens it again.
+No call takes long: the node is silent while it opens or polls a device, and after 2 s the other
+nodes treat it as lost. Opening a device, and any of its methods, may raise OSError (the device does
+not answer) or ValueError (the driver cannot interpret the answer, or the device refuses). The
+caller then closes the device, and opens it again.
 """
 
 from collections.abc import Callable, Mapping
