@@ -33,10 +33,35 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the node in this process."""
+    _check_parameter_files(arguments.name, arguments.ros_arguments)
     sys.argv = [arguments.name, *arguments.ros_arguments]
     module = import_module(f"stepdiag_ros.nodes.{arguments.name}")
     code: int = module.main()
     return code
+
+
+def _check_parameter_files(module: str, arguments: list[str]) -> None:
+    """Refuse a parameter file that names an unknown node, as the launch files do.
+
+    ROS 2 leaves such parameters out, and a bridge without parameters is a simulated controller.
+
+    Raises:
+        ValueError: says which file, and what is wrong there.
+    """
+    from stepdiag_ros.embedded.arguments import ArgumentError, parse
+    from stepdiag_ros.parameters.nodes import NODES, declared_node
+    from stepdiag_ros.processes.cell_file import given_to
+
+    try:
+        given = parse(arguments)
+    except ArgumentError:
+        # The ROS client says so, or knows an argument that the embedded one does not.
+        return
+    own = given.node_name(declared_node(module).name)
+    namespace = given.node_namespace(own, "").strip("/")
+    names = {f"{namespace}/{name}".lstrip("/") for name in (own, *(node.name for node in NODES))}
+    for path in given.parameter_files:
+        given_to(path, names)
 
 
 COMMAND = Command(
