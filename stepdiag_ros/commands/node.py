@@ -25,10 +25,17 @@ NODES = (
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", choices=NODES, help="which node")
+    parser.add_argument("name", choices=NODES, type=_module, help="which node")
     parser.add_argument(
         "ros_arguments", nargs=argparse.REMAINDER, help="--ros-args and what follows"
     )
+
+
+def _module(name: str) -> str:
+    """Return the module of a node that is named as in the graph, such as cnc_bridge."""
+    from stepdiag_ros.parameters.nodes import declared_node
+
+    return declared_node(name).module
 
 
 def run(arguments: argparse.Namespace) -> int:

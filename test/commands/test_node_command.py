@@ -42,3 +42,12 @@ def test_a_file_for_the_node_or_for_another_one_of_ours_is_taken(parameter_file,
     if renamed:
         with refused(Refusal, "unknown"):
             _check_parameter_files("bridge", ["--ros-args", *given[3:]])
+
+
+@pytest.mark.parametrize("name", ["bridge", "cnc_bridge"])
+def test_a_node_has_two_names(name, monkeypatch, capsys):
+    monkeypatch.setattr("stepdiag_ros.nodes.bridge.main", lambda: 7)
+    monkeypatch.setattr("sys.argv", [])
+    assert cli.main(["node", name]) == 7
+    assert cli.main(["parameters", name, "--yaml"]) == 0
+    assert "/**/cnc_bridge:" in capsys.readouterr().out
