@@ -49,6 +49,14 @@ def test_a_held_node_ends_when_it_is_told_to(tmp_path):
     assert process.returncode == -signal.SIGTERM
 
 
+def test_a_command_joins_the_graph_without_a_word():
+    program = "import stepdiag_ros.client\nfrom stepdiag_ros.processes.graph import in_graph\n"
+    program += "with in_graph(): pass"
+    with own_domain():
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.stdout + done.stderr == b""
+
+
 def test_a_lost_node_of_a_cell_is_told_with_the_bag_of_the_run_and_its_lines(tmp_path):
     session = MeasuringSession([], tmp_path, lambda _: None)
     operator = SimpleNamespace(last_state=None)
