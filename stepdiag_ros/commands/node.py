@@ -25,18 +25,50 @@ NODES = (
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", choices=NODES, help="which node")
+    parser.add_argument("name", choices=NODES, type=_module, help="which node")
     parser.add_argument(
         "ros_arguments", nargs=argparse.REMAINDER, help="--ros-args and what follows"
     )
 
 
+def _module(name: str) -> str:
+    """Return the module of a node that is named as in the graph, such as cnc_bridge."""
+    from stepdiag_ros.parameters.nodes import declared_node
+
+    return declared_node(name).module
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Run the node in this process."""
+    _check_parameter_files(arguments.name, arguments.ros_arguments)
     sys.argv = [arguments.name, *arguments.ros_arguments]
     module = import_module(f"stepdiag_ros.nodes.{arguments.name}")
     code: int = module.main()
     return code
+
+
+def _check_parameter_files(module: str, arguments: list[str]) -> None:
+    """Refuse a parameter file that names an unknown node, as the launch files do.
+
+    ROS 2 leaves such parameters out, and a bridge without parameters is a simulated controller.
+
+    Raises:
+        ValueError: says which file, and what is wrong there.
+    """
+    from stepdiag_ros.embedded.arguments import ArgumentError, parse
+    from stepdiag_ros.parameters.nodes import NODES, declared_node
+    from stepdiag_ros.processes.cell_file import given_to
+
+    try:
+        given = parse(arguments)
+    except ArgumentError:
+        # The ROS client says so, or knows an argument that the embedded one does not.
+        return
+    own = given.node_name(declared_node(module).name)
+    namespace = given.node_namespace(own, "").strip("/")
+    names = {f"{namespace}/{name}".lstrip("/") for name in (own, *(node.name for node in NODES))}
+    for path in given.parameter_files:
+        given_to(path, names)
 
 
 COMMAND = Command(

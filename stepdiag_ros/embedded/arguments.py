@@ -48,6 +48,8 @@ class RosArguments:
     remaps: list[Remap] = field(default_factory=list)
     #: Pairs of a pattern for the full node name and the parameters for such nodes.
     parameters: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    #: Paths of the parameter files, which ``parameters`` holds too.
+    parameter_files: list[str] = field(default_factory=list)
     #: Level by logger name; ``""`` is the default of all.
     log_levels: dict[str, int] = field(default_factory=dict)
     use_stdout: bool = True
@@ -241,6 +243,7 @@ def _set_option(result: RosArguments, option: str, value: str) -> None:
         result.parameters.append((pattern, {match["name"]: given}))
     elif option == "--params-file":
         result.parameters.extend(load_parameter_file(value))
+        result.parameter_files.append(value)
     elif option == "--log-level":
         name, given, level = value.rpartition(":=")
         if level.lower() not in _LEVELS:

@@ -244,7 +244,8 @@ class SimulatedCell:
         if beyond := self.errors.outside(positions):
             raise Refusal(
                 f"{what} asks for {beyond} in the cell '{self.name}'; measure within, or give the"
-                " cell longer curves (travel_low_m and travel_high_m, or nodes_m)",
+                " cell longer curves (travel_low_m and travel_high_m, or nodes_m): see"
+                " 'Your own machine, simulated' in docs/planning.md",
                 fault="out_of_range",
             )
 

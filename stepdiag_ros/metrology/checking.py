@@ -13,6 +13,8 @@ UNKNOWN = "unknown"
 _MISSING: Any = object()
 Item = TypeVar("Item")
 
+FASTEST_FEED = 5.0
+"""m/s: a larger one was meant in m/min."""
 _MOST_SHOWN = 60
 
 
@@ -121,12 +123,23 @@ class Section:
         self._taken.add(key)
         return bool(self._mapping.get(key, UNKNOWN) == UNKNOWN)
 
-    def number_or_unknown(self, key: str, low: float, high: float) -> float:
-        """Return a number within [low, high], or NaN where the file says ``unknown``."""
+    def feed(self, key: str) -> float:
+        """Return a feed, m/s; one that can only be meant in m/min is refused."""
+        feed = self.number(key)
+        if not 1e-6 <= feed <= FASTEST_FEED:
+            expected = f"1e-06 to {FASTEST_FEED:g} m/s ({FASTEST_FEED * 60.0:g} m/min)"
+            if feed > FASTEST_FEED:
+                expected += f": {feed:g} m/s is {feed * 60.0:g} m/min"
+                expected += f"; write {feed / 60.0:.3g} for {feed:g} m/min"
+            raise self._wrong(key, feed, expected, fault="out_of_range")
+        return feed
+
+    def feed_or_unknown(self, key: str) -> float:
+        """Return a feed, m/s, or NaN where the file says ``unknown``."""
         if self._mapping.get(key) == UNKNOWN:
             self._taken.add(key)
             return nan
-        return self.number(key, low, high)
+        return self.feed(key)
 
     def integer(self, key: str, low: int, high: int, default: Any = _MISSING) -> int:
         """Return a whole number within [low, high]."""

@@ -55,7 +55,7 @@ class Machine:
             chain=section.names("chain", CHAINS)[0],
             travel_low_m=section.vector("travel_low_m"),
             travel_high_m=section.vector("travel_high_m"),
-            feed_limit_m_per_s=section.number("feed_limit_m_per_s", low=1e-6, high=10.0),
+            feed_limit_m_per_s=section.feed("feed_limit_m_per_s"),
             acceleration_m_per_s2=section.number("acceleration_m_per_s2", low=1e-6, high=1e3),
             position_window_m=section.number(
                 "position_window_m", low=1e-9, high=1e-2, default=cls.position_window_m

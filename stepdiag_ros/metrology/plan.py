@@ -428,7 +428,7 @@ class Plan:
             name=plan.text("name", default="unnamed"),
             volume=volume,
             lines=tuple(lines),
-            feed=plan.number_or_unknown("feed_m_per_s", low=1e-6, high=5.0),
+            feed=plan.feed_or_unknown("feed_m_per_s"),
             sampling=sampling,
             pause_for_setup=plan.flag("pause_for_setup", default=True),
             one_alignment_per_diagonal=plan.flag("one_alignment_per_diagonal", default=False),

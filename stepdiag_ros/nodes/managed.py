@@ -416,7 +416,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
 
     def _enter(self, phase: Phase) -> None:
         self._phase = phase
-        self.get_logger().info(f"{self.thing}: {phase.value}")
+        self.get_logger().info(f"{self.thing}: {phase.value} ({self.parameter('device')})")
         if phase is Phase.ACTIVE:
             self._said = ""
             self.facts["lifecycle"] = phase.value

@@ -11,7 +11,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet, decoded, message_class
 from stepdiag_ros.topics import Topic
-from stepdiag_ros.viewers.page.contact import contact_of
+from stepdiag_ros.viewers.page.contact import BYSTANDERS, contact_of
 from stepdiag_ros.viewers.page.items import SOURCES, HeardTopic, Said, to_run_begin, to_run_status
 from stepdiag_ros.viewers.page.state import PageState
 
@@ -128,8 +128,9 @@ class ViewerNode(Onlooker):
         return _Inward(partial(self.take, source))
 
     def contact(self) -> str:
-        """Return how many nodes of the measurement answer, in words."""
-        known, silent = len(self.watch.peers), len(self.watch.lost)
+        """Return how many nodes that a run needs answer, in words."""
+        needed = {name for name, peer in self.watch.peers.items() if peer.role not in BYSTANDERS}
+        known, silent = len(needed), len(needed & self.watch.lost.keys())
         if not known:
             return f"no node found on ROS domain {self._domain}"
         if silent:

@@ -27,6 +27,7 @@ class OperatorNode(StepdiagNode):
     Attributes:
         state: last RunState of the run that this operator started; None before.
         started_run: its identity.
+        last_state: last RunState of any run; None before.
     """
 
     role = "operator"
@@ -36,7 +37,7 @@ class OperatorNode(StepdiagNode):
         super().__init__(f"stepdiag_operator_{os.getpid()}")
         self.state: Any = None
         self.started_run = ""
-        self._last_state: Any = None
+        self.last_state: Any = None
         action = measure_type()
         self._new_goal = action.Goal
         self._action = ActionClient(self, action, "sequencer/measure")
@@ -137,8 +138,8 @@ class OperatorNode(StepdiagNode):
         self._handle, self._answer = handle, answer
         self.started_run = str(self._feedback[key].run_id)
         self.state = None
-        if self._last_state is not None:
-            self._on_state(self._last_state)
+        if self.last_state is not None:
+            self._on_state(self.last_state)
         return self.started_run
 
     def cancel(self) -> None:
@@ -162,6 +163,6 @@ class OperatorNode(StepdiagNode):
         self._description = message
 
     def _on_state(self, message: Any) -> None:
-        self._last_state = message
+        self.last_state = message
         if self.started_run and message.run_id == self.started_run:
             self.state = message

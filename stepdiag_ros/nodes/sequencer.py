@@ -183,9 +183,9 @@ class SequencerNode(StepdiagNode):
         plan, text = plan_given(given)
         beyond = beyond_machine(plan, self._machine)
         if beyond:
-            machine = self.parameter("machine")
             raise ValueError(
-                f"plan '{plan.name}' cannot be executed on machine '{machine}': {beyond}"
+                f"plan '{plan.name}' cannot be executed on the machine '{self._machine.name}', with"
+                f" which the sequencer was started (parameter `machine`): {beyond}"
             )
         return plan, text
 

@@ -118,7 +118,10 @@ class Declaration:
             if number is not None and not self.refusal(number):
                 return f"; write {written(number)}"
         elif isinstance(self.default, str) and isinstance(value, int | float):
-            return f'; if a text is meant, put it in quotes: "{written(written(value))}"'
+            # YAML reads these words without quotes as true and false.
+            words = {"True": ("on", "yes"), "False": ("off", "no")}.get(str(value), ())
+            meant = next((word for word in words if word in self.allowed), written(value))
+            return f'; if a text is meant, put it in quotes: "{written(meant)}"'
         elif isinstance(self.default, int) and not isinstance(self.default, bool):
             number = _number(value)
             if number is not None and number.is_integer() and not self.refusal(int(number)):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.metrology.checking import FASTEST_FEED
 from stepdiag_ros.metrology.geometry import (
     AXES,
     BODY_DIAGONALS,
@@ -256,7 +257,6 @@ PURPOSES: dict[str, PlanPurpose] = {
 
 TRAVEL_ACCELERATION = 1.0
 """Assumed of an axis of which only the travel is known, m/s²."""
-_ANY_FEED = 10.0
 
 
 def travel_machine(
@@ -275,7 +275,7 @@ def travel_machine(
         chain=chain,
         travel_low_m=(0.0, 0.0, 0.0),
         travel_high_m=(x, y, z),
-        feed_limit_m_per_s=_ANY_FEED,
+        feed_limit_m_per_s=FASTEST_FEED,
         acceleration_m_per_s2=acceleration or TRAVEL_ACCELERATION,
     )
 

@@ -29,18 +29,32 @@ def check_cell_file(path: str, namespace: str = "") -> None:
             holds a value that its node would refuse, or leaves open which driver a device has.
     """
     names = {f"{namespace.strip('/')}/{node.name}".lstrip("/"): node for node in NODES}
-    given: dict[str, dict[str, Any]] = {name: {} for name in names}
-    for pattern, values in load_parameter_file(path):
-        meant = [name for name in names if matches(pattern, f"/{name}")]
-        if not meant:
-            raise Refusal(f"{path}: {_no_node(pattern, names)}", fault="unknown")
-        for name in meant:
-            given[name].update(values)
+    given = given_to(path, names)
     for name, node in names.items():
         try:
             _check(node, given[name])
         except ValueError as error:
             raise Refusal(f"{path}: {error}", **fields_of(error)) from None
+
+
+def given_to(path: str, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the parameters that a file gives each node.
+
+    Args:
+        path: of the file, in the usual form of ROS 2.
+        names: full names of the nodes, without the first slash.
+
+    Raises:
+        ValueError: the file cannot be read, or is meant for a node that is not there.
+    """
+    given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for pattern, values in load_parameter_file(path):
+        meant = [name for name in given if matches(pattern, f"/{name}")]
+        if not meant:
+            raise Refusal(f"{path}: {_no_node(pattern, given)}", fault="unknown")
+        for name in meant:
+            given[name].update(values)
+    return given
 
 
 def _check(node: DeclaredNode, given: dict[str, Any]) -> None:

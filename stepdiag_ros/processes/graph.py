@@ -27,6 +27,8 @@ def in_graph(namespace: str = "") -> Iterator[None]:
     try:
         try:
             arguments = ["--ros-args", "--enclave", f"{ENCLAVE}/operator"]
+            # Which client library is in use is for the logs of nodes, not for a short command.
+            arguments += ["--log-level", "rclpy:=warn"]
             arguments += ["-r", f"__ns:={namespace}"] if namespace else []
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews
@@ -74,7 +74,7 @@ class MeasuringSession:
             ready()
             while True:
                 operator.spin_until(lambda: False, LOOK_PERIOD)
-                self._check(None, processes)
+                self._check(operator, processes)
 
     @contextmanager
     def _started(self) -> "Iterator[tuple[OperatorNode, Processes]]":
@@ -102,7 +102,9 @@ class MeasuringSession:
 
     def _measure(self, operator: "OperatorNode", processes: Processes) -> Path:
         self._wait_for_nodes(operator, processes)
-        run = FollowedRun(operator, self._tell, lambda: self._check(run, processes), _go_on)
+        run = FollowedRun(
+            operator, self._tell, lambda: self._check(operator, processes, run), _go_on
+        )
         try:
             measured = run.measure()
         finally:
@@ -129,7 +131,7 @@ class MeasuringSession:
             return len(peers) >= len(names) and not any(peer.faulty for peer in peers.values())
 
         while not operator.spin_until(all_up, LOOK_PERIOD):
-            self._check(None, processes)
+            self._check(operator, processes)
             stopped, now = processes.stopped(), operator.real_time()
             peers = _of_a_measurement(operator)
             heard = {name.rpartition("/")[2] for name in peers}
@@ -141,9 +143,11 @@ class MeasuringSession:
                 what = "not all came up" if unheard else "all are up, but not ready"
                 count = f"{len(names) - len(unheard)} of {len(names)} nodes"
                 raise RunFailed(f"{count}: {what}. {'; '.join(faults) or words}")
-        self._check(None, processes)
+        self._check(operator, processes)
 
-    def _check(self, run: FollowedRun | None, processes: Processes) -> bool:
+    def _check(
+        self, operator: "OperatorNode", processes: Processes, run: FollowedRun | None = None
+    ) -> bool:
         """Return whether a node is stopped before the run has begun, and say so.
 
         Raises:
@@ -155,8 +159,14 @@ class MeasuringSession:
             if stopped:
                 self._tell(RunNews(starting_words([], stopped, 0.0)))
             return bool(stopped)
-        begun = run is not None and (self._folder / f"{run.run_id}.mcap").exists()
-        raise RunFailed(ended if begun else f"{ended}; no bag was begun: start the run again")
+        raise RunFailed(f"{ended}; {self._recorded(operator.last_state)}")
+
+    def _recorded(self, state: Any) -> str:
+        """Say what there is of the last run, by its last RunState; None if there was no run."""
+        bag = self._folder / f"{file_name_of(state.run_id if state else '')}.mcap"
+        if not bag.exists():
+            return "no bag was begun: start the run again"
+        return f"{state.line_index} of {state.line_count} lines are in {bag}"
 
 
 def _of_a_measurement(operator: "OperatorNode") -> "dict[str, Peer]":

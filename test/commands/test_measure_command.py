@@ -12,8 +12,8 @@ from refused import refused
 
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands import measure
-from stepdiag_ros.commands.measure import _Attendant
-from stepdiag_ros.processes.following import RunFailed, RunOutcome, _told
+from stepdiag_ros.commands.measure import _Attendant, _Teller
+from stepdiag_ros.processes.following import RunFailed, RunNews, RunOutcome, _told
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
 
@@ -66,6 +66,14 @@ def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, 
         assert capsys.readouterr().err == f"{SETUP}: the service sequencer/resume goes on\n"
         with refused(RunFailed, "stopped"):
             attendant(State.FAULT, "the beam is lost")
+
+
+def test_without_a_terminal_each_pass_is_told_once(capsys):
+    tell, shown = _Teller(lambda *_: shown.append(_)), []
+    for done, line in enumerate(("x forward", "x forward", "x backward")):
+        tell(RunNews(line, done, 3))
+    first, second = capsys.readouterr().err.splitlines()
+    assert "x forward" in first and "x backward" in second and "2" in second and len(shown) == 3
 
 
 def test_what_a_run_came_to_is_printed(capsys):

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag_ros.metrology.discrepancy import findings
+from stepdiag_ros.run.conclusion import UNKNOWN
 from stepdiag_ros.topics import TOPICS, Qos
 
 ROOT = Path(__file__).parents[2]
@@ -35,6 +37,15 @@ def test_every_launch_file_is_listed_with_its_arguments():
         arguments = re.findall(r'^    "(\w+)": (?:Argument\(|NAMESPACE)', path.read_text(), re.M)
         row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{path.name}` |"))
         assert re.findall(r"`(\w+)`", row.rsplit("|", 2)[1]) == arguments, path.name
+
+
+def test_every_verdict_of_a_result_is_listed():
+    verdicts = (
+        *(findings.CONSISTENT, findings.NAMED, findings.AMBIGUOUS),
+        *(findings.UNEXPLAINED, findings.NOT_TESTABLE, UNKNOWN),
+    )
+    (paragraph,) = re.findall(r"\[verdicts\].*?\n\n", PAGE, re.DOTALL)
+    assert re.findall(r"\b[A-Z]{3}[A-Z ]+\b(?<! )", paragraph) == list(verdicts)
 
 
 @pytest.mark.parametrize(

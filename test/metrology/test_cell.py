@@ -79,6 +79,11 @@ def test_every_chain_is_a_machine():
             {"feed_limit_m_per_s": 0},
             a_fault("out_of_range", about="feed_limit_m_per_s"),
         ),
+        # Meant in m/min: the refusal gives both units, and what to write.
+        (
+            {"feed_limit_m_per_s": 6},
+            a_fault("out_of_range", "360", "0.1", about="feed_limit_m_per_s"),
+        ),
         ({"feedlimit": 1}, a_fault("unknown", about="feedlimit")),
         (
             {"travel_high_m": [1, 1]},

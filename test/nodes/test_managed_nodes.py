@@ -159,7 +159,7 @@ def bench():
     rclpy.try_shutdown()
 
 
-def test_a_manager_leads_a_device_through_its_states(bench):
+def test_a_manager_leads_a_device_through_its_states(bench, capfd):
     cell = bench(InterferometerNode, "autostart:=false")
     cell.await_state("unconfigured")
     level, text, _ = cell.said()
@@ -179,6 +179,7 @@ def test_a_manager_leads_a_device_through_its_states(bench):
     assert cell.change(id=Transition.TRANSITION_ACTIVATE)
     cell.await_state("active")
     assert cell.said()[:2] == (0, "ready")
+    assert "active (fake)" in capfd.readouterr().err, "the log names the driver"
     assert cell.streamed(topics.READING) > 5
 
     assert cell.change(id=Transition.TRANSITION_DEACTIVATE)

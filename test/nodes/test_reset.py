@@ -6,8 +6,10 @@ import pytest
 import rclpy
 from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
+from refused import refused
 from std_srvs.srv import Trigger
 
+from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.nodes import sequencer
 from stepdiag_ros.nodes.sequencer import RESET_TRIES, SequencerNode
 
@@ -52,3 +54,16 @@ def test_a_machine_that_cannot_be_reset_is_told_of(ask):
     asked, done, text = ask(refusals=100)
     assert (asked, done) == (RESET_TRIES, 0)
     assert text == "the CNC bridge cannot be reset: the axes still move"
+
+
+def test_a_plan_that_the_machine_cannot_execute_is_refused_with_the_name_of_the_machine(tmp_path):
+    path = tmp_path / "mill.yaml"
+    path.write_text(load_machine("demo")[1].replace("name: demo machine", "name: old-mill"))
+    rclpy.init(args=["--ros-args", "-p", f"machine:={path}"])
+    try:
+        node = SequencerNode()
+        with refused(ValueError, None, "old-mill", "machine") as info:
+            node._executable(load_plan("demo")[1].replace("feed_m_per_s: 0.0", "feed_m_per_s: 2.0"))
+        assert str(path) not in str(info.value)
+    finally:
+        rclpy.try_shutdown()

@@ -48,6 +48,12 @@ def test_a_range_holds_at_both_ends_and_not_beyond(_node, one):
     assert one.limits in one.expected
 
 
+def test_a_choice_that_yaml_reads_as_false_is_named_as_it_is_to_be_written():
+    compensation = declared_node("interferometer").find("compensation")
+    assert "'off'" in compensation.refusal(yaml.safe_load("off"))
+    assert compensation.refusal(yaml.safe_load("'off'")) == ""
+
+
 @pytest.mark.parametrize(("_node", "one"), EVERY, ids=NAMES)
 def test_a_declaration_says_what_its_user_needs(_node, one):
     assert one.description and not one.description.endswith(".")

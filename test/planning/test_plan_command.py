@@ -46,7 +46,7 @@ def test_a_proposal_is_written_and_shown(folder, capsys):
     assert len(read.stays) == plan.stop_count
     assert (folder / "quick_plan.png").read_bytes().startswith(PNG)
     head = (folder / "quick_plan.yaml").read_text("utf-8")
-    assert "E_BY" in head and head.startswith("# Proposed by stepdiag ")
+    assert "E_BY" in head and head.startswith("# Proposed by stepdiag ") and "30 m/min" in head
 
 
 def test_what_was_written_checks_as_what_was_proposed(folder, capsys):

@@ -3,13 +3,17 @@
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from domains import own_domain
 from patience import PATIENCE
+from refused import refused
 
 import stepdiag_ros
+from stepdiag_ros.processes.following import RunFailed
 from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.measure import MeasuringSession
 from stepdiag_ros.processes.node_process import NodeProcess, Processes, environment
 
 
@@ -43,3 +47,25 @@ def test_a_held_node_ends_when_it_is_told_to(tmp_path):
     with Processes([NodeProcess("weather")], tmp_path, held=True) as processes:
         process = processes.running["weather"]
     assert process.returncode == -signal.SIGTERM
+
+
+def test_a_command_joins_the_graph_without_a_word():
+    program = "import stepdiag_ros.client\nfrom stepdiag_ros.processes.graph import in_graph\n"
+    program += "with in_graph(): pass"
+    with own_domain():
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.stdout + done.stderr == b""
+
+
+def test_a_lost_node_of_a_cell_is_told_with_the_bag_of_the_run_and_its_lines(tmp_path):
+    session = MeasuringSession([], tmp_path, lambda _: None)
+    operator = SimpleNamespace(last_state=None)
+    lost = SimpleNamespace(ended=lambda: "the solver node has ended (SIGKILL)")
+    with refused(RunFailed) as info:
+        session._check(operator, lost)
+    assert ".mcap" not in str(info.value)
+    operator.last_state = SimpleNamespace(run_id="20260203T040506Z-a", line_index=3, line_count=7)
+    bag = tmp_path / "20260203T040506Z-a.mcap"
+    bag.touch()
+    with refused(RunFailed, None, str(bag), "3", "7"):
+        session._check(operator, lost)

@@ -17,6 +17,7 @@ Source: OPC UA (IEC 62541) Part 4; what the nodes must do is our own agreement w
 import time
 from collections.abc import Callable, Mapping
 from enum import Enum
+from importlib.util import find_spec
 from math import isfinite
 from typing import Any
 
@@ -38,7 +39,7 @@ from stepdiag_ros.devices.cnc.opcua_session import Finished, OpcUaSession, Value
 from stepdiag_ros.devices.cnc.opcua_settings import MOTORS, POSITIONS, TARGETS, OpcUaSettings
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.refusal import Lost, Silent
+from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
 from stepdiag_ros.metrology.units import NANOSECONDS
 
 TAKING = 2 * NANOSECONDS
@@ -471,8 +472,14 @@ def from_settings(
     Settings: those of ``OpcUaSettings.from_mapping``, explained in config/devices/opcua.yaml.
 
     Raises:
-        ValueError: a setting is wrong, or there is no machine.
+        ValueError: a setting is wrong, or there is no machine; asyncua is not installed.
     """
     machine = surroundings.machine_for("opcua controller")
     prepared = OpcUaSettings.from_mapping(settings)
+    if find_spec("asyncua") is None:
+        raise Refusal(
+            "the driver 'opcua' needs asyncua, which is not installed:"
+            " pip install 'stepdiag_ros[opcua]'",
+            fault="not_installed",
+        )
     return lambda start: OpcUaCnc(machine, prepared, start)

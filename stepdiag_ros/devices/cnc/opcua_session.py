@@ -153,8 +153,6 @@ class OpcUaSession:
             await asyncio.wait_for(self._establish(), settings.start_limit)
         except asyncio.TimeoutError:
             self._failure = f"{settings.url} has not answered in {settings.start_limit:g} s"
-        except ImportError:
-            self._failure = "asyncua is not installed: pip install 'stepdiag_ros[opcua]'"
         except Exception as error:
             # The library raises its own errors, those of sockets, and of certificates.
             self._failure = f"cannot connect to {settings.url}: {_words(error)}"

@@ -3,6 +3,7 @@
 from itertools import groupby
 
 from stepdiag_ros import __version__
+from stepdiag_ros.metrology.checking import FASTEST_FEED
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -203,8 +204,11 @@ def print_assessment(
 
 def head_of_plan(assessment: Assessment, proposal: PlanProposal) -> list[str]:
     """Return the sentences that stand at the head of a proposed plan's file."""
+    feed_limit = assessment.machine.feed_limit_m_per_s
+    # Of a machine of which only the travel is known, no feed limit is.
+    limit = f" Feed limit {feed_limit * 60.0:g} m/min." if feed_limit < FASTEST_FEED else ""
     return [
-        f"Proposed by stepdiag {__version__} for {assessment.machine.name}.",
+        f"Proposed by stepdiag {__version__} for {assessment.machine.name}.{limit}",
         *summary_sentences(assessment, proposal),
         *assessment.limits,
         "The keys are explained in config/plans/demo.yaml.",

@@ -1,6 +1,7 @@
 """The OPC UA driver in front of a PLC that fails, is touched by others, or falls silent."""
 
 import asyncio
+import sys
 import time
 
 import pytest
@@ -391,3 +392,9 @@ def test_it_needs_a_machine():
     with refused(Refusal, "missing", about="machine"):
         prepare("cnc", "opcua", settings("opc.tcp://host:4840"), Surroundings())
     assert prepare("cnc", "opcua", settings("opc.tcp://host:4840"), Surroundings(MACHINE))
+
+
+def test_without_its_library_nothing_is_opened(monkeypatch):
+    monkeypatch.setitem(sys.modules, "asyncua", None)
+    with refused(Refusal, "not_installed", "asyncua"):
+        prepare("cnc", "opcua", settings("opc.tcp://host:4840"), Surroundings(MACHINE))

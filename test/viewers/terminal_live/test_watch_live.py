@@ -25,7 +25,7 @@ def test_where_no_run_was_started_there_is_none_to_be_shown(cell):
     code, out, err = cell.once()
     assert code == 1 and out == ""
     assert err.startswith("stepdiag: error: no run has begun: nothing is measured (")
-    assert f"{len(cell.nodes) + 1} nodes" in err and err.count("\n") == 1
+    assert f"{len(cell.nodes)} nodes" in err and err.count("\n") == 1
 
 
 def test_the_log_tells_what_was_published(cell):
@@ -59,7 +59,7 @@ def test_who_comes_late_sees_the_state(cell):
     assert code == 0 and err == ""
     text = " ".join(out.split())
     state, diagnosis = cell.said[topics.RUN_STATE][-1], cell.said[topics.DIAGNOSIS][-1]
-    assert out.startswith(state.run_id) and f"{len(cell.nodes) + 1} nodes" in out.splitlines()[0]
+    assert out.startswith(state.run_id) and f"{len(cell.nodes)} nodes" in out.splitlines()[0]
     assert f"finished: {state.text}" in text
     assert f"{state.stops_done} of {state.stops_total} stops" in text
     assert "Beam: good" in text
@@ -97,6 +97,6 @@ def test_a_lost_node_is_said_and_ctrl_c_ends(cell):
         ),
         "the log says that the node is silent",
     )
-    assert f"{len(cell.nodes)} of {len(cell.nodes) + 1} nodes answer" in cell.logged()
+    assert f"{len(cell.nodes) - 1} of {len(cell.nodes)} nodes answer" in cell.logged()
     cell.watch.send_signal(signal.SIGINT)
     assert cell.watch.wait(PATIENCE) == 0
