@@ -340,19 +340,20 @@ class LineFinder:
                 f"the readings never stay within {band.band * 1e3:.3g} mm for {band.shortest:.3g} "
                 "s: is it a recording of stops, and is its unit right?"
             )
-        steps = [
-            round((b.arrived - a.left) * 1e3, 1)
-            for a, b in pairwise(self._rests)
-            if a.zero == b.zero
-        ]
-        seen = ", ".join(f"{step:+.1f} mm" for step, _ in Counter(steps).most_common(3))
-        nominal = np.diff([place.displacement for place in self._places]) * 1e3
-        wanted = Counter(np.round(nominal, 1).tolist()).most_common(3)
-        expected = ", ".join(f"{step:+.1f} mm" for step, _ in wanted)
-        return (
-            f"it shows {len(self._rests)} rests with steps of mostly {seen or 'no size'}; the plan "
-            f"has {len(self._places)} stops with steps of mostly {expected}"
-        )
+        return steps_seen(self._rests, self._places)
+
+
+def steps_seen(rests: Sequence[Rest], places: Sequence[StopPlace]) -> str:
+    """Say which rests a recording shows, and which stops were looked for in it."""
+    steps = [round((b.arrived - a.left) * 1e3, 1) for a, b in pairwise(rests) if a.zero == b.zero]
+    seen = ", ".join(f"{step:+.1f} mm" for step, _ in Counter(steps).most_common(3))
+    nominal = np.diff([place.displacement for place in places]) * 1e3
+    wanted = Counter(np.round(nominal, 1).tolist()).most_common(3)
+    expected = ", ".join(f"{step:+.1f} mm" for step, _ in wanted)
+    return (
+        f"it shows {len(rests)} rests with steps of mostly {seen or 'no size'}; the plan "
+        f"has {len(places)} stops with steps of mostly {expected}"
+    )
 
 
 def _zeros(

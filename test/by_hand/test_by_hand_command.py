@@ -1,6 +1,7 @@
 """``stepdiag by-hand``: from a file of readings to a bag that every command takes."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -139,6 +140,9 @@ def test_what_is_not_found_is_said_and_the_rest_is_kept(folder, capsys):
     assert "5 of 6 lines found" in output.out
     assert "pnp XYZ forward, repeat 0: no result: " in output.err
     assert "pnp XYZ forward, repeat 0: no result: " in load_run(bag).states[-1].text
+    # What was seen, and the options that add the line.
+    assert re.search(r"cut.txt: .* \d+ rests .*[+-]\d+\.\d mm", output.err)
+    assert "cut.txt again_1.csv --lines 1-6 --lines 6-6" in output.err
 
 
 @pytest.mark.parametrize(
