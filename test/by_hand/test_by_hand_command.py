@@ -164,6 +164,25 @@ def test_refusals_are_one_sentence_and_leave_nothing(folder, capsys, arguments, 
     assert not bag.exists() and not list(folder.glob(".*partial"))
 
 
+@pytest.mark.parametrize(
+    ("signs", "advised"),
+    [(";.", "delimiter: semicolon"), ("\t,", "decimal: comma"), (";,", "delimiter: semicolon")],
+)
+def test_the_advice_on_foreign_signs_names_the_key_of_the_mapping(folder, capsys, signs, advised):
+    path = folder / "german.txt"
+    delimiter, decimal = signs
+    lines = (folder / "0.txt").read_text().replace(".", decimal).replace("\t", delimiter)
+    path.write_text(lines)
+    assert by_hand(folder, path, "--lines", "1") == 1
+    told = capsys.readouterr().err
+    assert advised in told and "--decimal" not in told
+
+
+def test_a_table_without_a_mapping_names_those_of_the_package(folder, capsys):
+    assert run("by-hand", folder / "0.txt", "--plan", folder / "plan.yaml") == 1
+    assert "readings_in_time" in capsys.readouterr().err
+
+
 def test_readings_that_were_not_compensated_need_the_air(folder, capsys):
     path, air = folder / "raw.txt", Environment(24.0, 98000.0, 0.4)
     index = index_of(air)
