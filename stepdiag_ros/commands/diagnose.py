@@ -17,7 +17,7 @@ from stepdiag_ros.commands.arguments import (
     picture_formats,
     results_folder,
 )
-from stepdiag_ros.commands.output import Progress, progress_bar, say, warn
+from stepdiag_ros.commands.output import Progress, progress_bar, say, warn, warn_of_replaced
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
 
 if TYPE_CHECKING:
@@ -117,6 +117,7 @@ def run(arguments: Namespace) -> int:
     text = io.StringIO()
     print_diagnosis(report, make_console(text))
     contents = {"diagnosis.json": document + "\n", "diagnosis.txt": text.getvalue()}
+    warn_of_replaced(folder / "diagnosis.json", report.run_id)
     with progress_bar("writing results") as progress:
         pictures: Mapping[str, Picture | bytes] = {}
         if formats:
