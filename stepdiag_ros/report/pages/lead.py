@@ -14,6 +14,7 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
+from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import missing_words, sentences_of
 from stepdiag_ros.words.proposal import proposed_sentences
@@ -208,18 +209,27 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
             before, after = (plain(one * IN_MICRO, 2) for one in (change.before, change.after))
-            limit = material.compensation.remainder.rms_uncertainty
-            known = f"{two_digits(limit * IN_MICRO)} µm" if math.isfinite(limit) else UNKNOWN
+            expanded = judged.expanded_uncertainty
+            reached = f"{after} µm"
+            if change.after < expanded:
+                reached = f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm"
             said.append(
                 f"compensation could bring the largest error in the volume, with reversal, from"
-                f" {before} µm to {after} µm by computation; how well the errors themselves are"
-                f" known ({known} rms, standard uncertainty) comes on top. Measure again after it."
+                f" {before} µm to {reached}. Measure again after it."
             )
     if judged.verdict == OPEN and math.isfinite(judged.value) and not judged.more_acts:
-        said.append("reduce the uncertainty: more repeats, or a better known instrument.")
+        said.append(f"reduce the uncertainty{_by_its_largest_source(material)}.")
     if not said:
         said.append("nothing by these figures.")
     return said
+
+
+def _by_its_largest_source(material: Material) -> str:
+    """Name the largest source of the budget, and what lowers it; nothing without a budget."""
+    if material.budget is None:
+        return ""
+    source = material.budget.budget.largest_group
+    return f". Its largest known source: {source}. {LOWERED_BY[source]}"
 
 
 def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:

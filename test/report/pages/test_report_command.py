@@ -39,7 +39,7 @@ from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
 from stepdiag_ros.report.publish import try_folder
-from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, two_digits, with_expanded
 
 PLAN = """\
 name: small run
@@ -185,6 +185,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert f"Largest error in the measured volume: {size} µm at" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "What to do: compensation could bring the largest error" in page.text
+    assert f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm" in page.text
     assert document["summary"]["lower_bound"] is False
     volume = document["sections"]["volume"]
     assert volume["expanded_uncertainty"] == document["summary"]["expanded_uncertainty"]
