@@ -1,6 +1,7 @@
 """Plan, machine and cell files: those of the package, and every way in which one can be wrong."""
 
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 import yaml
@@ -184,3 +185,17 @@ def test_a_travel_in_millimetres_is_asked_back():
     with refused(Refusal, "out_of_range", "600 m", "[0.6, 0.4, 0.3]", about="travel_high_m",
                  where="mine"):  # fmt: skip
         machine_from_text(told, "mine")
+
+
+def test_all_keys_that_a_machine_lacks_are_named_at_once():
+    with refused(Refusal, "missing", about="chain, feed_limit_m_per_s"):
+        machine_from_text(
+            MACHINE.replace("chain: YXZ", "name: mine").replace("feed_limit_m_per_s: 0.5\n", ""),
+            "mine",
+        )
+
+
+def test_the_machine_file_of_the_page_is_complete():
+    page = (Path(__file__).parents[1] / "docs" / "by_hand.md").read_text(encoding="utf-8")
+    text = page.partition("```yaml\nname: my machine")[2].partition("```")[0]
+    assert machine_from_text("name: my machine" + text, "page").chain == "YXZ"

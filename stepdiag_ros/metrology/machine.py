@@ -54,6 +54,15 @@ class Machine:
             ValueError: names the source, the key, what is wrong and what is expected.
         """
         section = Section(mapping, source)
+        section.require(
+            (
+                "chain",
+                "travel_low_m",
+                "travel_high_m",
+                "feed_limit_m_per_s",
+                "acceleration_m_per_s2",
+            )
+        )
         machine = cls(
             name=section.text("name", default="unnamed"),
             chain=section.names("chain", CHAINS)[0],
