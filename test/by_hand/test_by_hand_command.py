@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from program_run import Instrument, run_program
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.recording import read_recording
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.configuration import find, load_cell, load_plan
 from stepdiag_ros.metrology.air import index_of
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
@@ -176,6 +178,36 @@ def test_the_advice_on_foreign_signs_names_the_key_of_the_mapping(folder, capsys
     assert by_hand(folder, path, "--lines", "1") == 1
     told = capsys.readouterr().err
     assert advised in told and "--decimal" not in told
+
+
+def test_the_files_on_the_page_are_read_by_the_mappings_beside_them(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "by_hand.md").read_text(encoding="utf-8")
+    section = page.partition("## A file of the laser")[2].partition("\n## ")[0]
+    plain, german, mapping = (part.partition("\n")[2] for part in section.split("```")[1::2])
+    (tmp_path / "german.yaml").write_text(mapping)
+    read = []
+    for text, given in ((plain, "readings_in_time"), (german, str(tmp_path / "german.yaml"))):
+        (tmp_path / "laser.txt").write_text(text)
+        read.append(
+            read_recording(
+                tmp_path / "laser.txt", given, find("quick", "plans").read_text()
+            ).readings
+        )
+    assert [one.compensated_displacement for one in read[0]] == pytest.approx(
+        [one.compensated_displacement for one in read[1]]
+    )
+    assert len(read[0]) == 4
+
+
+def test_a_silence_of_the_recording_is_noted(folder, capsys):
+    rows = (folder / "3.txt").read_text().splitlines(keepends=True)
+    (folder / "gap.txt").write_text("".join(rows[:101] + rows[171:]))
+    given = (folder / "gap.txt", "--lines", "4", "--output", folder / "gap.mcap")
+    assert by_hand(folder, *given) == 0
+    start, before, after = (float(rows[n].split()[0]) * 1e-3 for n in (1, 100, 171))
+    said = capsys.readouterr().err
+    assert f"{before - start:.1f} s" in said and f"{after - start:.1f} s" in said
+    assert "gap.txt: no readings" in said
 
 
 def test_a_table_without_a_mapping_names_those_of_the_package(folder, capsys):
