@@ -208,3 +208,11 @@ def test_both_quantities_called_positioning_have_tables_of_their_own():
     truth = with_ranges(report).truth
     assert truth.figures[-1].value == pytest.approx(np.ptp(report.truth.curves["E_ZZ"]))
     assert "positioning-range" not in report_json(report), "results.json is that of the solvers"
+
+
+def test_the_next_commands_name_the_bag_as_seen_from_here(tmp_path, monkeypatch):
+    lead = lead_of(make_report(bag=tmp_path / "deep" / "run.mcap"))
+    monkeypatch.chdir(tmp_path)
+    assert any(" deep/run.mcap" in line for line in next_lines(lead))
+    monkeypatch.chdir("/")
+    assert not any(str(tmp_path) in line and f" {tmp_path}" in line for line in next_lines(lead))
