@@ -55,7 +55,12 @@ def test_tables_say_what_is_known_and_what_it_makes(report):
     assert row_of(text, table, "air temperature")[2] == (
         f"{budget.contributions[temperature, place] * 1e6:.4f}"
     )
-    assert row_of(text, table, "air pressure")[2] == "unknown"
+    # What is not known is listed once, and U has two significant digits.
+    assert "air pressure" not in text[text.index(table) :].partition("result")[0]
+    assert text.count("air pressure ") == 1 and "--instrument" in text
+    assert (
+        row_of(text, table, "expanded U")[4] == with_uncertainty(0, budget.expanded[place] * 1e6)[1]
+    )
     assert row_of(text, table, "combined u")[2:4] == [
         "≥",
         f"{budget.standard_uncertainty[place] * 1e6:.4f}",
