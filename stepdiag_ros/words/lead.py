@@ -30,6 +30,7 @@ _TESTED = {
     NOT_TESTABLE: " No reading of this run could contradict the errors below; they are not tested.",
     NOT_DIAGNOSED: "",
 }
+_NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."
 _NOT_CONTAINED = " The errors below do not include this effect."
 
 
@@ -122,6 +123,8 @@ def _verdict(lead: RunLead) -> str:
     """Return the verdict of the diagnosis, and what that means for errors that were solved."""
     verdict = lead.verdict
     meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    if verdict.name == CONSISTENT and not lead.repeated:
+        meaning += _NOT_REPEATED
     return f"{verdict.name}: {verdict.sentence}{meaning}"
 
 
