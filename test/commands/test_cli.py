@@ -277,6 +277,7 @@ def write_description(path, version):
 def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
     path = write_description(tmp_path / "empty.mcap", 1)
     assert "empty.mcap: no line was finished" in refusal_of(capsys, "solve", path)
+    assert "--output" in refusal_of(capsys, "diagnose", path)
 
 
 @pytest.mark.parametrize("command", ["solve", "export", "replay"])
