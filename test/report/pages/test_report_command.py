@@ -126,6 +126,14 @@ def test_what_a_large_run_is_not_evaluated_for_is_said_first_and_in_the_report(
         assert f"The {name} is left out for its size" in text
 
 
+def test_a_report_of_another_run_is_not_replaced_without_a_word(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(limits, "MOST_VALUES", 30)
+    monkeypatch.setattr(pictures.Studio, "fetch_all", lambda _: {})
+    (tmp_path / "report.json").write_text('{"run_id": "X1"}')
+    assert main(["report", str(bag), "--json", "--output", str(tmp_path)]) == 0
+    assert "'X1'" in capsys.readouterr().err
+
+
 def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
     titles = [section.title for section in sections()]
     numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
