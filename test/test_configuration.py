@@ -1,6 +1,7 @@
 """Plan, machine and cell files: those of the package, and every way in which one can be wrong."""
 
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from stepdiag_ros.configuration import (
     load_cell,
     load_machine,
     load_plan,
+    machine_from_text,
     parse_yaml,
     plan_from_text,
     plan_given,
@@ -166,3 +168,34 @@ def test_what_a_bag_tells_of_a_cell_holds_no_effect_and_no_comment():
     assert cell_from_text(told, "told").effects == ()
     with refused(Refusal, "malformed", "1", aspect="YAML"):
         without_effects("effects: [", "told")
+
+
+MACHINE = """\
+chain: YXZ
+travel_low_m: [0, 0, 0]
+travel_high_m: [0.6, 0.4, 0.3]
+feed_limit_m_per_s: 0.5
+acceleration_m_per_s2: 2
+"""
+
+
+def test_a_travel_in_millimetres_is_asked_back():
+    assert machine_from_text(MACHINE, "mine").travel_high_m == (0.6, 0.4, 0.3)
+    told = MACHINE.replace("[0.6, 0.4, 0.3]", "[600, 400, 300]")
+    with refused(Refusal, "out_of_range", "600 m", "[0.6, 0.4, 0.3]", about="travel_high_m",
+                 where="mine"):  # fmt: skip
+        machine_from_text(told, "mine")
+
+
+def test_all_keys_that_a_machine_lacks_are_named_at_once():
+    with refused(Refusal, "missing", about="chain, feed_limit_m_per_s"):
+        machine_from_text(
+            MACHINE.replace("chain: YXZ", "name: mine").replace("feed_limit_m_per_s: 0.5\n", ""),
+            "mine",
+        )
+
+
+def test_the_machine_file_of_the_page_is_complete():
+    page = (Path(__file__).parents[1] / "docs" / "by_hand.md").read_text(encoding="utf-8")
+    text = page.partition("```yaml\nname: my machine")[2].partition("```")[0]
+    assert machine_from_text("name: my machine" + text, "page").chain == "YXZ"

@@ -30,6 +30,7 @@ from stepdiag_ros.metrology.by_hand import (
     find_stops,
     objection_to,
     plan_by_hand,
+    silences,
 )
 from stepdiag_ros.metrology.hand_lines import LineFound
 from stepdiag_ros.metrology.measurement import (
@@ -91,6 +92,7 @@ class HandRun:
                 said += [f"{name}: {remark}" for remark in line.remarks]
             if found.hint:
                 said.append(f"{recording.path.name}: {found.hint}")
+            said += [f"{recording.path.name}: {one}" for one in silences(recording.readings)]
         for event in self.events:
             if isinstance(event, SettledStop) and not event.settled:
                 said.append(f"{event.line}, stop {event.command.stop}: rejected: {event.reason}")

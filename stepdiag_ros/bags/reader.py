@@ -200,7 +200,7 @@ class BagReader(Bag):
         if not layout.ends_properly(data):
             raise BagCutError(
                 f"{self.path} is cut off: it was not closed, or is still being recorded. Repair"
-                f" it with: stepdiag recover {self.path}",
+                f" it with: stepdiag recover {self.path}. Or delete it and measure again",
                 fault="cut",
             )
         try:

@@ -4,6 +4,7 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from difflib import get_close_matches
 from enum import Enum
 from functools import partial
@@ -253,7 +254,8 @@ def _bag(text: str) -> Path:
     if not found:
         raise argparse.ArgumentTypeError(f"no .mcap file is here or in {RESULTS}: name a bag")
     newest = max(found, key=lambda path: path.stat().st_mtime_ns)
-    say(f"stepdiag: newest bag: {newest}")
+    written = datetime.fromtimestamp(newest.stat().st_mtime)
+    say(f"stepdiag: newest bag: {newest}, written {written:%Y-%m-%d %H:%M}")
     return newest
 
 

@@ -93,7 +93,31 @@ def run(arguments: Namespace) -> int:
     )
     for sentence in found.words:
         say(f"  {sentence}")
+    _say_how_to_complete(found, lines)
     return 0
+
+
+def _say_how_to_complete(found: "HandRun", lines: list[list[int]]) -> None:
+    """Say which lines are missing, what was seen instead, and how they are added."""
+    from stepdiag_ros.metrology.hand_lines import steps_seen
+
+    plan, measured = found.plan, {line.line_index for line in found.lines}
+    missing = [index for index in range(len(plan.lines)) if index not in measured]
+    if not missing:
+        return
+    for recording, one in zip(found.recordings, found.found, strict=True):
+        if not one.hint and any(line.refusal for line in one.lines):
+            say(f"  {recording.path.name}: {steps_seen(one.rests, one.places)}")
+    setups: dict[str, list[int]] = {}
+    for index in missing:
+        setups.setdefault(plan.setup_of(plan.lines[index]), []).append(index)
+    say("missing: " + "; ".join(f"line {n + 1} ({plan.lines[n]})" for n in missing))
+    given = [(one.path.name, own) for one, own in zip(found.recordings, lines, strict=True)]
+    again = [(f"again_{n}.csv", own) for n, own in enumerate(setups.values(), start=1)]
+    files = " ".join(name for name, _ in given + again)
+    ranges = " ".join(f"--lines {own[0] + 1}-{own[-1] + 1}" for _, own in given + again)
+    say("To add them, measure each missing setup again into a file of its own, and give all files:")
+    say(f"  stepdiag by-hand {files} {ranges} …")
 
 
 def _given_lines(arguments: Namespace, count: int) -> list[list[int]]:

@@ -17,8 +17,9 @@ from stepdiag_ros.commands.arguments import (
     picture_formats,
     results_folder,
 )
-from stepdiag_ros.commands.output import Progress, progress_bar, say, warn
+from stepdiag_ros.commands.output import Progress, progress_bar, say, warn, warn_of_replaced
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -117,6 +118,7 @@ def run(arguments: Namespace) -> int:
     text = io.StringIO()
     print_diagnosis(report, make_console(text))
     contents = {"diagnosis.json": document + "\n", "diagnosis.txt": text.getvalue()}
+    warn_of_replaced(folder / "diagnosis.json", report.run_id)
     with progress_bar("writing results") as progress:
         pictures: Mapping[str, Picture | bytes] = {}
         if formats:
@@ -200,6 +202,8 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
         loaded = recorded if recorded is not None and not runs else _loaded(path, run_id)
         with progress_bar(f"reading {path.name}") as progress:
             runs.append(_run_of(path, loaded, progress))
+        if loaded is not None and len(paths) > 1:
+            _warn_if_incomplete(path, loaded, runs[-1].measurement)
     first = runs[0]
     measurement = first.measurement
     if len(runs) > 1:
@@ -255,10 +259,26 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
     require_standing_beam(recorded)
     measurement, remark = measurement_of(recorded, False, progress, warn=warn)
     if not measurement.lines:
-        raise ValueError(f"{path}: no line of this run was finished; there is nothing to compare")
+        raise Refusal(
+            f"{path} is incomplete: no line of this run was finished. Leave it out or delete it, or"
+            " give the next run another folder with --output",
+            fault="too_few",
+        )
     known = recorded.plan.feed > 0.0
     machine = machine_from_text(recorded.machine_text, f"{path}: machine") if known else None
     return _Run(measurement, recorded.run_id, (remark,), recorded.plan if known else None, machine)
+
+
+def _warn_if_incomplete(path: Path, recorded: "RecordedRun", measurement: "Measurement") -> None:
+    """Warn of a run that was stopped, where several are compared together."""
+    from stepdiag_ros.bags.passes import completeness_of
+
+    passes = completeness_of(recorded, measurement)
+    if not passes.whole:
+        warn(
+            f"{path} is incomplete: {passes.complete} of {passes.planned} passes. If that run was"
+            " stopped, leave the bag out or delete it"
+        )
 
 
 def _plan_written(report: "DiagnosisReport", arguments: Namespace) -> "DiagnosisReport":

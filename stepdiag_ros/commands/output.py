@@ -1,6 +1,7 @@
 """How commands talk: results on standard output, everything else on standard error."""
 
 import argparse
+import re
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
@@ -81,6 +82,31 @@ def warn_of_undetermined(plan: "Plan") -> None:
         sentence = str(error)
     if sentence:
         warn(f"plan '{plan.name}': {sentence}")
+
+
+def run_of(document: str) -> str:
+    """Return the identity of the run in the JSON of a result; empty without a run."""
+    found = re.search(r'"run_id": "([^"]*)"', document)
+    return "" if found is None else found[1]
+
+
+def warn_of_replaced(file: Path, run_id: str) -> None:
+    """Say that an earlier result is replaced, and warn if it is of another run.
+
+    Args:
+        file: JSON of the result in its folder.
+        run_id: of the result that replaces it.
+    """
+    if not file.is_file():
+        return
+    before = run_of(file.read_text(encoding="utf-8", errors="replace"))
+    if before == run_id:
+        say(f"stepdiag: the earlier results in {file.parent} are replaced")
+    else:
+        warn(
+            f"{file.parent} holds results of run '{before}'; those of run '{run_id}' replace them."
+            " To keep both, name another folder with --output"
+        )
 
 
 class Progress(Protocol):
@@ -174,6 +200,7 @@ def show_report(
 
     folder = arguments.output or default_folder
     formats = picture_formats(arguments)
+    warn_of_replaced(folder / "results.json", report.run_id)
     with progress_bar("writing results") as progress:
         files = publish(
             report,

@@ -16,7 +16,7 @@ from stepdiag_ros.commands.arguments import (
     results_folder,
 )
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
-from stepdiag_ros.commands.output import Progress, number, progress_bar, say, warn
+from stepdiag_ros.commands.output import Progress, number, progress_bar, say, warn, warn_of_replaced
 from stepdiag_ros.metrology.units import MICRO
 from stepdiag_ros.text.intake import refusals_of
 from stepdiag_ros.text.sentence import sentence
@@ -124,7 +124,7 @@ def _make(
         if arguments.bag.exists() and formats != ["json"]:
             # Drawing is got ready while the bag is read.
             atelier = stack.enter_context(studio())
-        material = _material(arguments, given)
+        material = _material(arguments, given, folder)
         # Not before: drawing is to be got ready without delay.
         from stepdiag_ros.report.pages.tracker import TrackerHandover
 
@@ -147,15 +147,17 @@ def _make(
             return write(document, handover, folder, formats, tell)
 
 
-def _material(arguments: Namespace, given: "Given") -> "Material | TrackerHandover":
+def _material(arguments: Namespace, given: "Given", folder: Path) -> "Material | TrackerHandover":
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
     from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
+    from stepdiag_ros.report.pages.build import NAMES
     from stepdiag_ros.report.pages.material import Material, unsolved
     from stepdiag_ros.report.pages.tracker import TrackerHandover
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
+        warn_of_replaced(folder / NAMES["json"], recorded.run_id)
         if recorded.plan.tracker is not None:
             _refuse_options_of_curves(arguments)
             return TrackerHandover.of_run(recorded, given, progress, warn)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import add_common, picture_formats
-from stepdiag_ros.commands.output import progress_bar, say
+from stepdiag_ros.commands.output import progress_bar, run_of, say, warn_of_replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -67,6 +67,7 @@ def show(
     text = io.StringIO()
     show_text(make_console(text))
     contents = {f"{name}.json": document + "\n", f"{name}.txt": text.getvalue()}
+    warn_of_replaced(folder / f"{name}.json", run_of(document))
     with progress_bar("writing results") as progress:
         files = write_results(folder, contents, lambda: dict(draw()), formats, progress)
     if arguments.json:

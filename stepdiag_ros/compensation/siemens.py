@@ -81,8 +81,11 @@ class _Siemens:
         "a positive value moves the axis in the negative direction; for CEC the manual says so"
         " only in general: try one table alone with SD41310 $SN_CEC_TABLE_WEIGHT = 1, and if the"
         " error has doubled, the weight is -1",
+        "first save a series start-up file of the present data, and set MD38000"
+        " $MA_MM_ENC_COMP_MAX_POINTS and MD18342 $MN_MM_CEC_MAX_POINTS to the number of points,"
+        " which formats the static memory",
         "tables can be loaded only while MD32700 $MA_ENC_COMP_ENABLE and MD32710 $MA_CEC_ENABLE"
-        " are 0",
+        " are 0; then set both to 1, reset, and reference the axes",
         "positions are machine coordinates in mm (MD10240 metric)",
     )
     source = "Siemens, Function Manual Extended Functions, K3 (6FC5397-1BP40-3BA1), section 4.4"

@@ -51,6 +51,7 @@ class RunLead:
         told_elsewhere: those of them that another method determines.
         recording: what is wrong with the recording: missing, doubled, out of order.
         tracked: the lines were measured with a laser tracker.
+        repeated: at least one line was measured more than once.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -70,6 +71,7 @@ class RunLead:
     told_elsewhere: tuple[str, ...] = ()
     recording: tuple[Flaw, ...] = ()
     tracked: bool = False
+    repeated: bool = True
 
     @property
     def whole(self) -> bool:
@@ -133,6 +135,7 @@ def lead_of(
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
         directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
         tracked=any(one.line.kind == TRACKER for one in lines),
+        repeated=not lines or len({one.line.setup for one in lines}) < len(lines),
         as_zero=() if rotating else ROTATIONS,
         told_elsewhere=() if rotating else _told(report.results),
     )

@@ -26,6 +26,9 @@ from stepdiag_ros.metrology.window import FEWEST_READINGS
 _NOT_BY_CHANCE = 0.5
 """Part of a line's stops from which on it is not by chance that they are there."""
 _ROUNDS = 4
+_SILENCE = 10.0
+"""Multiple of the usual time between two readings from which on readings are missing."""
+_MOST_SILENCES = 5
 _UNKNOWN_PLACE = (nan, nan, nan)
 
 
@@ -101,6 +104,20 @@ def objection_to(plan: Plan, readings: Sequence[Reading]) -> str:
             f"{FEWEST_READINGS * between + 0.5 * between:.2g} s, and dwells that hold it"
         )
     return ""
+
+
+def silences(readings: Sequence[Reading]) -> list[str]:
+    """Say when a recording has no readings for much longer than from one to the next."""
+    times = np.array([reading.time for reading in readings], dtype=np.int64)
+    between = np.diff(times)
+    found = np.nonzero(between > _SILENCE * np.median(between))[0]
+    seconds = (times - times[0]) * 1e-9
+    said = [
+        f"no readings between {seconds[at]:.1f} s and {seconds[at + 1]:.1f} s"
+        for at in found[:_MOST_SILENCES]
+    ]
+    more = len(found) - len(said)
+    return [*said, f"{more} further silences"] if more > 0 else said
 
 
 def find_stops(plan: Plan, lines: Sequence[int], readings: Sequence[Reading]) -> Found:

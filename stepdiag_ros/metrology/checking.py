@@ -95,6 +95,17 @@ class Section:
             where=self._source,
         )
 
+    def require(self, keys: Sequence[str]) -> None:
+        """Refuse a section that lacks several of the keys, and name all of them at once."""
+        missing = [key for key in keys if key not in self._mapping]
+        if len(missing) > 1:
+            raise Refusal(
+                f"{self._source}: {', '.join(missing)} are missing",
+                fault="missing",
+                about=", ".join(missing),
+                where=self._source,
+            )
+
     def number(
         self, key: str, low: float = -1e12, high: float = 1e12, default: Any = _MISSING
     ) -> float:

@@ -32,6 +32,8 @@ from stepdiag_ros.metrology.window import examine
 
 LONG = 1.7
 """Multiple of the usual time of a line's rests from which on a rest counts as long."""
+UNIT_FACTORS = (25.4, 1e3, 1e6)
+"""Between inches and millimetres, and between metres, millimetres and micrometres."""
 
 
 @dataclass(frozen=True)
@@ -338,21 +340,37 @@ class LineFinder:
             band = Criteria.of_plan(self._plan)
             return (
                 f"the readings never stay within {band.band * 1e3:.3g} mm for {band.shortest:.3g} "
-                "s: is it a recording of stops, and is its unit right?"
+                f"s: is it a recording of stops, and is its unit right?{self._unit()}"
             )
-        steps = [
-            round((b.arrived - a.left) * 1e3, 1)
-            for a, b in pairwise(self._rests)
-            if a.zero == b.zero
-        ]
-        seen = ", ".join(f"{step:+.1f} mm" for step, _ in Counter(steps).most_common(3))
-        nominal = np.diff([place.displacement for place in self._places]) * 1e3
-        wanted = Counter(np.round(nominal, 1).tolist()).most_common(3)
-        expected = ", ".join(f"{step:+.1f} mm" for step, _ in wanted)
-        return (
-            f"it shows {len(self._rests)} rests with steps of mostly {seen or 'no size'}; the plan "
-            f"has {len(self._places)} stops with steps of mostly {expected}"
-        )
+        return steps_seen(self._rests, self._places) + self._unit()
+
+    def _unit(self) -> str:
+        """Ask for the unit of the readings if their span says that it is another."""
+        values = [reading.compensated_displacement for reading in self._readings]
+        spans = float(np.ptp(values)), max(abs(place.displacement) for place in self._places)
+        for factor in UNIT_FACTORS:
+            for small, large, words in ((*spans, "smaller"), (*spans[::-1], "larger")):
+                if factor / 2 < large / max(small, 1e-12) < factor * 2:
+                    return (
+                        f". The recording spans {spans[0]:.2g} m and the plan {spans[1]:.2g} m: "
+                        f"about {factor:g} times {words}. Is the unit right?"
+                    )
+        return ""
+
+
+def steps_seen(rests: Sequence[Rest], places: Sequence[StopPlace]) -> str:
+    """Say which rests a recording shows, and which stops were looked for in it."""
+    steps = [round((b.arrived - a.left) * 1e3, 1) for a, b in pairwise(rests) if a.zero == b.zero]
+    seen = ", ".join(f"{step:+.1f} mm" for step, _ in Counter(steps).most_common(3))
+    nominal = np.diff([place.displacement for place in places]) * 1e3
+    wanted = Counter(np.round(nominal, 1).tolist()).most_common(3)
+    expected = ", ".join(f"{step:+.1f} mm" for step, _ in wanted)
+    shown = "1 rest" if len(rests) == 1 else f"{len(rests)} rests"
+    steps_shown = f" with steps of mostly {seen}" if seen else " and no step"
+    return (
+        f"it shows {shown}{steps_shown}; the plan has {len(places)} stops with steps of mostly "
+        f"{expected}"
+    )
 
 
 def _zeros(

@@ -8,6 +8,10 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY, size_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
+
+LONGEST_TRAVEL = 100.0
+"""From there on a limit of travel is in millimetres, m; the longest gantries have 60 m."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +54,20 @@ class Machine:
             ValueError: names the source, the key, what is wrong and what is expected.
         """
         section = Section(mapping, source)
+        section.require(
+            (
+                "chain",
+                "travel_low_m",
+                "travel_high_m",
+                "feed_limit_m_per_s",
+                "acceleration_m_per_s2",
+            )
+        )
         machine = cls(
             name=section.text("name", default="unnamed"),
             chain=section.names("chain", CHAINS)[0],
-            travel_low_m=section.vector("travel_low_m"),
-            travel_high_m=section.vector("travel_high_m"),
+            travel_low_m=_travel(section, "travel_low_m"),
+            travel_high_m=_travel(section, "travel_high_m"),
             feed_limit_m_per_s=section.feed("feed_limit_m_per_s"),
             acceleration_m_per_s2=section.number("acceleration_m_per_s2", low=1e-6, high=1e3),
             position_window_m=section.number(
@@ -75,6 +88,21 @@ class Machine:
                     aspect="travel",
                 )
         return machine
+
+
+def _travel(section: Section, key: str) -> tuple[float, float, float]:
+    limits = section.vector(key, low=-1e6, high=1e6)
+    farthest = max(limits, key=abs)
+    if abs(farthest) >= LONGEST_TRAVEL:
+        meant = ", ".join(f"{limit / IN_MILLI:g}" for limit in limits)
+        raise Refusal(
+            f"{section.source}: {key} is {farthest:g} m, and lengths are in metres."
+            f" Did you mean [{meant}]?",
+            fault="out_of_range",
+            about=key,
+            where=section.source,
+        )
+    return limits
 
 
 def told_rotations(section: Section) -> float:

@@ -11,6 +11,8 @@ from stepdiag_ros.text.controls import printable
 from stepdiag_ros.text.table import Table
 
 _LEAST_WIDTH = 150
+_EDGES = 2
+"""Blanks at the two edges of a table."""
 
 
 class PlainConsole(Console):
@@ -20,9 +22,13 @@ class PlainConsole(Console):
     """At which sentences are broken into lines; None to leave them whole."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print texts and tables."""
-        shown = (_laid_out(one) if isinstance(one, Table) else one for one in objects)
-        super().print(*shown, **options)
+        """Print texts and tables; on a narrow terminal a table is folded."""
+        for one in objects or ("",):
+            parts: list[Any] = [one]
+            if isinstance(one, Table) and self.text_width is not None:
+                parts = one.folded(self.text_width - _EDGES)
+            for part in parts:
+                super().print(_laid_out(part) if isinstance(part, Table) else part, **options)
 
     def sentence(self, text: str) -> None:
         """Print a text, broken into lines where the terminal is narrow."""

@@ -1,7 +1,7 @@
 """A table of texts, which a terminal and a page lay out each in its own way."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 @dataclass
@@ -55,6 +55,38 @@ class Table:
     def add_section(self) -> None:
         """Draw a line under the last row."""
         self.section_ends.add(len(self.rows) - 1)
+
+    def folded(self, width: int) -> "list[Table]":
+        """Return the table in parts that fit a width; each part begins with the first column.
+
+        Args:
+            width: characters of a line.
+        """
+        wide = [self._width(place) + self.gap for place in range(len(self.columns))]
+        parts: list[list[int]] = [[]]
+        for place in range(1, len(self.columns)):
+            if parts[-1] and wide[0] + sum(wide[one] for one in parts[-1]) + wide[place] > width:
+                parts.append([])
+            parts[-1].append(place)
+        if len(parts) == 1:
+            return [self]
+        return [
+            replace(
+                self,
+                title=self.title if part is parts[0] else "",
+                columns=[self.columns[place] for place in (0, *part)],
+                rows=[tuple(row[place] for place in (0, *part)) for row in self.rows],
+                whole_title=False,
+            )
+            for part in parts
+        ]
+
+    def _width(self, place: int) -> int:
+        """Return how wide a column is at least; one that wraps, as wide as its longest word."""
+        column = self.columns[place]
+        cells = [column.header, *(row[place] for row in self.rows)]
+        return max(len(part) for cell in cells for part in
+                   (cell.split() or [""] if column.wraps else cell.split("\n")))  # fmt: skip
 
 
 def new_table(title: str, *headers: str) -> Table:

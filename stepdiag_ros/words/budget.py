@@ -2,6 +2,18 @@
 
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.uncertainty.budget import Budget
+from stepdiag_ros.metrology.uncertainty.source import (
+    AIR,
+    ANGULAR,
+    DEAD_PATH,
+    DIRECT,
+    DRIFT,
+    INSTRUMENT,
+    MATERIAL,
+    MODEL,
+    REPEATABILITY,
+    SETUP,
+)
 from stepdiag_ros.metrology.units import IN_MICRO
 
 UNITS = {
@@ -15,6 +27,17 @@ UNITS = {
     "1": ("", 1.0),
 }
 """Unit of an input → how people read it, and the factor."""
+_KNOWN = "Give a better known value of it with --instrument"
+_REPEATS = "Measure more repeats"
+LOWERED_BY = {
+    **dict.fromkeys((INSTRUMENT, AIR, DEAD_PATH, MATERIAL, SETUP), _KNOWN),
+    **dict.fromkeys((REPEATABILITY, DRIFT), _REPEATS),
+    MODEL: "Find its cause: stepdiag diagnose",
+    ANGULAR: "Measure the lines of 'stepdiag plan --for angular' as well, or measure the angles and"
+    " give them with --direct, or state their size as 'rotations' in the machine file",
+    DIRECT: "Measure directly with a smaller uncertainty",
+}
+"""Group of sources → what lowers its contribution."""
 
 
 _KINDS = {

@@ -46,9 +46,9 @@ def figure_name(one: BeforeAndAfter) -> str:
 
 
 def size_words(value: float, unit: str) -> str:
-    """Write an error in µm, or an angle (unit ``rad``) in µrad and arc-seconds."""
+    """Write an error in µm, or squareness (unit ``rad``) in µm/m and arc-seconds."""
     if not math.isfinite(value):
         return UNKNOWN
     if unit == "rad":
-        return f'{plain(value * IN_MICRO, 2)} µrad ({plain(value * ARC_SECONDS, 2)}")'
+        return f'{plain(value * IN_MICRO, 2)} µm/m ({plain(value * ARC_SECONDS, 2)}")'
     return f"{plain(value * IN_MICRO, _DECIMALS)} µm"

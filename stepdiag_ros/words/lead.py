@@ -1,7 +1,8 @@
 """The lead of a run in words: what decides, how large the errors are, which commands come next."""
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from stepdiag_ros.bags.passes import incomplete_sentences
 from stepdiag_ros.compensation.permission import held_by_any
@@ -29,6 +30,7 @@ _TESTED = {
     NOT_TESTABLE: " No reading of this run could contradict the errors below; they are not tested.",
     NOT_DIAGNOSED: "",
 }
+_NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."
 _NOT_CONTAINED = " The errors below do not include this effect."
 
 
@@ -95,7 +97,12 @@ def next_steps(lead: RunLead) -> list[NextStep]:
 
 
 def next_lines(lead: RunLead) -> list[str]:
-    """Return what to do next for the terminal, a line each; nothing without a recording."""
+    """Return what to do next for the terminal, a line each; nothing without a recording.
+
+    Below the present folder the recording is named as seen from there.
+    """
+    if lead.bag is not None and lead.bag.resolve().is_relative_to(Path.cwd()):
+        lead = replace(lead, bag=lead.bag.resolve().relative_to(Path.cwd()))
     steps = next_steps(lead)
     width = max((len(one.command) for one in steps), default=0)
     lines = [
@@ -116,6 +123,8 @@ def _verdict(lead: RunLead) -> str:
     """Return the verdict of the diagnosis, and what that means for errors that were solved."""
     verdict = lead.verdict
     meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    if verdict.name == CONSISTENT and not lead.repeated:
+        meaning += _NOT_REPEATED
     return f"{verdict.name}: {verdict.sentence}{meaning}"
 
 

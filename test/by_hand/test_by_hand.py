@@ -188,15 +188,18 @@ def test_the_wrong_sign_is_named():
     assert "with the sign of the readings reversed they fit better" in found.hint
 
 
-def test_the_wrong_unit_is_seen():
+@pytest.mark.parametrize(
+    ("factor", "asked"), [(1e3, "1000"), (1e-3, "1000"), (25.4, "25.4"), (1 / 25.4, "25.4")]
+)
+def test_the_wrong_unit_is_seen(factor, asked):
     plan = quick()
     readings = [
-        one._replace(compensated_displacement=one.compensated_displacement * 1e3)
+        one._replace(compensated_displacement=one.compensated_displacement * factor)
         for one in whole().readings
     ]
     found, events, _ = found_in(plan, readings)
     assert events == []
-    assert "the plan has 42 stops with steps of mostly" in found.hint
+    assert f"about {asked} times" in found.hint and "1 rests" not in found.hint
 
 
 def test_a_setup_measured_twice_is_not_chosen_from():

@@ -1,7 +1,9 @@
 """``stepdiag by-hand``: from a file of readings to a bag that every command takes."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from program_run import Instrument, run_program
 
 from stepdiag_ros import cli
 from stepdiag_ros.bags.reader import BagReader
+from stepdiag_ros.bags.recording import read_recording
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.configuration import find, load_cell, load_plan
 from stepdiag_ros.metrology.air import index_of
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine
@@ -139,6 +142,9 @@ def test_what_is_not_found_is_said_and_the_rest_is_kept(folder, capsys):
     assert "5 of 6 lines found" in output.out
     assert "pnp XYZ forward, repeat 0: no result: " in output.err
     assert "pnp XYZ forward, repeat 0: no result: " in load_run(bag).states[-1].text
+    # What was seen, and the options that add the line.
+    assert re.search(r"cut.txt: .* \d+ rests .*[+-]\d+\.\d mm", output.err)
+    assert "cut.txt again_1.csv --lines 1-6 --lines 6-6" in output.err
 
 
 @pytest.mark.parametrize(
@@ -158,6 +164,55 @@ def test_refusals_are_one_sentence_and_leave_nothing(folder, capsys, arguments, 
     errors = capsys.readouterr().err.strip().splitlines()
     assert words in errors[-1]
     assert not bag.exists() and not list(folder.glob(".*partial"))
+
+
+@pytest.mark.parametrize(
+    ("signs", "advised"),
+    [(";.", "delimiter: semicolon"), ("\t,", "decimal: comma"), (";,", "delimiter: semicolon")],
+)
+def test_the_advice_on_foreign_signs_names_the_key_of_the_mapping(folder, capsys, signs, advised):
+    path = folder / "german.txt"
+    delimiter, decimal = signs
+    lines = (folder / "0.txt").read_text().replace(".", decimal).replace("\t", delimiter)
+    path.write_text(lines)
+    assert by_hand(folder, path, "--lines", "1") == 1
+    told = capsys.readouterr().err
+    assert advised in told and "--decimal" not in told
+
+
+def test_the_files_on_the_page_are_read_by_the_mappings_beside_them(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "by_hand.md").read_text(encoding="utf-8")
+    section = page.partition("## A file of the laser")[2].partition("\n## ")[0]
+    plain, german, mapping = (part.partition("\n")[2] for part in section.split("```")[1::2])
+    (tmp_path / "german.yaml").write_text(mapping)
+    read = []
+    for text, given in ((plain, "readings_in_time"), (german, str(tmp_path / "german.yaml"))):
+        (tmp_path / "laser.txt").write_text(text)
+        read.append(
+            read_recording(
+                tmp_path / "laser.txt", given, find("quick", "plans").read_text()
+            ).readings
+        )
+    assert [one.compensated_displacement for one in read[0]] == pytest.approx(
+        [one.compensated_displacement for one in read[1]]
+    )
+    assert len(read[0]) == 4
+
+
+def test_a_silence_of_the_recording_is_noted(folder, capsys):
+    rows = (folder / "3.txt").read_text().splitlines(keepends=True)
+    (folder / "gap.txt").write_text("".join(rows[:101] + rows[171:]))
+    given = (folder / "gap.txt", "--lines", "4", "--output", folder / "gap.mcap")
+    assert by_hand(folder, *given) == 0
+    start, before, after = (float(rows[n].split()[0]) * 1e-3 for n in (1, 100, 171))
+    said = capsys.readouterr().err
+    assert f"{before - start:.1f} s" in said and f"{after - start:.1f} s" in said
+    assert "gap.txt: no readings" in said
+
+
+def test_a_table_without_a_mapping_names_those_of_the_package(folder, capsys):
+    assert run("by-hand", folder / "0.txt", "--plan", folder / "plan.yaml") == 1
+    assert "readings_in_time" in capsys.readouterr().err
 
 
 def test_readings_that_were_not_compensated_need_the_air(folder, capsys):

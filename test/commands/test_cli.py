@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -203,6 +204,17 @@ def test_solve_writes_beside_the_bag_unless_told(bag, capsys):
     ]
 
 
+def test_results_of_another_run_are_not_replaced_without_a_word(bag, capsys, tmp_path):
+    file, said = tmp_path / "results.json", []
+    for change in ("", "another", ""):
+        if change == "another":
+            file.write_text(re.sub(r'"run_id": "[^"]*"', '"run_id": "X1"', file.read_text()))
+        arguments = ("solve", bag, "--pictures", "none", "--output", tmp_path)
+        said.append(stepdiag(capsys, *arguments)[2])
+    assert [one.count(str(tmp_path)) for one in said] == [1, 2, 2]
+    assert ["'X1'" in one and "--output" in one for one in said] == [False, True, False]
+
+
 @pytest.mark.parametrize(
     ("change", "differs"),
     [(lambda value: np.nextafter(value, 1.0), False), (lambda value: value + 1e-9, True)],
@@ -265,6 +277,7 @@ def write_description(path, version):
 def test_a_bag_without_finished_lines_is_refused(tmp_path, capsys):
     path = write_description(tmp_path / "empty.mcap", 1)
     assert "empty.mcap: no line was finished" in refusal_of(capsys, "solve", path)
+    assert "--output" in refusal_of(capsys, "diagnose", path)
 
 
 @pytest.mark.parametrize("command", ["solve", "export", "replay"])
@@ -459,7 +472,7 @@ def test_without_a_bag_the_newest_here_is_taken(bag, tmp_path, monkeypatch, caps
         os.utime(tmp_path / name, ns=(10**18 - abs(age - 1),) * 2)
     code, out, err = stepdiag(capsys, "info")
     assert code == 0
-    assert err == f"stepdiag: newest bag: {Path('stepdiag_results/new.mcap')}\n"
+    assert str(Path("stepdiag_results/new.mcap")) in err and re.search(r"\d{4}-\d\d-\d\d", err)
     assert "new.mcap" in out
     code, _, err = stepdiag(capsys, "info", "")
     assert (code, "newest" in err) == (1, False)

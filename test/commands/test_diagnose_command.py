@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from standard_runs import measured, message_of, write_bag, write_messages
 
 from stepdiag_ros.cli import main
+from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.metrology import effects
 from stepdiag_ros.metrology.effects.backlash import EFFECT
 from stepdiag_ros.metrology.solvers import limits
@@ -267,3 +269,26 @@ def _beam(line):
     if len(line) == 1:
         return np.array([float(line == axis) for axis in "xyz"])
     return np.array([-1.0 if sign == "n" else 1.0 for sign in line]) / np.sqrt(3.0)
+
+
+STOPPED = """\
+name: stopped
+step_m: [0.03, 0.02, 0.025]
+blocks: 3
+repeats: 2
+feed_m_per_s: 0.05
+lines:
+  - {kind: linear, names: [x, y, z]}
+"""
+
+
+def test_a_stopped_run_beside_another_is_named(tmp_path, capsys):
+    whole, stopped = tmp_path / "whole.mcap", tmp_path / "stopped.mcap"
+    write_bag(whole, STOPPED, with_tests=False)
+    plan, measurement = measured(STOPPED)
+    messages = [message_of(line) for line in measurement.lines[:-1]]
+    write_messages(stopped, messages, STOPPED, load_machine("demo")[1], plan.name)
+    given = ["diagnose", str(whole), str(stopped), "--pictures", "none"]
+    assert main([*given, "--output", str(tmp_path / "out")]) == 0
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert str(stopped) in said and "5 of 6" in said

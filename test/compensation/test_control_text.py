@@ -8,6 +8,7 @@ origin leaves.
 import re
 from dataclasses import asdict, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,3 +232,19 @@ def test_a_word_that_the_original_lacks_is_found(old, new):
     assert old in made.text
     with refused(NcError, where="the rewritten program"):
         refuse_foreign_words(MILLING, replace(made, text=made.text.replace(old, new, 1)))
+
+
+def test_the_screen_names_the_steps_of_the_page_for_siemens():
+    said = " ".join(control("siemens").says)
+    page = Path(__file__).parents[2] / "docs" / "compensation.md"
+    steps = page.read_text(encoding="utf-8").partition("### Siemens")[2].partition("###")[0]
+    for named in (
+        "MD38000",
+        "MD18342",
+        "MD32700",
+        "MD32710",
+        "start-up file",
+        "reset",
+        "reference",
+    ):
+        assert named in said and named in steps

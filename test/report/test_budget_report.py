@@ -12,11 +12,13 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.instrument import Spread
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR, GROUPS, REPEATABILITY
 from stepdiag_ros.plots.files.budget import draw_budget
 from stepdiag_ros.report.documents.budget import budget_document, budget_json
 from stepdiag_ros.report.tables.budget import print_budget
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import with_uncertainty
+from stepdiag_ros.words.budget import LOWERED_BY
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,12 @@ def test_tables_say_what_is_known_and_what_it_makes(report):
     assert row_of(text, table, "air temperature")[2] == (
         f"{budget.contributions[temperature, place] * 1e6:.4f}"
     )
-    assert row_of(text, table, "air pressure")[2] == "unknown"
+    # What is not known is listed once, and U has two significant digits.
+    assert "air pressure" not in text[text.index(table) :].partition("result")[0]
+    assert text.count("air pressure ") == 1 and "--instrument" in text
+    assert (
+        row_of(text, table, "expanded U")[4] == with_uncertainty(0, budget.expanded[place] * 1e6)[1]
+    )
     assert row_of(text, table, "combined u")[2:4] == [
         "≥",
         f"{budget.standard_uncertainty[place] * 1e6:.4f}",
@@ -63,6 +70,14 @@ def test_tables_say_what_is_known_and_what_it_makes(report):
     assert "lower bounds: air pressure" in text
     assert "Squareness sign: right-handed rotation" in text
     assert "run 1" in text
+
+
+def test_the_largest_source_is_named_with_what_lowers_it(report):
+    assert set(LOWERED_BY) == set(GROUPS)
+    budget = report.budget
+    assert budget.largest_group == REPEATABILITY
+    turning = [[1e3 if one.group == ANGULAR else 1.0] for one in budget.sources]
+    assert replace(budget, contributions=budget.contributions * turning).largest_group == ANGULAR
 
 
 def test_monte_carlo_is_printed_with_its_verdict(report):

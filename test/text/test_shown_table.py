@@ -66,3 +66,17 @@ def test_tables_without_rows_are_left_out():
     assert with_rows([None, table]) == []
     table.add_row("1")
     assert with_rows([None, table]) == [table]
+
+
+def test_a_table_is_folded_on_a_narrow_terminal_and_nothing_of_it_is_lost():
+    table = new_table("Sources", "input", *(f"column {n}" for n in range(9)))
+    table.add_row("laser wavelength", *(f"{n}.2345678" for n in range(9)))
+    stream = io.StringIO()
+    console = make_console(stream)
+    console.text_width = 80
+    console.print(table)
+    text = stream.getvalue()
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
+    assert all(f"column {n}" in text and f"{n}.2345678" in text for n in range(9))
+    assert text.count("laser wavelength") == 2
+    assert table.folded(200) == [table]

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from results_by_hand import BLOCKS, make_report, make_result, true_rotations, with_rotations
 
+from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation import lead as leads
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.single_errors import single_errors, with_ranges
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -208,3 +210,20 @@ def test_both_quantities_called_positioning_have_tables_of_their_own():
     truth = with_ranges(report).truth
     assert truth.figures[-1].value == pytest.approx(np.ptp(report.truth.curves["E_ZZ"]))
     assert "positioning-range" not in report_json(report), "results.json is that of the solvers"
+
+
+def test_the_next_commands_name_the_bag_as_seen_from_here(tmp_path, monkeypatch):
+    lead = lead_of(make_report(bag=tmp_path / "deep" / "run.mcap"))
+    monkeypatch.chdir(tmp_path)
+    assert any(" deep/run.mcap" in line for line in next_lines(lead))
+    monkeypatch.chdir("/")
+    assert not any(str(tmp_path) in line and f" {tmp_path}" in line for line in next_lines(lead))
+
+
+@pytest.mark.parametrize(("plan", "repeated"), [("quick", False), ("demo", True)])
+def test_a_run_without_repeats_is_said_to_be_one(plan, repeated):
+    measurement = simulate(load_plan(plan)[0], load_cell("demo")[0], seed=1)
+    lead = lead_of(make_report(measurement=measurement))
+    assert lead.repeated is repeated
+    consistent = replace(lead, verdict=Verdict("CONSISTENT", "They agree."))
+    assert any("No line was repeated" in one for one in sentences_of(consistent)) is not repeated

@@ -13,7 +13,7 @@ from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.axis_test import OVERRUN_NOT_TOLD, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
-from stepdiag_ros.bags.imports.mapping import AXIS, LINES, TableMapping, mapping_of
+from stepdiag_ros.bags.imports.mapping import AXIS, DELIMITERS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import (
@@ -35,6 +35,7 @@ NAME = "table with a mapping file"
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
+_DECIMAL = "'decimal: {sign}' under 'text' of the mapping file"
 
 
 class _Cells(NamedTuple):
@@ -148,7 +149,10 @@ def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) 
         else:
             shown = ", ".join(f"'{name}'" for name in names[:12])
             raise refusal(
-                source, row, f"there is no column '{column}', but {shown}", fault="not_found"
+                source,
+                row,
+                f"there is no column '{column}', but {shown}{_separated(column, names, mapping)}",
+                fault="not_found",
             )
         if place >= len(cells):
             raise refusal(source, row, f"there is no column {column}, only {len(cells)}")
@@ -156,6 +160,19 @@ def _places(source: str, row: int, cells: Sequence[str], mapping: TableMapping) 
             raise refusal(source, row, f"the mapping uses column {column} twice")
         made[meaning] = place
     return made
+
+
+def _separated(column: str, names: Sequence[str], mapping: TableMapping) -> str:
+    """Say which sign separates the columns, if a column appears once the row is split by it."""
+    for word, sign in DELIMITERS.items():
+        if sign not in (" ", mapping.delimiter) and any(
+            column in [part.strip(' "') for part in name.split(sign)] for name in names
+        ):
+            return (
+                f". The columns seem to be separated by another sign: write 'delimiter: {word}'"
+                " under 'text' of the mapping file"
+            )
+    return ""
 
 
 def _run_key(place: int) -> str:
@@ -175,7 +192,8 @@ class _Numbers:
             what = f"'{self._mapping.runs[int(name.split()[-1])].column}'"
         text = cells.texts[name]
         factor = self._mapping.units[unit or name]
-        return factor * number_in(text, self._source, cells.row, what, self._mapping.decimal)
+        decimal = self._mapping.decimal
+        return factor * number_in(text, self._source, cells.row, what, decimal, _DECIMAL)
 
     def time(self, cells: _Cells) -> float:
         """Return the time in s; NaN where no column states it."""
@@ -218,7 +236,7 @@ class _Numbers:
         what = f"'{self._mapping.columns[name]}'"
         if not text:
             return float("nan")
-        return number_in(text, self._source, cells.row, what, self._mapping.decimal)
+        return number_in(text, self._source, cells.row, what, self._mapping.decimal, _DECIMAL)
 
     def told(self, cells: _Cells) -> PassColumns:
         """Return what columns state about the whole pass."""

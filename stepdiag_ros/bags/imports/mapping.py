@@ -18,7 +18,8 @@ TABLES = (AXIS, LINES, READINGS)
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 25.4e-3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
-_DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
+DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
+"""Name in a mapping file → the sign between two cells."""
 
 _COLUMNS = {
     AXIS: ("target", "deviation", "position", "run", "direction", "time"),
@@ -145,7 +146,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
     runs = _runs(top) if table == AXIS and "runs" in top.keys() else ()  # noqa: SIM118
     given: dict[str, Any] = {
         "encoding": layout.text("encoding", default="utf-8-sig"),
-        "delimiter": _DELIMITERS[layout.names("delimiter", tuple(_DELIMITERS), default="comma")[0]],
+        "delimiter": DELIMITERS[layout.names("delimiter", tuple(DELIMITERS), default="comma")[0]],
         "decimal": {"point": ".", "comma": ","}[
             layout.names("decimal", ("point", "comma"), default="point")[0]
         ],

@@ -18,6 +18,7 @@ from stepdiag_ros.bags.imports.source import PREFIX, SourceFile, read_source
 from stepdiag_ros.bags.imports.together import together
 from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_rows import COLUMNS
+from stepdiag_ros.configuration import available
 
 _ENOUGH_COLUMNS = 4
 """Of a run table's, after which a table is taken for one that may lack others."""
@@ -70,7 +71,8 @@ def read_file(
     source.text(said.encoding)  # says it better where the file is not text at all
     raise TableError(
         f"{source.name} has no known format ({', '.join(found.name for found in FORMATS)}, run"
-        " table); describe its columns in a mapping file: --mapping FILE",
+        " table); describe its columns in a mapping file: --mapping FILE, or --mapping with one of "
+        + ", ".join(available("imports")),
         fault="unknown",
         aspect="format",
     )

@@ -157,7 +157,9 @@ def read_source(path: str | Path) -> SourceFile:
     return SourceFile(path, data)
 
 
-def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -> float:
+def number_in(
+    text: str, source: str, row: int, what: str, decimal: str = ".", by: str = "--decimal"
+) -> float:
     """Return the number in a text.
 
     Args:
@@ -166,6 +168,7 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
         row: line of the file.
         what: the number is, in words.
         decimal: ``.`` or ``,``.
+        by: option, or key of the mapping file, that states the decimal sign.
 
     Raises:
         TableError: it is not a finite number; names file and row.
@@ -180,7 +183,7 @@ def number_in(text: str, source: str, row: int, what: str, decimal: str = ".") -
         hint = ""
         if re.fullmatch(rf"[+-]?\d*\{other}\d+", text.strip()):
             sign = "comma" if other == "," else "point"
-            hint = f"; it has a decimal {sign}: say so (--decimal; in a mapping, text: decimal)"
+            hint = f"; it has a decimal {sign}: say so with {by.format(sign=sign)}"
         raise refusal(
             source, row, f"{what} is '{_short(text)}', expected a number{hint}", fault="malformed"
         )

@@ -80,6 +80,17 @@ class Budget:
                 found[group] = np.sqrt(np.sum(self.contributions[rows] ** 2, axis=0))
         return found
 
+    @property
+    def largest_group(self) -> str:
+        """Return the group of sources that contributes most to the curves of displacements."""
+        of_curves = [
+            number
+            for number, quantity in enumerate(self.sensitivity.quantities)
+            if quantity.curve and quantity.unit == "m"
+        ]
+        sizes = {group: np.nansum(sizes[of_curves] ** 2) for group, sizes in self.groups().items()}
+        return max(sizes, key=lambda group: sizes[group])
+
     def row(self, name: str) -> int:
         """Return the place of a quantity.
 

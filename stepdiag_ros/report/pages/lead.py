@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
+    CONSISTENT,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -14,10 +15,19 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
+from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import missing_words, sentences_of
 from stepdiag_ros.words.proposal import proposed_sentences
 
+_MEANS = {
+    CONSISTENT: "the error curves explain all readings",
+    NAMED: "another effect acts, and it is found",
+    AMBIGUOUS: "another effect acts, and several causes explain it",
+    UNEXPLAINED: "something acts that the error curves do not contain",
+    NOT_TESTABLE: "no reading of this run could contradict the error curves",
+}
+"""Verdict of the diagnosis → what it means to a customer."""
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
 
 
@@ -46,9 +56,22 @@ class ToleranceJudgement:
     noise: bool
 
     @property
+    def size(self) -> str:
+        """Write the largest error with its uncertainty, which may be a lower bound."""
+        size = with_expanded(self.value, self.expanded_uncertainty, IN_MICRO)
+        bound = " (U at least)" if self.lower_bound else ""
+        return UNKNOWN if size == UNKNOWN else f"{size} µm{bound}"
+
+    @property
     def limit(self) -> str:
         """Write the tolerance as exactly as it was given."""
         return f"{self.tolerance * IN_MICRO:.10g} µm"
+
+
+def verdict_words(material: Material) -> str:
+    """Return the verdict of the diagnosis, and what it means to a customer."""
+    name = material.lead.verdict.name
+    return f"{name}: {_MEANS[name]}" if name in _MEANS else name
 
 
 def judge(material: Material) -> ToleranceJudgement:
@@ -96,10 +119,9 @@ def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str
         f"{letter} {plain(value * IN_MILLI, 1)}"
         for letter, value in zip("XYZ", accuracy.position, strict=True)
     )
-    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
-    if size in headline:
+    if judged.size in headline:
         return f"at {where} mm (U: 95 %)"
-    return f"Worst error {size} µm (U: 95 %) at {where} mm"
+    return f"Worst error {judged.size} (U: 95 %) at {where} mm"
 
 
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:
@@ -121,8 +143,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
     if judged.verdict not in words:
         if judged.noise:
             return "neutral", "No error of this machine stands out from the noise"
-        size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
-        return "neutral", f"Largest error in the measured volume: {size} µm"
+        return "neutral", f"Largest error in the measured volume: {judged.size}"
     tone, text = words[judged.verdict]
     if judged.lower_bound and judged.verdict != OPEN:
         text += ", as far as the uncertainty is known"
@@ -134,10 +155,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
         return [f"How large the largest error in the volume is these lines do not tell{nor}."]
     if judged.verdict == NOT_ASKED:
-        return [
-            "Whether the largest error is good enough was not asked: no limit was given"
-            " (--tolerance)."
-        ]
+        return ["Whether the largest error is good enough was not asked: no limit was agreed."]
     limit = judged.limit
     if judged.more_acts:
         return [
@@ -208,25 +226,33 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
             before, after = (plain(one * IN_MICRO, 2) for one in (change.before, change.after))
-            limit = material.compensation.remainder.rms_uncertainty
-            known = f"{two_digits(limit * IN_MICRO)} µm" if math.isfinite(limit) else UNKNOWN
+            expanded = judged.expanded_uncertainty
+            reached = f"{after} µm"
+            if change.after < expanded:
+                reached = f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm"
             said.append(
                 f"compensation could bring the largest error in the volume, with reversal, from"
-                f" {before} µm to {after} µm by computation; how well the errors themselves are"
-                f" known ({known} rms, standard uncertainty) comes on top. Measure again after it."
+                f" {before} µm to {reached}. Measure again after it."
             )
     if judged.verdict == OPEN and math.isfinite(judged.value) and not judged.more_acts:
-        said.append("reduce the uncertainty: more repeats, or a better known instrument.")
+        said.append(f"reduce the uncertainty{_by_its_largest_source(material)}.")
     if not said:
         said.append("nothing by these figures.")
     return said
 
 
+def _by_its_largest_source(material: Material) -> str:
+    """Name the largest source of the budget, and what lowers it; nothing without a budget."""
+    if material.budget is None:
+        return ""
+    source = material.budget.budget.largest_group
+    return f". Its largest known source: {source}. {LOWERED_BY[source]}"
+
+
 def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
     accuracy, report = material.accuracy, material.report
     rms = math.nan if accuracy is None else accuracy.rms
-    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
-    largest = UNKNOWN if size == UNKNOWN else f"{size} µm"
+    largest = judged.size
     if judged.noise:
         largest = f"{plain(judged.value * IN_MICRO, 3)} µm, no more than noise makes"
     facts = [
@@ -235,7 +261,7 @@ def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
             "Root mean square over its nodes",
             f"{plain(rms * IN_MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
-        Fact("Model and run", material.lead.verdict.name),
+        Fact("Model and run", verdict_words(material)),
         Fact("Machine", report.machine or UNKNOWN),
         Fact("Customer", material.given.customer or UNKNOWN),
     ]

@@ -7,7 +7,7 @@ from typing import Any
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, judge
+from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, judge, verdict_words
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Chapter, Fact, chapter
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn
@@ -21,7 +21,7 @@ _DECISIONS = {
     KEEPS: "the machine conforms",
     EXCEEDS: "the machine does not conform",
     OPEN: "no decision is possible",
-    NOT_ASKED: "not asked",
+    NOT_ASKED: "none: no limit was agreed",
 }
 _SIGNED_BY = ("Measured by", "Checked by", "Accepted for the customer by")
 
@@ -81,19 +81,17 @@ def _errors(material: Material) -> Table:
 
 def _conformity(material: Material) -> list[Fact]:
     judged = judge(material)
-    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
-    bound = " at least" if judged.lower_bound else ""
     asked = judged.verdict != NOT_ASKED
     return [
-        Fact("Largest error allowed", judged.limit if asked else f"{UNKNOWN} (--tolerance)"),
-        Fact("Largest error ± U (95 %)", UNKNOWN if size == UNKNOWN else f"{size} µm{bound}"),
+        Fact("Largest error allowed", judged.limit if asked else "not agreed"),
+        Fact("Largest error ± U (95 %)", judged.size),
         Fact(
             "Decision rule",
             "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is"
             " beyond it",
         ),
         Fact("Decision", _DECISIONS[judged.verdict]),
-        Fact("Model and run", material.lead.verdict.name),
+        Fact("Model and run", verdict_words(material)),
         Fact("Method", _method(material)),
     ]
 

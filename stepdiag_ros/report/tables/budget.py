@@ -46,7 +46,7 @@ def sources_table(budget: Budget) -> Table:
 
 
 def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
-    """Return the contributions of all sources to some quantities of one kind, and what they make.
+    """Return the contributions of known sources to some quantities of one kind, and their sum.
 
     Args:
         budget: of a result.
@@ -62,7 +62,8 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
     )
     table.whole_title = True
     for number, source in enumerate(budget.sources):
-        table.add_row(source.name, *(_size(budget.contributions[number, row]) for row in rows))
+        if source.known:
+            table.add_row(source.name, *(_size(budget.contributions[number, row]) for row in rows))
     table.add_section()
     combined, expanded, lower = budget.standard_uncertainty, budget.expanded, budget.at_least
     table.add_row("combined u", *(_bound(lower[row]) + _size(combined[row]) for row in rows))
@@ -70,7 +71,7 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
     table.add_row("coverage factor k", *(plain(budget.coverage_factor[row], 2) for row in rows))
     table.add_row(
         f"expanded U ({budget.coverage:.4g})",
-        *(_bound(lower[row]) + _size(expanded[row]) for row in rows),
+        *(_bound(lower[row]) + _expanded(expanded[row]) for row in rows),
     )
     table.add_row(
         "result", *(_result(budget.sensitivity.values[row], expanded[row]) for row in rows)
@@ -102,7 +103,7 @@ def curves_table(budget: Budget) -> list[Table]:
                 if row is None:
                     cells.append("-")
                 else:
-                    cells.append(_bound(budget.at_least[row]) + _size(budget.expanded[row]))
+                    cells.append(_bound(budget.at_least[row]) + _expanded(budget.expanded[row]))
             table.add_row(plain(position * IN_MILLI, 3), *cells)
         tables.append(table)
     return tables
@@ -191,6 +192,11 @@ def print_budget(report: BudgetReport, console: PlainConsole) -> None:
         console.print()
     remarks = [f"Run: {remark}" for remark in report.remarks]
     checked = [] if report.check is None else check_sentences(report.check)
+    if not all(source.known for source in budget.sources):
+        checked.append(
+            "To state what is not known, copy config/instruments/demo.yaml, enter the values of"
+            " your certificates, and give the copy with --instrument."
+        )
     sign = f"Squareness sign: {SIGN_DEFINITIONS['rotation']}."
     for text in (*remarks, sign, *budget.remarks, *checked):
         console.sentence(text)
@@ -202,6 +208,11 @@ def _freedom(freedom: float) -> str:
 
 def _bound(lower: bool) -> str:
     return "≥ " if lower else ""
+
+
+def _expanded(uncertainty: float) -> str:
+    """Write an expanded uncertainty in millionths of SI to two significant digits (GUM 7.2.6)."""
+    return with_uncertainty(0.0, uncertainty * IN_MICRO)[1]
 
 
 def _result(value: float, expanded_uncertainty: float) -> str:

@@ -98,6 +98,9 @@ def test_every_section_says_something(parts, name, validators):
     numbered = [text for text in told.headings if text[0].isdigit()]
     assert len(numbered) == len(sections())
     assert "nan" not in told.text.lower().split()
+    facts = told.facts()
+    assert facts["Largest error allowed"] == "not agreed"
+    assert facts["Largest error in the volume"] == facts["Largest error ± U (95 %)"]
     assert "None" not in told.text.split()
 
 
@@ -188,6 +191,12 @@ def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, toleran
     assert judge(found).verdict == verdict
     found.accuracy, found.expanded_uncertainty, given.tolerance = None, float("nan"), 1.0
     assert judge(found).verdict == OPEN
+
+
+@pytest.mark.parametrize("lower_bound", [True, False])
+def test_a_lower_bound_of_the_uncertainty_is_called_one_everywhere(lower_bound):
+    judged = ToleranceJudgement(OPEN, 10e-6, 1e-6, lower_bound, 50e-6, False, False)
+    assert ("U at least" in judged.size) == lower_bound and "10.0 ± 1.0 µm" in judged.size
 
 
 @pytest.mark.parametrize("tolerance", [50e-6, 1e-6])

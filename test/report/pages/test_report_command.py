@@ -40,7 +40,7 @@ from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
 from stepdiag_ros.report.publish import try_folder
-from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, two_digits, with_expanded
 
 PLAN = """\
 name: small run
@@ -127,6 +127,14 @@ def test_what_a_large_run_is_not_evaluated_for_is_said_first_and_in_the_report(
         assert f"The {name} is left out for its size" in text
 
 
+def test_a_report_of_another_run_is_not_replaced_without_a_word(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(limits, "MOST_VALUES", 30)
+    monkeypatch.setattr(pictures.Studio, "fetch_all", lambda _: {})
+    (tmp_path / "report.json").write_text('{"run_id": "X1"}')
+    assert main(["report", str(bag), "--json", "--output", str(tmp_path)]) == 0
+    assert "'X1'" in capsys.readouterr().err
+
+
 def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
     titles = [section.title for section in sections()]
     numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
@@ -189,6 +197,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert f"Largest error in the measured volume: {size} µm at" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "What to do: compensation could bring the largest error" in page.text
+    assert f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm" in page.text
     assert document["summary"]["lower_bound"] is False
     volume = document["sections"]["volume"]
     assert volume["expanded_uncertainty"] == document["summary"]["expanded_uncertainty"]
@@ -362,7 +371,7 @@ def test_what_is_not_known_is_gathered(document, page):
 @needs_poppler
 def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder):
     pages = _text(folder / "report.pdf").split("\f")[:-1]
-    assert 5 <= len(pages) <= 12
+    assert 5 <= len(pages) <= 14
     for number, text in enumerate(pages, 1):
         assert f"{number} / {len(pages)}" in text, f"page {number}"
         assert f"run {RUN_ID}" in text, f"page {number}"

@@ -117,7 +117,13 @@ def _run_facts(material: Material) -> list[Fact]:
 def condition_facts(material: Material) -> list[Fact]:
     """Return machine, instrument, box, time and weather for the summary."""
     wanted = ("Machine", "Machine number", "Place", "Instrument", "Begun", "Duration")
-    facts = [one for one in _run_facts(material) if one.name in wanted]
+    by_hand = wanted[1:3]
+    facts = [
+        # What is not known is an empty line of the page, to fill in by hand.
+        Fact(one.name, "") if one.text == UNKNOWN and one.name in by_hand else one
+        for one in _run_facts(material)
+        if one.name in wanted
+    ]
     facts += [one for one in _plan_facts(material) if one.name in ("Measured box", "Lines")]
     for name, (mean, low, high, _) in _weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]

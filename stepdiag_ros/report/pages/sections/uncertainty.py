@@ -9,7 +9,6 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.budget import budget_table, curves_table, sources_table
-from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.budget import figure_groups
 
@@ -55,11 +54,11 @@ def _tell(material: Material) -> SectionContent | str:
 
 
 def _without_idle_rows(view: Table) -> Table:
-    """Return a table without the sources that are not known, or act on nothing that it shows."""
+    """Return a table without the sources that act on nothing that it shows."""
     kept = [
         number
         for number, row in enumerate(view.rows)
-        if not all(cell in (UNKNOWN, "-") or _rounds_to_zero(cell) for cell in row[1:])
+        if not all(cell == "-" or _rounds_to_zero(cell) for cell in row[1:])
     ]
     ends = {place for place, number in enumerate(kept) if number in view.section_ends}
     return replace(view, rows=[view.rows[number] for number in kept], section_ends=ends)
