@@ -98,6 +98,8 @@ class RecorderNode(StepdiagNode):
                 self.listen(topic, partial(self._record, topic), keep_all=True, raw=True)
         self.every(0.2, self._close_when_over, real=True)
         self.every(ASK_PERIOD, self._ask_parameters, real=True)
+        # Not only at the first tick: a run that begins before it would have no parameters.
+        self._ask_parameters()
 
     def on_run(self, description: Any) -> None:
         """Open the bag of the run; a run that is taken up again gets a bag of its own."""
