@@ -22,6 +22,7 @@ from importlib.metadata import entry_points
 from typing import Any, Literal, overload
 
 from stepdiag_ros.devices.cnc import CncDevice
+from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.devices.interferometer import InterferometerDevice
 from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.metrology.cell import SimulatedCell
@@ -39,10 +40,13 @@ class Surroundings:
     Attributes:
         machine: the machine under test; needed by controllers.
         cell: the simulated cell; needed by simulated devices only.
+        joint_controller: returns the ROS side of a joint trajectory controller, of the node that
+            opens the device; needed by the driver ``ros2_control`` only.
     """
 
     machine: Machine | None = None
     cell: SimulatedCell | None = None
+    joint_controller: Callable[[ControllerNames], JointController] | None = None
 
     def machine_for(self, driver: str) -> Machine:
         """Return the machine for a driver that needs one; ``Refusal`` if none was given."""
@@ -57,6 +61,7 @@ _DRIVERS: dict[tuple[Kind, str], str] = {
     ("cnc", "opcua"): "stepdiag_ros.devices.cnc.opcua:from_settings",
     ("cnc", "linuxcnc"): "stepdiag_ros.devices.cnc.linuxcnc:from_settings",
     ("cnc", "linuxcncrsh"): "stepdiag_ros.devices.cnc.linuxcncrsh:from_settings",
+    ("cnc", "ros2_control"): "stepdiag_ros.devices.cnc.ros2_control:from_settings",
     ("interferometer", "simulated"): "stepdiag_ros.devices.interferometer.simulated:from_settings",
     ("interferometer", "line_protocol"): (
         "stepdiag_ros.devices.interferometer.line_protocol:from_settings"

@@ -22,6 +22,7 @@ from stepdiag_ros.devices.cnc import (
     Traits,
     traits_of,
 )
+from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.messages.conversion import MOTORS, from_command_status
 from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.types import new_message
@@ -69,7 +70,7 @@ class BridgeNode(DeviceNode[CncDevice]):
         simulated = self.parameter("device") == SIMULATED
         cell = load_cell(self.parameter("cell"))[0] if simulated else None
         self._machine = load_machine(self.parameter("machine"))[0]
-        self._surroundings = Surroundings(self._machine, cell)
+        self._surroundings = Surroundings(self._machine, cell, self._joint_controller)
         self.opener()
         self._axes = Axes(self.parameter("position_timeout"))
         self.on_change("position_timeout", partial(setattr, self._axes, "stale_after"))
@@ -123,6 +124,12 @@ class BridgeNode(DeviceNode[CncDevice]):
         settings["position_rate_hz"] = changed.get("position_rate", self.parameter("position_rate"))
         with self.naming_file(changed):
             return prepare("cnc", self.parameter("device"), settings, self._surroundings)
+
+    def _joint_controller(self, names: ControllerNames) -> JointController:
+        # Its messages are installed only where ros2_control is.
+        from stepdiag_ros.nodes.joint_controller import RosJointController
+
+        return RosJointController(self, names)
 
     def on_open(self, device: CncDevice) -> None:
         """Say where the machine stands, and what its controller is like.

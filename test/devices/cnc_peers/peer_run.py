@@ -5,6 +5,7 @@ the axes are, and errs by known errors. On the way something breaks; somebody me
 """
 
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +90,7 @@ class PeerRun:
         driver: of the controller.
         settings: of the driver.
         mend: is called once in each hold, before the controller is waited for.
+        peer: context in which a controller is there that itself is in the ROS graph.
 
     Attributes:
         held: state and words of each hold in which something was mended.
@@ -96,7 +98,7 @@ class PeerRun:
         bag: of the run.
     """
 
-    def __init__(self, folder, driver, settings, mend):
+    def __init__(self, folder, driver, settings, mend, peer=None):
         self.held, self.resumed, self._mend, self._refusal = [], 0, mend, ""
         files = {"plan": PLAN, "cell": CELL, "device": yaml.safe_dump(settings)}
         for name, text in files.items():
@@ -106,7 +108,12 @@ class PeerRun:
             replace(node, parameters=node.parameters | PATIENCE.get(node.name, {}))
             for node in twin_cell(plan, "demo", cell, folder, driver, device)
         ]
-        with own_domain(), in_graph(), Processes(nodes, folder / "logs") as processes:
+        with (
+            own_domain(),
+            peer or nullcontext(),
+            in_graph(),
+            Processes(nodes, folder / "logs") as processes,
+        ):
             self._follow(processes, len(nodes))
 
     def _follow(self, processes, count):
@@ -162,6 +169,11 @@ def commands_of(bag):
 
     Those that move no axis are left out: no controller hears of them.
     """
+    return [target for _, target in numbered_commands_of(bag)]
+
+
+def numbered_commands_of(bag):
+    """Return the number beside each target of ``commands_of``."""
     targets = {}
     with BagReader(bag) as reader:
         for record, message in reader.messages():
@@ -169,7 +181,7 @@ def commands_of(bag):
                 targets[message.command_id] = tuple(message.target) if message.axis else None
     accepted = [number for number, _ in answers_of(bag, Answer.ACCEPTED)]
     assert len(accepted) == len(set(accepted))
-    return [targets[number] for number in accepted if targets[number]]
+    return [(number, targets[number]) for number in accepted if targets[number]]
 
 
 def answers_of(bag, answer):

@@ -4,6 +4,7 @@ import pytest
 from cnc_conformance import CHECKS, Rig
 from grbl_rig import GrblPeer, grbl_rig
 from opcua_rig import OpcUaPeer, opcua_rig
+from trajectory_rig import TrajectoryRig
 
 from stepdiag_ros.devices.cnc.simulated import SimulatedCnc
 from stepdiag_ros.metrology.cell import DriveModel
@@ -45,7 +46,12 @@ def opcua(plc):
     return opcua_rig(plc)
 
 
+@pytest.fixture
+def ros2_control():
+    return TrajectoryRig()
+
+
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__[6:])
-@pytest.mark.parametrize("driver", ["simulated", "grbl", "opcua"])
+@pytest.mark.parametrize("driver", ["simulated", "grbl", "opcua", "ros2_control"])
 def test_a_driver_keeps_to(check, driver, request):
     check(request.getfixturevalue(driver))

@@ -1,0 +1,180 @@
+"""ros2_control as other nodes see it: the action, services and topics around a robot.
+
+They are those of the joint trajectory controller, the joint state broadcaster, the controller
+manager and the robot state publisher; docs/ros2_control.md compares it with the real ones.
+"""
+
+import threading
+import time
+
+import rclpy
+from control_msgs.action import FollowJointTrajectory
+from controller_manager_msgs.msg import ControllerState, HardwareComponentState, HardwareInterface
+from controller_manager_msgs.srv import ListControllers, ListHardwareComponents
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_robot import CANCELED, SUCCEEDED, TrajectoryRobot
+
+PERIOD = 0.004
+"""s: between two cycles of the controller."""
+URDF = """\
+<robot name="gantry">
+  <joint name="x" type="prismatic"><limit lower="-0.01" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="y1" type="prismatic"><limit lower="-0.01" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="y2" type="prismatic"><limit lower="-0.01" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="z" type="prismatic"><limit lower="-1" upper="0.01" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+class TrajectoryPeer:
+    """A gantry under ros2_control in ``namespace``; a context in whose block it is in the graph.
+
+    Attributes:
+        robot: behind it.
+        sampling: joint states are published.
+        managing: the controller manager answers (late, once it does again).
+        halfway: number of a goal, from 1 → what happens, once, when half of its time is over.
+        targets: end of each goal of the action that was reached, in the units of the joints.
+    """
+
+    def __init__(self, namespace="/gantry"):
+        self.namespace = namespace
+        self.robot = TrajectoryRobot({"x": 0.0, "y1": 0.0, "y2": 0.0, "z": 0.0})
+        self.sampling = self.managing = True
+        self.halfway = {}
+        self.lock = threading.RLock()
+        self._ends = {}
+
+    @property
+    def targets(self):
+        return [place for key, place in self.robot.done if isinstance(key, bytes)]
+
+    def __enter__(self):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self._node = rclpy.create_node(
+            "ros2_control", namespace=self.namespace, context=self._context
+        )
+        self._make()
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._over = False
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._over = True
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.shutdown()
+
+    def _spin(self):
+        while not self._over:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _make(self):
+        node = self._node
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_publisher(String, "robot_description", latched).publish(String(data=URDF))
+        self._joints = node.create_publisher(JointState, "joint_states", 10)
+        node.create_service(
+            ListControllers, "controller_manager/list_controllers", self._controllers
+        )
+        node.create_service(
+            ListHardwareComponents, "controller_manager/list_hardware_components", self._hardware
+        )
+        self._server = ActionServer(
+            node,
+            FollowJointTrajectory,
+            "gantry_controller/follow_joint_trajectory",
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=self._on_cancel,
+        )
+        node.create_timer(PERIOD, self._cycle)
+
+    def _cycle(self):
+        with self.lock:
+            robot = self.robot
+            robot.step(time.monotonic())
+            if robot.share >= 0.5 and robot.accepted in self.halfway:
+                self.halfway.pop(robot.accepted)()
+            for key, outcome, code, words in robot.ended:
+                if key in self._ends:
+                    self._ends.pop(key).set_result((outcome, code, words))
+            robot.ended.clear()
+            positions = robot.positions()
+        if self.sampling:
+            message = JointState(name=list(positions), position=list(positions.values()))
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            self._joints.publish(message)
+
+    def _controllers(self, _request, response):
+        self._wait()
+        for name, state in (
+            ("joint_state_broadcaster", "active"),
+            ("gantry_controller", self.robot.controller),
+        ):
+            response.controller.append(ControllerState(name=name, state=state))
+        return response
+
+    def _hardware(self, _request, response):
+        part = HardwareComponentState(name="drives", type="system")
+        part.state.label = self.robot.hardware
+        part.command_interfaces = [
+            HardwareInterface(name=f"{name}/position") for name in self.robot.names
+        ]
+        response.component.append(part)
+        return response
+
+    def _wait(self):
+        while not self.managing and not self._over:
+            self._cycle()
+            time.sleep(PERIOD)
+
+    def _on_goal(self, goal):
+        with self.lock:
+            names = goal.trajectory.joint_names
+            known = self.robot.controller == "active" and sorted(names) == sorted(self.robot.names)
+        return GoalResponse.ACCEPT if known else GoalResponse.REJECT
+
+    def _on_cancel(self, handle):
+        with self.lock:
+            self.robot.cancel(time.monotonic(), bytes(handle.goal_id.uuid))
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle):
+        key, goal = bytes(handle.goal_id.uuid), handle.request
+        points = [
+            (
+                point.time_from_start.sec + point.time_from_start.nanosec * 1e-9,
+                list(point.positions),
+                list(point.velocities),
+            )
+            for point in goal.trajectory.points
+        ]
+        allowed = goal.goal_time_tolerance
+        tolerances = (
+            [one.position for one in goal.path_tolerance],
+            [one.position for one in goal.goal_tolerance],
+            allowed.sec + allowed.nanosec * 1e-9,
+        )
+        end = self._ends[key] = Future()
+        with self.lock:
+            names = list(goal.trajectory.joint_names)
+            self.robot.accept(key, names, points, tolerances, time.monotonic())
+        outcome, code, words = await end
+        if outcome == SUCCEEDED:
+            handle.succeed()
+        elif outcome == CANCELED:
+            handle.canceled()
+        else:
+            handle.abort()
+        return FollowJointTrajectory.Result(error_code=code, error_string=words)
