@@ -149,7 +149,20 @@ def block(rows: list[str]) -> str:
     return "\n" + "\n".join(rows) + "\n"
 
 
+def catalogue_table() -> str:
+    """Return the effects of the catalogue: what happens, where and how, sizes with their range."""
+    rows = ["| effect | what happens | setting | sizes |", "|---|---|---|---|"]
+    for effect in catalogue().values():
+        keys = ", ".join(f"`{key.name}`" for key in effect.keys)
+        sizes = "; ".join(
+            f"`{size.name}`: {size.low:g} to {size.high:g} {size.unit}" for size in effect.sizes
+        )
+        rows.append(f"| {effect.name} | {effect.sentence} | {keys} | {sizes} |")
+    return "\n" + "\n".join(rows) + "\n"
+
+
 FIGURES = {
+    "catalogue": Figure("docs/effects.md", marked("catalogue"), catalogue_table),
     "named effects": Figure("docs/diagnose.md", marked("named effects"), named_effects),
     "seen patterns": Figure("docs/diagnose.md", marked("seen patterns"), seen_patterns),
     "table 1": Figure("docs/ibaraki_hata.md", marked("table 1"), table_1_beside_the_paper),

@@ -16,6 +16,7 @@ Item = TypeVar("Item")
 FASTEST_FEED = 5.0
 """m/s: a larger one was meant in m/min."""
 _MOST_SHOWN = 60
+_MOST_LISTED = 12
 
 
 def _shown(value: Any) -> str:
@@ -281,7 +282,9 @@ class Section:
         for key in self._mapping:
             if key not in self._taken:
                 near = get_close_matches(str(key), sorted(self._taken), n=1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
+                known = ", ".join(sorted(self._taken)) or "none"
+                few = len(self._taken) <= _MOST_LISTED
+                hint = f"; did you mean '{near[0]}'?" if near else f"; known: {known}" * few
                 raise Refusal(
                     f"{self._source}: unknown key '{key}'{hint}",
                     fault="unknown",

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from stepdiag_ros.metrology.refusal import Refusal
@@ -31,9 +32,14 @@ def of_modules(package: str, attribute: str) -> list[Any]:
         package: its full name; all its modules are imported.
         attribute: modules without it are passed over.
     """
-    modules = sorted(one.name for one in iter_modules(import_module(package).__path__))
-    found = (getattr(import_module(f"{package}.{name}"), attribute, None) for name in modules)
+    found = (getattr(module, attribute, None) for module in modules_of(package))
     return [one for one in found if one is not None]
+
+
+def modules_of(package: str) -> list[ModuleType]:
+    """Return all modules of a package, imported, in the order of their names."""
+    names = sorted(one.name for one in iter_modules(import_module(package).__path__))
+    return [import_module(f"{package}.{name}") for name in names]
 
 
 def record_fault(found: object, kind: type, told: Iterable[str] = ()) -> str:
@@ -80,17 +86,12 @@ def with_added(
         fault: says what keeps an object from being one; empty if nothing does.
 
     Raises:
-        ValueError: an entry point cannot be loaded, is of another kind, or takes a name that is
-            there; says which and of which package.
+        ValueError: a thing is of another kind or takes a name that is there, or an entry point
+            cannot be loaded; says which and of which module or package.
     """
-    found = {one.name: one for one in own}
-    for point in sorted(installed_points(group), key=lambda one: one.name):
-        origin = f" of the package {point.dist.name}" if point.dist is not None else ""
-        where = f"the {what} '{point.name}'{origin} ({point.value})"
-        try:
-            added = point.load()
-        except Exception as error:  # whatever a foreign module does when it is imported
-            raise Refusal(f"{where} cannot be loaded: {error}", fault="failed") from error
+    found: dict[str, Thing] = {}
+
+    def add(added: Any, where: str) -> None:
         if wrong := fault(added):
             raise Refusal(f"{where} {wrong}", fault="wrong_kind")
         if added.name in found:
@@ -98,4 +99,16 @@ def with_added(
                 f"{where} is named '{added.name}', which is another {what}'s name", fault="twice"
             )
         found[added.name] = added
+
+    for one in own:
+        kind = one if isinstance(one, type) else type(one)
+        add(one, f"the {what} '{getattr(one, 'name', kind.__name__)}' ({kind.__module__})")
+    for point in sorted(installed_points(group), key=lambda one: one.name):
+        origin = f" of the package {point.dist.name}" if point.dist is not None else ""
+        where = f"the {what} '{point.name}'{origin} ({point.value})"
+        try:
+            added = point.load()
+        except Exception as error:  # whatever a foreign module does when it is imported
+            raise Refusal(f"{where} cannot be loaded: {error}", fault="failed") from error
+        add(added, where)
     return found

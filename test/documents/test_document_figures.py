@@ -20,8 +20,8 @@ def test_a_figure_in_a_document_is_what_is_computed(name):
     computed = figure.make()
     for found in texts(figure):
         assert alike(found, computed), (
-            f"{figure.document} has{found}computed is{computed}"
-            f"write it: python benchmarks/document_figures.py --write --only '{name}'"
+            f"{figure.document} has {found!r}, computed is {computed!r}: "
+            f"write it by python benchmarks/document_figures.py --write --only '{name}'"
         )
 
 

@@ -492,3 +492,52 @@ def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch
     with refused(Refusal, why[broken]) as caught:
         catalogue()
     assert "THE_POINT" in str(caught.value) and "\n" not in str(caught.value)
+
+
+OWN_EFFECT = """\
+from stepdiag_ros.metrology.effects.backlash import Backlash
+from stepdiag_ros.metrology.effects.effect import Change, Effect, Size
+
+class Bow(Effect):
+    name = "bow"
+    sentence = "A guideway bends."
+    source = "this test"
+    sizes = (Size("height", "m", -1e-5, 1e-5, "in the middle"),)
+
+    def settings(self, stops):
+        yield {}
+
+    def change(self, setting, sizes, stops):
+        return Change.along("Z", sizes["height"] * stops.time)
+
+EFFECT = Bow()
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ('name = "bow"', 'name = "backlash"', a_fault("twice", "backlash")),
+        ('source = "this test"', "", a_fault("wrong_kind", "'source'")),
+        ("sizes = (Size", "unused = (Size", a_fault("wrong_kind", "'sizes'")),
+        ("EFFECT = Bow()", "EFFECT = Bow", a_fault("wrong_kind", "Effect")),
+        ("EFFECT = Bow()", "EFECT = Bow()", a_fault("missing", about="EFFECT")),
+        ("", "", None),
+    ],
+)
+def test_a_module_of_this_package_is_checked_like_that_of_another(
+    tmp_path, monkeypatch, right, wrong, fault
+):
+    (tmp_path / "test_bow.py").write_text(OWN_EFFECT.replace(right, wrong))
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module = "stepdiag_ros.metrology.effects.test_bow"
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    try:
+        if fault is None:
+            assert catalogue()["bow"].sentence == "A guideway bends."
+        else:
+            with refused(Refusal, fault, module):
+                catalogue()
+    finally:
+        sys.modules.pop(module, None)

@@ -13,7 +13,7 @@ class AngularError(Effect):
     """One of the nine rotations of the axes, a straight line and a parabola over the travel."""
 
     name = "angular error"
-    sentence = "A carriage turns about X, Y or Z as it moves along its bent or twisted guideway."
+    sentence = "A carriage rotates about X, Y or Z as it moves along its bent or twisted guideway."
     source = "ISO 230-1:2012 (E_AX to E_CZ); Ibaraki & Hata 2010, eq. 23"
     keys = (Key("error", ROTATIONS),)
     sizes = (

@@ -13,7 +13,7 @@ class BeamBreak(Effect):
     """Step of the reading that ends with its pass."""
 
     name = "beam-break jump"
-    sentence = "The beam was broken and preset to a wrong value; the next pass was begun anew."
+    sentence = "The beam was broken and preset to a wrong value; the next pass had a new zero."
     source = "ISO 230-1:2012 (laser interferometer); the count is lost with the beam"
     keys = PASS_KEYS
     sizes = (Size("size", "m", -10e-6, 10e-6, "of the step"),)

@@ -1,24 +1,49 @@
 """The catalogue: all effects by name, those of this package and those that others add."""
 
-from stepdiag_ros.metrology.effects.effect import Effect
-from stepdiag_ros.metrology.registry import of_modules, with_added
+from inspect import isabstract
+from types import ModuleType
 
+from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.registry import modules_of, with_added
+
+_PACKAGE = "stepdiag_ros.metrology.effects"
 ENTRY_POINTS = "stepdiag_ros.effects"
 """Group of entry points by which another package adds effects; each names an ``Effect``."""
 
 
 def catalogue() -> dict[str, Effect]:
-    """Return all effects by their names: those of this package first, in alphabetical order.
+    """Return all effects by their names: those of this package first, by their modules' names.
 
     An effect is the attribute ``EFFECT`` of a module of this package, or an entry point of the
     group ``stepdiag_ros.effects`` that names an ``Effect``.
 
     Raises:
-        ValueError: an entry point cannot be loaded, is not an effect, or takes a name that is
-            there; says which and of which package.
+        ValueError: an effect is incomplete or takes a name that is there, a module of this package
+            has one without ``EFFECT``, or an entry point cannot be loaded or is not an effect; says
+            which and of which module or package.
     """
-    own: list[Effect] = of_modules("stepdiag_ros.metrology.effects", "EFFECT")
+    own: list[Effect] = []
+    for module in modules_of(_PACKAGE):
+        if hasattr(module, "EFFECT"):
+            own.append(module.EFFECT)
+        elif forgotten := [kind for kind in vars(module).values() if _is_made_in(module, kind)]:
+            name = forgotten[0].__name__
+            raise Refusal(
+                f"{module.__name__} has the effect {name}, but not EFFECT = {name}() at its end",
+                fault="missing",
+                about="EFFECT",
+            )
     return with_added(own, ENTRY_POINTS, "effect", _fault)
+
+
+def _is_made_in(module: ModuleType, kind: object) -> bool:
+    return (
+        isinstance(kind, type)
+        and issubclass(kind, Effect)
+        and not isabstract(kind)
+        and kind.__module__ == module.__name__
+    )
 
 
 def _fault(effect: object) -> str:

@@ -97,7 +97,8 @@ class Effect(ABC):
         source: where this is described.
         sizes: linear sizes; the change of the readings is proportional to each.
         keys: of a setting, in their order in a label.
-        needs: columns of ``Stops`` that must be known, and must vary, for the effect to be seen.
+        needs: columns of ``Stops`` that must be known at some stop for the effect to be seen; see
+            ``known``.
         typical: its one size is the typical size of many unknown values (``loose``), which no
             column shows and no simulation can have.
     """

@@ -10,7 +10,7 @@ class SeveralAngularErrors(Effect):
     """All nine rotations of the axes, each a random function of one typical size."""
 
     name = "several angular errors"
-    sentence = "The carriages turn about X, Y and Z as they move, several of them at once."
+    sentence = "The carriages rotate about X, Y and Z as they move, several of them at once."
     source = "ISO 230-1:2012 (E_AX to E_CZ); Ibaraki & Hata 2010, section 4.2"
     sizes = (
         Size("size", "rad", 0.0, 200e-6, "standard deviation of a turn over the measured travel"),
