@@ -140,6 +140,13 @@ DIAGNOSIS = Topic(
     derived=True,
     conclusive="run_over",
 )
+RUN_VERDICT = Topic(
+    "result/verdict",
+    "stepdiag_ros/msg/RunVerdict",
+    Qos.LATCHED,
+    derived=True,
+    conclusive="run_over",
+)
 ERROR_MARKERS = Topic(
     "result/error_markers", "visualization_msgs/msg/MarkerArray", Qos.LATCHED, recorded=False
 )
@@ -171,6 +178,7 @@ TOPICS = (
     VOLUMETRIC_ERRORS,
     POSITIONING_TEST,
     DIAGNOSIS,
+    RUN_VERDICT,
     ERROR_MARKERS,
     RUN_MARKERS,
     FRAMES,

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Measures as a robot cell does: starts a run, follows it, and prints what it came to.
+"""Measures as a robot cell does: starts a run, follows it, and decides by its verdict.
 
     python3 supervise.py quick                                # a plan that the sequencer knows
     python3 supervise.py quick --ros-args -r __ns:=/cell      # of the nodes in the namespace /cell
 
-The exit code is 0 if all lines were measured, 1 otherwise. It runs with and without ROS 2.
+The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise.
+It runs with and without ROS 2.
 """
 
 import sys
@@ -21,10 +22,12 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 from stepdiag_ros.action import Measure
-from stepdiag_ros.msg import RunState, VolumetricErrors
+from stepdiag_ros.msg import RunState, RunVerdict
 
 SILENCE_LIMIT = 2.0
 """Seconds without run/state, which comes twice a second, after which the sequencer is gone."""
+VERDICT_LIMIT = 5.0
+"""Seconds after the result of the action in which the verdict on the whole run comes."""
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -33,7 +36,7 @@ class Supervisor(Node):
 
     def __init__(self) -> None:
         super().__init__("supervisor")
-        self.worst: dict[str, str] = {}  # identity of a run: its largest error
+        self.verdict = RunVerdict()
         self._asked = (0, 0)
         self._heard = time.monotonic() + 10.0  # discovery of the nodes takes a while
         self._measure = ActionClient(self, Measure, "sequencer/measure")
@@ -41,16 +44,21 @@ class Supervisor(Node):
             name: self.create_client(Trigger, f"sequencer/{name}") for name in ("resume", "abort")
         }
         self.create_subscription(RunState, "run/state", self._on_state, LATCHED)
-        self.create_subscription(
-            VolumetricErrors, "result/volumetric_errors", self._on_errors, LATCHED
-        )
+        self.create_subscription(RunVerdict, "result/verdict", self._on_verdict, LATCHED)
 
     def measure(self, plan: str) -> Measure.Result:
         """Execute a plan and return its result; TimeoutError if the sequencer falls silent."""
         while not self._measure.server_is_ready():
             self._spin()
         goal = self._wait(self._measure.send_goal_async(Measure.Goal(plan=plan), self._on_feedback))
-        return self._wait(goal.get_result_async()).result
+        result = self._wait(goal.get_result_async()).result
+        until = time.monotonic() + VERDICT_LIMIT
+        while result.run_id and not self._decided(result.run_id) and time.monotonic() < until:
+            self._spin()
+        return result
+
+    def _decided(self, run_id: str) -> bool:
+        return self.verdict.run_id == run_id and self.verdict.run_over
 
     def _wait(self, future: Future) -> object:
         while not future.done():
@@ -74,25 +82,42 @@ class Supervisor(Node):
             print(f"{run.text}: {name[run.state]}", flush=True)  # align laser and mirror here
             self._services[name[run.state]].call_async(Trigger.Request())
 
-    def _on_errors(self, errors: VolumetricErrors) -> None:
-        if errors.method == "least_squares":  # the method that uses all lines
-            names = [f"e_{error}{axis}" for axis in "xyz" for error in "xyz"]
-            known = [(abs(e), name) for name in names for e in getattr(errors, name) if e == e]
-            size, name = max(known)  # NaN, not equal to itself, is unknown
-            self.worst[errors.run_id] = f"{name.upper()} {size * 1e6:.2f} µm"
+    def _on_verdict(self, verdict: RunVerdict) -> None:
+        self.verdict = verdict
+
+
+def decision(verdict: RunVerdict) -> str:
+    """Return what the cell does next."""
+    if not verdict.run_over or verdict.worst_error != verdict.worst_error:  # NaN is unknown
+        return "measure again: the largest error is not known"
+    if verdict.diagnosis in (RunVerdict.DIAGNOSIS_UNKNOWN, RunVerdict.DIAGNOSIS_NOT_TESTABLE):
+        return "go on, but measure with repeats: whether more acts was not tested"
+    if verdict.diagnosis != RunVerdict.DIAGNOSIS_CONSISTENT:
+        return "call service: more acts than the errors contain"
+    if verdict.conformity == RunVerdict.CONFORMITY_NOT_WITHIN:
+        return "compensate, and measure again"
+    if verdict.conformity == RunVerdict.CONFORMITY_UNDECIDED:
+        return "call a metrologist: the uncertainty allows no decision"
+    return "go on"
 
 
 def main() -> int:
-    """Measure, and print verdict, largest error and bag."""
+    """Measure, and print largest error, decision and bag."""
     rclpy.init()
     supervisor = Supervisor()
     try:
         result = supervisor.measure("".join(remove_ros_args(sys.argv)[1:]))
     except TimeoutError as error:
         sys.exit(str(error))
-    worst = supervisor.worst.get(result.run_id, "unknown")
-    print(f"{result.text}; {result.verdict}; largest error: {worst}; bag: {result.bag}")
-    return 0 if result.outcome == Measure.Result.OUTCOME_FINISHED else 1
+    verdict = supervisor.verdict
+    next_step = "nothing was measured"
+    if verdict.run_id and verdict.run_id == result.run_id:
+        next_step = decision(verdict)
+        worst = f"{verdict.worst_error * 1e6:.2f} ± {verdict.expanded_uncertainty * 1e6:.2f} µm"
+        print(f"largest error: {worst.replace('nan', 'unknown')} (U: 95 %)")
+    print(f"{result.text}; {result.verdict}; bag: {result.bag}\n{next_step}")
+    finished = result.outcome == Measure.Result.OUTCOME_FINISHED
+    return 0 if finished and next_step.startswith("go on") else 1
 
 
 if __name__ == "__main__":

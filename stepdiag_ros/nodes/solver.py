@@ -5,18 +5,26 @@ import sys
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from dataclasses import replace
+from math import nan
+from typing import Any, NamedTuple
 
 from stepdiag_ros import topics
 from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
+from stepdiag_ros.evaluation.decision import decide, lead_of_results
+from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.evaluation.solving import SolvedSoFar, solve_run
+from stepdiag_ros.messages.decision import from_decision
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.solvers.catalogue import to_rely_on
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
+from stepdiag_ros.run.conclusion import LastWord
 from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.work_health import Work
@@ -25,17 +33,26 @@ PUBLISH_PERIOD = 0.01
 """Real seconds between two looks at what has been solved."""
 
 
+class _Solved(NamedTuple):
+    """What some lines have come to, and how many they are; one measured again counts once."""
+
+    found: SolvedSoFar
+    lead: RunLead
+    lines: int
+
+
 def _solve_first(
     plan: Plan, chain: str, plausible: Plausible, lines: Sequence[MeasuredLine], count: int
-) -> SolvedSoFar:
+) -> _Solved:
     """Solve the first lines of a run; what waits for that holds no copy of them."""
     taken = tuple(lines[:count])
     measurement = Measurement(plan.volume, latest_attempts(taken), chain, plausible)
-    return solve_run(plan, measurement, taken[-1])
+    found = solve_run(plan, measurement, taken[-1])
+    return _Solved(found, lead_of_results(found.results, chain), len(measurement.lines))
 
 
 class SolverNode(LineNode):
-    """Publishes what each method makes of the lines so far, with its uncertainty.
+    """Publishes what each method makes of the lines so far, and what a supervisor decides on.
 
     A large volume takes seconds to solve. That is done in a thread of its own, line after line, so
     that the node's heartbeat goes on; a node that falls silent stops the run.
@@ -50,12 +67,19 @@ class SolverNode(LineNode):
         self._plausible = ORDINARY
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
         self._tests = self.announce(topics.POSITIONING_TEST)
+        self._verdicts = self.announce(topics.RUN_VERDICT)
+        self._newest: tuple[_Solved, int] | None = None
+        self._verdict, self._verdict_is_last = Verdict(), False
+        self._last_word = LastWord("")
+        self._concluded = True
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
-        self._solving: deque[tuple[str, int, MeasuredLine, Future[SolvedSoFar]]] = deque()
+        self._solving: deque[tuple[str, int, MeasuredLine, Future[_Solved]]] = deque()
         self.facts[WORK_LEFT] = "0"
         self._work = Work("solution")
         self.health.add_task("work", self._judge_work)
         self.follow_lines()
+        self.listen(topics.DIAGNOSIS, self._on_diagnosis)
+        self.on_change("tolerance", lambda _: self._publish_verdict())
         self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
     def take_up(self, description: Any) -> None:
@@ -63,6 +87,9 @@ class SolverNode(LineNode):
         self._plan = plan_from_text(description.plan, "plan of the run")
         self._chain = chain_from_text(description.machine, "machine of the run")
         self._plausible = plausible_from_text(description.machine, "machine of the run")
+        self._newest, self._concluded = None, False
+        self._verdict, self._verdict_is_last = Verdict(), False
+        self._last_word = LastWord(description.run_id)
 
     def on_line(self, line: MeasuredLine) -> None:
         """Solve all lines so far."""
@@ -79,22 +106,61 @@ class SolverNode(LineNode):
             run_id, count, line, solved = self._solving.popleft()
             self._work.end(self.real_time())
             try:
-                found = solved.result()
+                done = solved.result()
             except ValueError as error:
                 self.unwell(f"the lines cannot be solved: {error}")
                 self._say_work_left()
                 continue
-            for result in found.results.values():
+            for result in done.found.results.values():
                 self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
-            for test in found.tests:
+            for test in done.found.tests:
                 self._tests.publish(from_positioning_test(test, run_id, line.end_time))
             self.get_logger().info(f"{count} lines solved; last: {line.line}")
+            if run_id == self.run_id:
+                self._newest = done, line.end_time
+                self._publish_verdict()
             self._say_work_left()
+        self._conclude()
+
+    def _on_diagnosis(self, message: Any) -> None:
+        if message.run_id == self.run_id:
+            self._verdict = Verdict(message.verdict, message.sentence)
+            self._verdict_is_last = message.run_over
+            self._publish_verdict()
+
+    def _conclude(self) -> None:
+        """Publish the verdict on the whole run, when nothing is missing any more."""
+        if self._concluded or not self.run_over or self._solving:
+            return
+        if not self._verdict_is_last and self._last_word.awaited(self.watch, self.real_time()):
+            return
+        self._concluded = True
+        self._publish_verdict()
+        self._say_work_left()
+
+    def _publish_verdict(self) -> None:
+        if self._newest is None:
+            return
+        done, time = self._newest
+        decision = decide(
+            replace(done.lead, verdict=self._verdict),
+            to_rely_on(done.found.results) or "",
+            self.parameter("tolerance") or nan,
+        )
+        lines = done.lines, len(self._plan.lines)
+        over = self.run_over and self._concluded
+        self._verdicts.publish(from_decision(decision, self.run_id, time, lines, over))
 
     def _say_work_left(self) -> None:
-        before, self.facts[WORK_LEFT] = self.facts[WORK_LEFT], str(len(self._solving))
+        owed = self.run_over and not self._concluded and self._newest is not None
+        left = len(self._solving) + owed
+        before, self.facts[WORK_LEFT] = self.facts[WORK_LEFT], str(left)
         if "0" in (before, self.facts[WORK_LEFT]):
             self.beat()
+
+    def on_run_end(self) -> None:
+        """Say that the verdict on the whole run is still to come, before the bag is closed."""
+        self._say_work_left()
 
     def _judge_work(self) -> HealthFinding:
         return self._work.judge(len(self._solving), len(self.lines))

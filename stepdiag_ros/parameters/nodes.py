@@ -143,7 +143,23 @@ NODES: tuple[DeclaredNode, ...] = (
         "settles the readings of each stop and makes block displacements and lines of them",
         (_READING_TIMEOUT,),
     ),
-    DeclaredNode("solver", "solver", "solves for the volumetric errors after every finished line"),
+    DeclaredNode(
+        "solver",
+        "solver",
+        "solves for the volumetric errors after every finished line",
+        (
+            Declaration(
+                "tolerance",
+                0.0,
+                "largest permissible length of an error vector in the measured volume, for"
+                " result/verdict (ISO 14253-1); 0: none is agreed",
+                "m",
+                0.0,
+                0.1,
+                change=Changeable.ANY_TIME,
+            ),
+        ),
+    ),
     DeclaredNode(
         "evaluator",
         "evaluator",

@@ -38,6 +38,34 @@ class Conclusion:
     bag_text: str
 
 
+class LastWord:
+    """Whether the verdict on a whole run is still to come, for a node that needs it itself.
+
+    Args:
+        run_id: of the run.
+    """
+
+    def __init__(self, run_id: str) -> None:
+        self._run_id = run_id
+        self._idle_since: float | None = None
+
+    def awaited(self, watch: Watch, real: float) -> bool:
+        """Say whether a diagnosis node still owes its last word, at a real time in s.
+
+        One that is idle and says nothing is waited for ``LAST_WORD_LIMIT``: it may not have noticed
+        yet that the run is over, or the run may be too large for it.
+        """
+        if not watch.present("diagnosis", self._run_id):
+            return False
+        works = any(
+            peer.role == "diagnosis" and peer.facts.get(WORK_LEFT, "0") != "0"
+            for peer in watch.peers.values()
+        )
+        if works or self._idle_since is None:
+            self._idle_since = real
+        return real - self._idle_since < LAST_WORD_LIMIT
+
+
 class Aftermath:
     """Follows the nodes that still record or evaluate a run that is over, for a bounded time.
 

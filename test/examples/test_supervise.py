@@ -1,7 +1,9 @@
 """The example of a supervisor in a simulated cell: a run with setups, and a sequencer that dies."""
 
+import runpy
 import subprocess
 import sys
+from math import isnan, nan
 from pathlib import Path
 
 import pytest
@@ -26,7 +28,7 @@ def supervised(tmp_path):
         told = [sys.executable, str(EXAMPLE), str(plan)]
         return subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    with RunningCell(tmp_path, [topics.VOLUMETRIC_ERRORS], plan="quick") as cell:
+    with RunningCell(tmp_path, [topics.RUN_VERDICT], plan="quick") as cell:
         yield cell, start
 
 
@@ -35,15 +37,38 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(superv
     supervisor = start()
     cell.wait(lambda: supervisor.poll() is not None, "the supervisor has ended")
     out, err = supervisor.communicate(timeout=PATIENCE)
-    assert supervisor.returncode == 0, err
-    assert cell.state() is State.FINISHED and str(cell.bag()) in out
-    solved = [one for one in cell.said[topics.VOLUMETRIC_ERRORS] if one.method == "least_squares"]
-    curves = [getattr(solved[-1], f"e_{error}{axis}") for axis in "xyz" for error in "xyz"]
-    worst = max(abs(value) for curve in curves for value in curve if value == value)
-    assert f"{worst * 1e6:.2f} µm" in out and "NOT TESTABLE" in out
+    assert cell.state() is State.FINISHED and str(cell.bag()) in out, err
+    # Two lines do not determine the largest error in the volume.
+    last = cell.said[topics.RUN_VERDICT][-1]
+    assert last.run_over and isnan(last.worst_error) and last.lines == last.lines_planned == 2
+    assert supervisor.returncode == 1 and "unknown" in out and "NOT TESTABLE" in out
 
     supervisor = start()
     cell.wait(lambda: cell.state() is State.RUNNING, "the second run is on")
     cell.processes.running["sequencer"].kill()
     _, err = supervisor.communicate(timeout=PATIENCE)
     assert supervisor.returncode == 1 and "sequencer" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("changed", "starts"),
+    [
+        ({}, "go on"),
+        ({"conformity": "NOT_ASKED"}, "go on"),
+        ({"conformity": "NOT_WITHIN"}, "compensate"),
+        ({"conformity": "UNDECIDED"}, "call a metrologist"),
+        ({"diagnosis": "NAMED", "conformity": "UNDECIDED"}, "call service"),
+        ({"diagnosis": "NOT_TESTABLE"}, "go on, but"),
+        ({"worst_error": nan}, "measure again"),
+        ({"run_over": False}, "measure again"),
+    ],
+)
+def test_the_cell_decides_by_the_verdict_alone(changed, starts):
+    example = runpy.run_path(str(EXAMPLE))
+    kind = example["RunVerdict"]
+    given = {"run_over": True, "worst_error": 3e-6} | changed
+    codes = {"conformity": given.pop("conformity", "WITHIN")}
+    codes["diagnosis"] = given.pop("diagnosis", "CONSISTENT")
+    numbers = {name: getattr(kind, f"{name.upper()}_{code}") for name, code in codes.items()}
+    decided = example["decision"](kind(**given, **numbers))
+    assert decided.startswith(starts) and (decided == "go on") == (starts == "go on")

@@ -220,7 +220,7 @@ def test_the_command_prints_table_file_and_page(capsys):
     table = capsys.readouterr().out
     for text in ("position_rate", "1 to 10000", "Hz", "at start only", "driver of the controller"):
         assert text in table
-    assert cli.main(["parameters", "solver"]) == 0
+    assert cli.main(["parameters", "evaluator"]) == 0
     assert "no parameters of its own" in capsys.readouterr().out
     assert cli.main(["parameters", "clock", "--yaml"]) == 0
     assert list(yaml.safe_load(capsys.readouterr().out)) == ["/**/clock"]

@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.standards.conformity import Conformity, conformity
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
@@ -29,6 +30,12 @@ _MEANS = {
 }
 """Verdict of the diagnosis → what it means to a customer."""
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
+_VERDICTS = {
+    Conformity.NOT_ASKED: NOT_ASKED,
+    Conformity.WITHIN: KEEPS,
+    Conformity.NOT_WITHIN: EXCEEDS,
+    Conformity.UNDECIDED: OPEN,
+}
 
 
 @dataclass(frozen=True)
@@ -80,16 +87,8 @@ def judge(material: Material) -> ToleranceJudgement:
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
     more_acts, noise = material.lead.verdict.more_acts, material.lead.noise
-    if not math.isfinite(tolerance):
-        verdict = NOT_ASKED
-    elif more_acts:
-        verdict = OPEN
-    elif value + expanded <= tolerance:
-        verdict = KEEPS
-    elif value - expanded > tolerance and not noise:
-        verdict = EXCEEDS
-    else:
-        verdict = OPEN
+    proven = conformity(value, expanded, tolerance, more_acts=more_acts, noise=noise)
+    verdict = _VERDICTS[proven]
     return ToleranceJudgement(
         verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise
     )

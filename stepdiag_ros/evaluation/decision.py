@@ -1,0 +1,61 @@
+"""Makes what a supervisor decides on of the results and the diagnosis of a run."""
+
+from collections.abc import Mapping
+from math import nan
+
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    NAMED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+)
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.standards.conformity import conformity
+from stepdiag_ros.metrology.standards.decision import Agreement, RunDecision
+
+UNKNOWN_PLACE = (nan, nan, nan)
+
+
+_AGREEMENTS = {
+    CONSISTENT: Agreement.CONSISTENT,
+    NAMED: Agreement.NAMED,
+    AMBIGUOUS: Agreement.AMBIGUOUS,
+    UNEXPLAINED: Agreement.UNEXPLAINED,
+    NOT_TESTABLE: Agreement.NOT_TESTABLE,
+}
+
+
+def lead_of_results(results: Mapping[str, VolumetricErrors], chain: str) -> RunLead:
+    """Return the summary of results by method, before a diagnosis and without the recording."""
+    return lead_of(Report(tuple(results.values()), chain=chain))
+
+
+def decide(lead: RunLead, method: str, tolerance: float) -> RunDecision:
+    """Return what a supervisor decides on.
+
+    Args:
+        lead: summary of the run.
+        method: to rely on; empty if there is no result.
+        tolerance: largest permissible length of an error vector, m; NaN if none was agreed.
+    """
+    volume = lead.volume
+    value = nan if volume is None else volume.value
+    return RunDecision(
+        conformity=conformity(
+            value,
+            lead.expanded_uncertainty,
+            tolerance,
+            more_acts=lead.verdict.more_acts,
+            noise=lead.noise,
+        ),
+        diagnosis=_AGREEMENTS.get(lead.verdict.name, Agreement.UNKNOWN),
+        worst_error=value,
+        expanded_uncertainty=lead.expanded_uncertainty,
+        worst_place=UNKNOWN_PLACE if volume is None else volume.position,
+        tolerance=tolerance,
+        method=method,
+        not_determined=lead.unknown,
+    )

@@ -1,0 +1,36 @@
+"""What a supervisor decides on, as the message ``RunVerdict``."""
+
+from typing import Any
+
+from stepdiag_ros.messages.fields import set_header
+from stepdiag_ros.messages.types import new_message
+from stepdiag_ros.metrology.standards.decision import RunDecision
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.topics import RUN_VERDICT
+
+
+def from_decision(
+    decision: RunDecision, run_id: str, time: int, lines: tuple[int, int], run_over: bool
+) -> Any:
+    """Convert to a ``RunVerdict`` message.
+
+    Args:
+        decision: what is decided on.
+        run_id: identity of the run.
+        time: of the last line that was used, ns.
+        lines: that were used, and that the plan has.
+        run_over: the run has ended.
+    """
+    message = new_message(RUN_VERDICT.type_name)
+    set_header(message, time)
+    message.run_id, message.run_over = run_id, run_over
+    message.lines, message.lines_planned = lines
+    message.conformity, message.diagnosis = int(decision.conformity), int(decision.diagnosis)
+    message.worst_error = decision.worst_error
+    message.expanded_uncertainty = decision.expanded_uncertainty
+    message.coverage_factor = COVERAGE_FACTOR
+    message.worst_place = list(decision.worst_place)
+    message.tolerance = decision.tolerance
+    message.method = decision.method
+    message.not_determined = list(decision.not_determined)
+    return message

@@ -1,0 +1,130 @@
+"""The solver's verdict: one message that holds all that a supervisor decides on."""
+
+from math import isnan, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from patience import PATIENCE
+
+import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
+from stepdiag_ros import topics
+from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
+from stepdiag_ros.evaluation.decision import decide, lead_of_results
+from stepdiag_ros.evaluation.solving import solve_reproducibly
+from stepdiag_ros.messages import conversion
+from stepdiag_ros.messages.decision import from_decision
+from stepdiag_ros.messages.types import message_type
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.standards.conformity import Conformity
+from stepdiag_ros.metrology.standards.decision import Agreement
+from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.run.conclusion import LAST_WORD_LIMIT, LastWord
+from stepdiag_ros.run.supervision import Peer, Watch
+
+RUN_ID = "20260102T030405-abcd"
+PLAN = """\
+name: small box
+step_m: [0.01, 0.01, 0.01]
+blocks: 3
+repeats: 1
+feed_m_per_s: 0.05
+lines:
+  - {kind: linear, names: [x, y, z]}
+  - {kind: step_diagonal, names: [ppp, npp, pnp, ppn], orders: [XYZ]}
+"""
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return simulate(plan_from_text(PLAN, "plan"), load_cell("demo")[0])
+
+
+def test_the_decision_has_the_numbers_of_the_result(measured):
+    results, _ = solve_reproducibly(measured)
+    lead = lead_of_results(results, measured.chain)
+    found = of_result(results["least_squares"], measured.chain)
+    for tolerance, proven in (
+        (nan, Conformity.NOT_ASKED),
+        (found.value + 2.0 * found.standard_uncertainty, Conformity.WITHIN),
+        (found.value, Conformity.UNDECIDED),
+        (found.value - 2.0 * found.standard_uncertainty, Conformity.NOT_WITHIN),
+    ):
+        decision = decide(lead, "least_squares", tolerance)
+        assert decision.conformity is proven, tolerance
+    assert decision.diagnosis is Agreement.UNKNOWN and decision.not_determined == ()
+    assert decision.worst_error == found.value and decision.worst_place == found.position
+    assert decision.expanded_uncertainty == pytest.approx(1.96 * found.standard_uncertainty)
+
+
+def test_what_is_not_determined_is_unknown_and_named(measured):
+    lines = Measurement(measured.volume, measured.lines[:2], measured.chain)
+    results, _ = solve_reproducibly(lines)
+    decision = decide(lead_of_results(results, lines.chain), "least_squares", 1.0)
+    assert isnan(decision.worst_error) and isnan(decision.worst_place[0])
+    assert decision.conformity is Conformity.UNDECIDED
+    assert {"E_ZZ", "C0Y"} <= set(decision.not_determined)
+
+
+def test_the_numbers_of_the_message_are_those_of_the_enumerations():
+    kind = message_type(topics.RUN_VERDICT.type_name)
+    for begin, codes in (("CONFORMITY", Conformity), ("DIAGNOSIS", Agreement)):
+        told = {name: getattr(kind, f"{begin}_{name}") for name in codes.__members__}
+        assert told == {name: int(code) for name, code in codes.__members__.items()}
+
+
+def test_a_verdict_waits_for_the_last_word_of_a_diagnosis():
+    watch, word = Watch(), LastWord(RUN_ID)
+    assert not word.awaited(watch, 10.0)
+    watch.heard("diagnosis", Peer("diagnosis", 10.0, "s", RUN_ID, facts={"work_left": "1"}))
+    assert word.awaited(watch, 10.0) and word.awaited(watch, 100.0)
+    watch.heard("diagnosis", Peer("diagnosis", 100.0, "s", RUN_ID, facts={"work_left": "0"}))
+    assert word.awaited(watch, 100.0 + 0.9 * LAST_WORD_LIMIT)
+    assert not word.awaited(watch, 100.1 + LAST_WORD_LIMIT)
+
+
+def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_end(
+    tmp_path: Path, measured
+):
+    from stepdiag_ros.nodes.operator import OperatorNode
+    from stepdiag_ros.processes.node_process import NodeProcess, Processes
+
+    rclpy.init(args=[])
+    operator = OperatorNode()
+    heard = []
+    operator.listen(topics.RUN_VERDICT, heard.append)
+    describe, tell = operator.announce(topics.RUN_DESCRIPTION), operator.announce(topics.LINE)
+    diagnose, state = operator.announce(topics.DIAGNOSIS), operator.announce(topics.RUN_STATE)
+    try:
+        with Processes([NodeProcess("solver", {"tolerance": 1e-3})], tmp_path):
+            description = conversion.new_message(topics.RUN_DESCRIPTION.type_name)
+            description.run_id, description.plan = RUN_ID, PLAN
+            description.machine = load_machine("demo")[1]
+            describe.publish(description)
+            for line in measured.lines:
+                tell.publish(conversion.from_measured_line(line, RUN_ID))
+            count = len(measured.lines)
+            assert operator.spin_until(lambda: heard and heard[-1].lines == count, PATIENCE)
+            assert heard[-1].conformity == Conformity.WITHIN and not heard[-1].run_over
+            said = message_type(topics.DIAGNOSIS.type_name)(run_id=RUN_ID, verdict="NAMED")
+            said.run_over = True
+            diagnose.publish(said)
+            assert operator.spin_until(lambda: heard[-1].diagnosis == Agreement.NAMED, PATIENCE)
+            # More acts than the errors contain: nothing is proven.
+            assert heard[-1].conformity == Conformity.UNDECIDED
+            kind = message_type(topics.RUN_STATE.type_name)
+            state.publish(kind(run_id=RUN_ID, state=kind.STATE_FINISHED))
+            assert operator.spin_until(lambda: heard[-1].run_over, PATIENCE)
+    finally:
+        operator.destroy_node()
+        rclpy.shutdown()
+    last = heard[-1]
+    assert last.lines == last.lines_planned == count and last.tolerance == 1e-3
+    results, _ = solve_reproducibly(measured)
+    decision = decide(lead_of_results(results, measured.chain), "least_squares", 1e-3)
+    again = from_decision(decision, RUN_ID, 0, (count, count), True)
+    for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "method"):
+        assert getattr(last, field) == getattr(again, field), field
+    assert np.array_equal(last.worst_place, again.worst_place)
