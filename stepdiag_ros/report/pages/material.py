@@ -41,7 +41,7 @@ from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded, larger
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.pages.given import Given
 
@@ -215,22 +215,27 @@ class Material:
         return None if preferred is None else self.accuracies[preferred.method]
 
     @cached_property
-    def expanded_uncertainty(self) -> float:
-        """Return that of the longest error vector (95 %), m; NaN where not known.
+    def expanded(self) -> Expanded:
+        """Return the expanded uncertainty of the longest error vector, m; NaN where not known.
 
         The larger of two: of what the readings tell alone, and of all sources that the budget
         knows, with the largest coverage factor that it has for a curve; see ``lower_bound``.
         """
         preferred = self.report.preferred()
         if preferred is None:
-            return nan
-        alone = COVERAGE_FACTOR * self.accuracies[preferred.method].standard_uncertainty
+            return Expanded()
+        alone = Expanded.of_normal(self.accuracies[preferred.method].standard_uncertainty)
         if self.budget is None:
             return alone
         budget = self.budget.budget
         found = of_result(_with_sources(preferred, budget), self.report.chain)
         factor = _largest_coverage_factor(budget)
-        return float(np.fmax(alone, factor * found.standard_uncertainty))
+        return larger(alone, Expanded(factor * found.standard_uncertainty, factor))
+
+    @property
+    def expanded_uncertainty(self) -> float:
+        """Return the expanded uncertainty of the longest error vector (95 %), m."""
+        return self.expanded.value
 
     @cached_property
     def single_errors(self) -> tuple[SingleError, ...]:
