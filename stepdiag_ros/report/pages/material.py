@@ -84,6 +84,17 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
     )
 
 
+def with_told(given: Given, recorded: RecordedRun) -> Given:
+    """Return what is given, and where nothing is, what the source of an imported bag states."""
+    told = recorded.told_by_source
+    return replace(
+        given,
+        operator=given.operator or told.get("operator", ""),
+        place=given.place or told.get("location", ""),
+        serial=given.serial or told.get("machine_serial_number", ""),
+    )
+
+
 class Material:
     """Everything that a report is made of; each part is found out when it is first asked for.
 
@@ -108,13 +119,7 @@ class Material:
         self.recorded, self.report = recorded, report
         self.measurement: Measurement = report.measurement
         self._missing: dict[str, str] = {}
-        told = recorded.told_by_source
-        self.given = replace(
-            given,
-            operator=given.operator or told.get("operator", ""),
-            place=given.place or told.get("location", ""),
-            serial=given.serial or told.get("machine_serial_number", ""),
-        )
+        self.given = with_told(given, recorded)
 
     def why_not(self, part: str) -> str:
         """Return why a part is None or empty, in a sentence; empty if it is not.

@@ -63,6 +63,7 @@ def parameters(material: Material, node: str) -> Mapping[str, Any]:
 
 
 def instrument(material: Material) -> str:
+    """Return what the bag states about the interferometer, in words."""
     known = parameters(material, "interferometer")
     if not known:
         return UNKNOWN
@@ -126,7 +127,7 @@ def condition_facts(material: Material) -> list[Fact]:
         for one in _run_facts(material)
         if one.name in wanted
     ]
-    facts += [one for one in _plan_facts(material) if one.name in ("Measured box", "Lines")]
+    facts += [one for one in plan_facts(material) if one.name in ("Measured box", "Lines")]
     for name, (mean, low, high, _) in weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]
         shown = [plain(value * factor, decimals) for value in (mean, low, high)]
@@ -135,7 +136,8 @@ def condition_facts(material: Material) -> list[Fact]:
     return facts if material.weather else [*facts, Fact("Weather", material.why_not("weather"))]
 
 
-def _plan_facts(material: Material) -> list[Fact]:
+def plan_facts(material: Material) -> list[Fact]:
+    """Return the plan: measured box, lines, feed and stops."""
     plan = material.recorded.plan
     volume = plan.volume
     corner = ", ".join(plain(one * IN_MILLI, 1) for one in volume.origin)
@@ -237,7 +239,7 @@ def _tell(material: Material) -> SectionContent:
     return SectionContent(
         {
             "run": _run_facts(material),
-            "plan": _plan_facts(material),
+            "plan": plan_facts(material),
             "origin": _origin_facts(material),
             "remarks": [f"Run: {remark}." for remark in _ended(material.report.remarks)],
             "weather": _weather_table(material) if weather_figures(material) else None,
