@@ -9,6 +9,8 @@ from stepdiag_ros.report.certificate.administration import (
     administrative_data,
     identification,
     manufacturer,
+    require,
+    require_of_run,
     software,
 )
 from stepdiag_ros.report.certificate.laboratory import Laboratory
@@ -44,11 +46,14 @@ def certificate(material: Material, stated: Laboratory) -> bytes:
 
     Args:
         material: what the report is made of.
-        stated: by the laboratory; ``administration.require`` has found all that is needed.
+        stated: by the laboratory.
 
     Raises:
-        Refusal: nothing is determined, or an uncertainty is not completely known.
+        Refusal: something that the schema demands is missing (``administration.require``), nothing
+            is determined, or an uncertainty is not completely known.
     """
+    require(material.given, stated)
+    require_of_run(material.recorded, material.given, stated)
     found = element(
         "dcc:measurementResult",
         words("dcc:name", "Geometric errors of a machine tool in its volume"),

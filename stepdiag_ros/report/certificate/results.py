@@ -54,26 +54,30 @@ def budget_of(material: Material) -> tuple[VolumetricErrors, Budget]:
         Refusal: no error is determined, or an expanded uncertainty is not known or only a lower
             bound: a certificate states complete uncertainties (ISO/IEC 17025, 7.8.4.1).
     """
-    result, source = material.report.preferred(), material.recorded.path
-    if result is None:
+    result, source = material.report.preferred(), str(material.recorded.path)
+    if result is None or not any(math.isfinite(one.value) for one in material.single_errors):
         raise Refusal(
-            f"{source}: the measured lines determine no error, so there is nothing to certify",
+            f"{source}: the measured lines determine no error, so a certificate has no results",
             fault="undetermined",
             about="results",
-            where=str(source),
+            where=source,
         )
-    if material.budget is None or material.lower_bound:
-        why = material.why_not("budget")
-        if material.budget is not None:
-            why = " ".join(material.budget.budget.remarks[:1])
-        raise Refusal(
-            f"{source}: a certificate needs complete uncertainties, and those of this run are lower"
-            f" bounds: {why.rstrip('.')}. State the unknown values in the file of --instrument",
-            fault="undetermined",
-            about="expanded uncertainty",
-            where=str(source),
-        )
-    return result, material.budget.budget
+    if material.budget is None:
+        raise _incomplete(source, f"This run has no budget: {material.why_not('budget')}")
+    budget = material.budget.budget
+    if material.lower_bound:
+        unknown = ", ".join(budget.unknown_sources)
+        raise _incomplete(source, f"State in the file of --instrument what is unknown: {unknown}.")
+    return result, budget
+
+
+def _incomplete(source: str, why: str) -> Refusal:
+    return Refusal(
+        f"{source}: a certificate needs the complete expanded uncertainty of each result. {why}",
+        fault="undetermined",
+        about="expanded uncertainty",
+        where=source,
+    )
 
 
 def results(material: Material) -> Element:
