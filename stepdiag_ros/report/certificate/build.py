@@ -1,6 +1,6 @@
 """A report as a digital calibration certificate."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from xml.etree.ElementTree import Element
 
 from stepdiag_ros import __version__
@@ -39,6 +39,7 @@ _CONDITIONS = {
     "relative_humidity": ("Relative humidity of the air", "basic_humidityRelative", r"\one"),
 }
 """Field of an environment → name, refType where PTB has one, unit of D-SI."""
+_STEP_DIAGONALS = "Ibaraki & Hata 2010, Precision Engineering 34, 516-525"
 
 
 def certificate(material: Material, stated: Laboratory) -> bytes:
@@ -74,8 +75,8 @@ def _methods(material: Material) -> Iterator[Element]:
         own("measurement"),
         f"Lines: {facts['Lines']}. Measured box: {facts['Measured box']}."
         f" Evaluation: {method_title(result.method)}.",
-        "ISO 230-1:2012",
-        "ISO 230-6:2002",
+        ("ISO 230-1:2012",),
+        (_STEP_DIAGONALS,),
     )
     yield _method(
         "Expanded uncertainty",
@@ -84,16 +85,23 @@ def _methods(material: Material) -> Iterator[Element]:
         " the readings, of plausible rotations of the axes and of the laser's scale; U of all"
         " sources of the uncertainty budget, with its coverage factor from Student's t. Description"
         f" of the instrument: {budget.instrument}. {' '.join(budget.remarks)}",
-        "JCGM 100:2008",
+        ("JCGM 100:2008",),
     )
 
 
-def _method(name: str, meaning: str, description: str, *norms: str) -> Element:
+def _method(
+    name: str,
+    meaning: str,
+    description: str,
+    norms: Sequence[str],
+    references: Sequence[str] = (),
+) -> Element:
     return element(
         "dcc:usedMethod",
         words("dcc:name", name),
         words("dcc:description", description),
         *(element("dcc:norm", norm) for norm in norms),
+        *(element("dcc:reference", reference) for reference in references),
         ref_type=meaning,
     )
 

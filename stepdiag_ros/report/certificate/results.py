@@ -30,6 +30,7 @@ from stepdiag_ros.report.certificate.xml import (
     reals,
     words,
 )
+from stepdiag_ros.report.pages.lead import NOT_ASKED, ToleranceJudgement, judge
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.words.squareness import LEAST_SQUARES_LINES, SIGN_DEFINITIONS
 from stepdiag_ros.words.volumetric import DEFINITION
@@ -78,6 +79,13 @@ def _incomplete(source: str, why: str) -> Refusal:
         about="expanded uncertainty",
         where=source,
     )
+
+
+def decision(material: Material) -> ToleranceJudgement | None:
+    """Return the decision on the largest error vector; None where there is nothing to decide."""
+    judged = judge(material)
+    asked = judged.verdict != NOT_ASKED and math.isfinite(judged.value)
+    return judged if asked else None
 
 
 def results(material: Material) -> Element:
@@ -196,13 +204,14 @@ def _volume(material: Material) -> Element:
     accuracy, name = material.accuracy, "Length of the largest error vector in the measured volume"
     meaning = f"{ERROR} {own('volumetricError')}"
     if accuracy is None or not math.isfinite(accuracy.value):
-        found = [quantity(name, meaning, no_value(_UNKNOWN), id=VOLUME_ID)]
+        found = [quantity(name, meaning, no_value(_UNKNOWN))]
     else:
         remark = "No more than the noise of the readings makes." if material.lead.noise else ""
         value = real(accuracy.value, METRE, material.expanded)
+        referred = {} if decision(material) is None else {"id": VOLUME_ID}
         place = reals(accuracy.position, METRE, labels=AXES)
         found = [
-            quantity(name, meaning, value, remark, id=VOLUME_ID),
+            quantity(name, meaning, value, remark, **referred),
             quantity("Its nominal position", f"{NOMINAL} {own('volumetricErrorPosition')}", place),
         ]
     return _result("Errors in the volume", "volume", DEFINITION, *found)

@@ -1,12 +1,11 @@
 """The statements of a certificate: conformity, where ISO 14253-1 allows it, and its limits."""
 
-import math
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from stepdiag_ros.report.certificate.results import VOLUME_ID, own
+from stepdiag_ros.report.certificate.results import VOLUME_ID, decision, own
 from stepdiag_ros.report.certificate.xml import METRE, element, quantity, real, words
-from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, judge, verdict_words
+from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, verdict_words
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.sections.unknown import unknowns
 from stepdiag_ros.report.pages.summary import DECISION_RULE, DECISIONS
@@ -55,8 +54,8 @@ def _statement(name: str, text: str, meaning: str) -> Element:
 
 def _conformity(material: Material) -> Iterator[Element]:
     """Yield the decision on the tolerance; nothing where none was agreed."""
-    judged = judge(material)
-    if judged.verdict == NOT_ASKED or not math.isfinite(judged.value):
+    judged = decision(material)
+    if judged is None:
         return
     status = _CONFORMITY.get(judged.verdict)
     limit = quantity(

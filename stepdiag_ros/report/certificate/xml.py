@@ -132,7 +132,7 @@ def quantity(
     Args:
         name: in English.
         meaning: its refType.
-        value: of D-SI, or why there is none.
+        value: of D-SI, or the reason why it is unknown (``no_value``).
         description: in English; empty: none.
         more: further attributes.
     """
@@ -163,11 +163,18 @@ def document(*rings: Element) -> bytes:
 
 
 def refuse_signed(path: Path) -> None:
-    """Demand that a file to be written is not a certificate with a signature.
+    """Demand that a file to be written is neither a folder nor a certificate with a signature.
 
     Raises:
         Refusal: it is.
     """
+    if path.is_dir():
+        raise Refusal(
+            f"{path} is a folder; name a file by --dcc",
+            fault="wrong_kind",
+            about="--dcc",
+            where=str(path),
+        )
     if path.is_file() and b"http://www.w3.org/2000/09/xmldsig#" in path.read_bytes():
         raise Refusal(
             f"{path} is there already and signed; name another file by --dcc",
