@@ -137,6 +137,7 @@ def in_xml(made):
     return ReadCertificate(made.decode()), ElementTree.fromstring(made)
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:dsi_unit")
 @pytest.mark.parametrize("name", ["the command's", "whole", "one axis"])
 def test_every_certificate_follows_the_schema(name, folder, materials):
     if name == "the command's":
