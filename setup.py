@@ -86,10 +86,13 @@ setup(
         "test": [
             *DOCS,
             "asyncua>=1.1.5,<3",
+            "dccXMLJSONConv>=2.3.4,<3",
+            "dsiUnits>=3.1,<4",
             "foxglove-sdk>=0.30,<0.31",
             "hypothesis>=6,<7",
             "ipykernel>=6,<8",
             "jsonschema-rs>=0.61,<1",
+            "lxml>=5,<7",
             "mcap-ros2-support>=0.5.5,<1",
             "mpmath>=1.3,<2",
             "mypy>=1.11,<3",

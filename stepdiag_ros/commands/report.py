@@ -17,13 +17,15 @@ from stepdiag_ros.commands.arguments import (
 )
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import Progress, number, progress_bar, say, warn, warn_of_replaced
-from stepdiag_ros.metrology.units import MICRO
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.intake import refusals_of
 from stepdiag_ros.text.sentence import sentence
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from stepdiag_ros.report.certificate.laboratory import Laboratory
     from stepdiag_ros.report.pages.build import LaidOut
     from stepdiag_ros.report.pages.given import Given
     from stepdiag_ros.report.pages.material import Material
@@ -44,6 +46,20 @@ def _add_options(parser: ArgumentParser) -> None:
     ):
         parser.add_argument(f"--{name}", action="store_true", help=what)
     add_common(parser, "output", help="folder for the files (default: NAME_report beside the bag)")
+    parser.add_argument(
+        "--dcc",
+        type=Path,
+        metavar="CERT.xml",
+        help="also write a digital calibration certificate (PTB's DCC 3.3.0), without a signature;"
+        " needs --laboratory and --instrument",
+    )
+    parser.add_argument(
+        "--laboratory",
+        type=Path,
+        metavar="FILE",
+        help="YAML file with laboratory, customer, machine and signers, form: docs/dcc.md; the"
+        " options below go before it",
+    )
     for name, what in (
         ("customer", "name of the customer"),
         ("operator", "who measured"),
@@ -84,6 +100,7 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
+    from stepdiag_ros.report.certificate.administration import require
     from stepdiag_ros.report.pages.build import FORMATS
     from stepdiag_ros.report.pages.sections import sections
     from stepdiag_ros.report.publish import try_folder
@@ -92,23 +109,35 @@ def run(arguments: Namespace) -> int:
     sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or results_folder(arguments.bag, "report")
-    given = _given(arguments)
+    stated = _stated(arguments)
+    given = _given(arguments, stated)
+    if arguments.dcc is not None:
+        require(given, stated)
     if arguments.bag.exists():
         try_folder(folder)
+        if arguments.dcc is not None:
+            try_folder(arguments.dcc.parent)
     leads: list[Lead] = []
     try:
-        files = _make(arguments, given, folder, formats, leads.append)
+        files = _make(arguments, given, stated, folder, formats, leads.append)
     finally:
         # Where a file cannot be written after all, the work was not in vain.
         for text in (text for lead in leads for text in (lead.headline, *lead.sentences)):
             print(text)
-    say(f"report in {folder}: {', '.join(path.name for path in files)}")
+    names = [path.name for path in files if path != arguments.dcc]
+    say(f"report in {folder}: {', '.join(names)}")
+    if arguments.dcc is not None:
+        say(
+            f"certificate: {arguments.dcc}, not signed. Check it, then sign it as a whole with an"
+            " enveloped XML signature (docs/dcc.md)"
+        )
     return 0
 
 
 def _make(
     arguments: Namespace,
     given: "Given",
+    stated: "Laboratory",
     folder: Path,
     formats: list[str],
     take_lead: "Callable[[Lead], None]",
@@ -124,12 +153,13 @@ def _make(
         if arguments.bag.exists() and formats != ["json"]:
             # Drawing is got ready while the bag is read.
             atelier = stack.enter_context(studio())
-        material = _material(arguments, given, folder)
+        material = _material(arguments, given, stated, folder)
         # Not before: drawing is to be got ready without delay.
         from stepdiag_ros.report.pages.tracker import TrackerHandover
 
         with progress_bar("report") as progress, refusals_of(arguments.bag):
             tell = _counted(progress)
+            further: dict[Path, Callable[[], bytes]] = {}
             if isinstance(material, TrackerHandover):
                 document, lead = material.document, material.lead
                 tell("pictures")
@@ -143,23 +173,33 @@ def _make(
                     meanwhile = get_ready if "pdf" in formats else None
                     handover = prepare(material, atelier, tell, meanwhile)
                 document, lead = partial(report_document_of, material), lead_of(material)
+                if arguments.dcc is not None:
+                    from stepdiag_ros.report.certificate.build import certificate
+
+                    further[arguments.dcc] = partial(certificate, material, stated)
             take_lead(lead)
-            return write(document, handover, folder, formats, tell)
+            return write(document, handover, folder, formats, tell, further)
 
 
-def _material(arguments: Namespace, given: "Given", folder: Path) -> "Material | TrackerHandover":
+def _material(
+    arguments: Namespace, given: "Given", stated: "Laboratory", folder: Path
+) -> "Material | TrackerHandover":
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
     from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
+    from stepdiag_ros.report.certificate.administration import require_of_run
     from stepdiag_ros.report.pages.build import NAMES
     from stepdiag_ros.report.pages.material import Material, unsolved
     from stepdiag_ros.report.pages.tracker import TrackerHandover
 
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
-        warn_of_replaced(folder / NAMES["json"], recorded.run_id)
         if recorded.plan.tracker is not None:
             _refuse_options_of_curves(arguments)
+        if arguments.dcc is not None:
+            require_of_run(recorded, given, stated)
+        warn_of_replaced(folder / NAMES["json"], recorded.run_id)
+        if recorded.plan.tracker is not None:
             return TrackerHandover.of_run(recorded, given, progress, warn)
         direct = direct_measurement(arguments)
         try:
@@ -181,7 +221,7 @@ def _material(arguments: Namespace, given: "Given", folder: Path) -> "Material |
 
 def _refuse_options_of_curves(arguments: Namespace) -> None:
     """Refuse what a run with a tracker has no use for, rather than leave it out in silence."""
-    for option in ("tolerance", "instrument", "direct"):
+    for option in ("tolerance", "instrument", "direct", "dcc"):
         if getattr(arguments, option):
             raise ValueError(
                 f"{arguments.bag} was measured with a tracker: --{option} is for the error curves"
@@ -201,7 +241,26 @@ def _counted(progress: Progress) -> "Callable[[str], None]":
     return tell
 
 
-def _given(arguments: Namespace) -> "Given":
+def _stated(arguments: Namespace) -> "Laboratory":
+    """Return what the file of the laboratory states; refuse a certificate that cannot be made."""
+    from stepdiag_ros.configuration import read_yaml
+    from stepdiag_ros.report.certificate.laboratory import Laboratory
+    from stepdiag_ros.report.certificate.xml import refuse_signed
+
+    if arguments.dcc is not None:
+        for option in ("laboratory", "instrument"):
+            if getattr(arguments, option) is None:
+                raise Refusal(
+                    f"a certificate (--dcc) needs --{option} as well; see docs/dcc.md",
+                    fault="missing",
+                    about=f"--{option}",
+                )
+        refuse_signed(arguments.dcc)
+    path = arguments.laboratory
+    return Laboratory() if path is None else Laboratory.from_mapping(read_yaml(path), str(path))
+
+
+def _given(arguments: Namespace, stated: "Laboratory") -> "Given":
     from stepdiag_ros.configuration import load_instrument, read_yaml
     from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
@@ -215,12 +274,12 @@ def _given(arguments: Namespace) -> "Given":
             read_yaml(arguments.uncertainty), str(arguments.uncertainty)
         )
     return Given(
-        customer=arguments.customer,
+        customer=arguments.customer or stated.customer.name,
         operator=arguments.operator,
         place=arguments.place,
-        serial=arguments.serial,
+        serial=arguments.serial or stated.machine.serial,
         remark=arguments.remark,
-        tolerance=nan if arguments.tolerance is None else arguments.tolerance * MICRO,
+        tolerance=nan if arguments.tolerance is None else arguments.tolerance / IN_MICRO,
         instrument=instrument,
         instrument_source=instrument.name if arguments.instrument is not None else "",
         conditions=conditions,
@@ -245,5 +304,6 @@ COMMAND = Command(
     epilog="examples:\n"
     "  stepdiag report run.mcap\n"
     '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
-    "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf",
+    "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf\n"
+    "  stepdiag report run.mcap --instrument demo --dcc cert.xml --laboratory laboratory.yaml",
 )

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded, larger
 
 PEAK_TO_PEAK = "positioning-range"
 """First word of the figures that ``with_ranges`` adds."""
@@ -32,12 +32,19 @@ class SingleError:
         value: m, never negative; NaN if not determined.
         expanded_uncertainty: of it (95 %), m; NaN if not known.
         travel: m.
+        coverage_factor: of the expanded uncertainty.
     """
 
     name: str
     value: float
     expanded_uncertainty: float
     travel: float
+    coverage_factor: float = COVERAGE_FACTOR
+
+    @classmethod
+    def made(cls, name: str, value: float, wide: Expanded, travel: float) -> "SingleError":
+        """Make it with the expanded uncertainty that counts."""
+        return cls(name, value, wide.value, travel, wide.coverage_factor)
 
     @property
     def words(self) -> str:
@@ -69,32 +76,45 @@ def single_errors(
         if name[2] != name[3]:
             figure = figures.get(f"straightness {name}")
             if figure is not None:
-                wide = _larger(figure, _expanded(budget, figure.name))
-                made.append(SingleError(name, figure.value, wide, length))
+                wide = expanded_of_figure(figure, budget)
+                made.append(SingleError.made(name, figure.value, wide, length))
         elif name in result.curves:
             figure = _range(result, name)
-            wide = _larger(figure, _expanded_range(budget, name, result.curves[name]))
-            made.append(SingleError(name, figure.value, wide, length))
+            of_readings = Expanded.of_normal(figure.standard_uncertainty)
+            wide = larger(of_readings, _expanded_range(budget, name, result.curves[name]))
+            made.append(SingleError.made(name, figure.value, wide, length))
     for name in SQUARENESS:
         figure, length = figures.get(name), travel[AXES.index(name[2])]
         if figure is not None:
-            wide = _larger(figure, _expanded(budget, name)) * length
-            made.append(SingleError(name, abs(figure.value) * length, wide, length))
+            wide = expanded_of_figure(figure, budget).times(length)
+            made.append(SingleError.made(name, abs(figure.value) * length, wide, length))
     return tuple(made)
 
 
-def _larger(figure: Figure, of_budget: float) -> float:
-    """Return the larger of two expanded uncertainties, of which one may be NaN."""
-    return float(np.fmax(COVERAGE_FACTOR * figure.standard_uncertainty, of_budget))
-
-
-def _expanded(budget: Budget | None, name: str) -> float:
-    """Return the expanded uncertainty of a figure by a budget; NaN where it has none."""
+def expanded_of_figure(figure: Figure, budget: Budget | None) -> Expanded:
+    """Return the expanded uncertainty of a figure: the larger of two, see ``single_errors``."""
+    of_readings = Expanded.of_normal(figure.standard_uncertainty)
     if budget is not None:
         for row, quantity in enumerate(budget.sensitivity.quantities):
-            if quantity.name == name:
-                return float(budget.expanded[row])
-    return nan
+            if quantity.name == figure.name:
+                return larger(of_readings, _of_budget(budget, row))
+    return of_readings
+
+
+def expanded_of_curve(
+    result: VolumetricErrors, name: str, budget: Budget | None
+) -> tuple[Expanded, ...]:
+    """Return the expanded uncertainty at every node of a curve: the larger of two, as above."""
+    wide = [Expanded.of_normal(float(one)) for one in result.standard_uncertainty[name]]
+    if budget is not None:
+        for row, quantity in enumerate(budget.sensitivity.quantities):
+            if quantity.curve == name:
+                wide[quantity.node] = larger(wide[quantity.node], _of_budget(budget, row))
+    return tuple(wide)
+
+
+def _of_budget(budget: Budget, row: int) -> Expanded:
+    return Expanded(float(budget.expanded[row]), float(budget.coverage_factor[row]))
 
 
 def _ends_of_range(values: Vector) -> tuple[int, int]:
@@ -128,10 +148,10 @@ def _of_difference(covariance: Vector) -> float:
     return sqrt(max(float(variance), 0.0)) if isfinite(variance) else nan
 
 
-def _expanded_range(budget: Budget | None, name: str, values: Vector) -> float:
+def _expanded_range(budget: Budget | None, name: str, values: Vector) -> Expanded:
     """Return the expanded uncertainty of a range, with the larger coverage factor of its nodes."""
     if budget is None or not np.all(np.isfinite(values)):
-        return nan
+        return Expanded()
     rows = {
         quantity.node: row
         for row, quantity in enumerate(budget.sensitivity.quantities)
@@ -141,11 +161,12 @@ def _expanded_range(budget: Budget | None, name: str, values: Vector) -> float:
     # What the frame fixes is not a quantity of the budget, and has no uncertainty.
     known = [place for place, node in enumerate(ends) if node in rows]
     if not known:
-        return nan
+        return Expanded()
     at = [rows[ends[place]] for place in known]
     covariance = np.zeros((2, 2))
     covariance[np.ix_(known, known)] = budget.covariance[np.ix_(at, at)]
-    return float(np.max(budget.coverage_factor[at])) * _of_difference(covariance)
+    factor = float(np.max(budget.coverage_factor[at]))
+    return Expanded(factor * _of_difference(covariance), factor)
 
 
 def with_ranges(report: Report) -> Report:

@@ -166,6 +166,7 @@ FLOORS = (
     "report.tables",
     "report",
     "report.pages",
+    "report.certificate",
     "viewers",
     "nodes",
     "processes",

@@ -12,14 +12,14 @@ from results_by_hand import BLOCKS, make_report, make_result, true_rotations, wi
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation import lead as leads
 from stepdiag_ros.evaluation.lead import lead_of
-from stepdiag_ros.evaluation.single_errors import single_errors, with_ranges
+from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_errors, with_ranges
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded
 from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.tables.run import print_report
 from stepdiag_ros.text.console import make_console
@@ -110,6 +110,17 @@ def test_of_two_uncertainties_the_larger_one_counts():
     narrow = named(single_errors(result, _budget(1e-9, 2.5)))
     for name in ("E_ZZ", "C0Y"):
         assert narrow[name].expanded_uncertainty == alone[name].expanded_uncertainty
+
+
+def test_at_each_node_the_larger_uncertainty_counts_with_its_own_factor():
+    result = returning()
+    alone = result.standard_uncertainty["E_ZZ"]
+    found = expanded_of_curve(result, "E_ZZ", _budget(1e-6, 2.5))
+    assert found[1] == Expanded(1.96e-6, 1.96) and found[2] == Expanded(2.5 * 1e-6, 2.5)
+    assert found[3] == Expanded(COVERAGE_FACTOR * alone[3], COVERAGE_FACTOR)
+    narrow = expanded_of_curve(result, "E_ZZ", _budget(1e-9, 2.5))
+    assert narrow == expanded_of_curve(result, "E_ZZ", None)
+    assert [one.value for one in narrow] == pytest.approx(list(COVERAGE_FACTOR * alone))
 
 
 def test_the_largest_come_first_and_three_are_named():

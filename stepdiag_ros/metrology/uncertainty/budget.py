@@ -71,6 +71,15 @@ class Budget:
         """Say for which quantities a source that acts is not known: U is then a lower bound."""
         return np.asarray(np.any(np.isnan(self.contributions), axis=0))
 
+    @property
+    def unknown_sources(self) -> tuple[str, ...]:
+        """Return the names of the sources that act and are not known."""
+        return tuple(
+            source.name
+            for source, sizes in zip(self.sources, self.contributions, strict=True)
+            if np.any(np.isnan(sizes))
+        )
+
     def groups(self) -> dict[str, Vector]:
         """Return the contributions of groups of sources, shape (q,) each; NaN as above."""
         found: dict[str, Vector] = {}

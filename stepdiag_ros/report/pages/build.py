@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from stepdiag_ros import schemas
@@ -134,6 +135,7 @@ def write(
     folder: Path,
     formats: Sequence[str],
     tell: Callable[[str], None],
+    further: Mapping[Path, Callable[[], bytes]] = MappingProxyType({}),
 ) -> list[Path]:
     """Write the files of the report, in place of earlier ones.
 
@@ -145,31 +147,33 @@ def write(
         folder: made if it is not there.
         formats: of ``NAMES``.
         tell: told which file is at work.
+        further: files beside those of the formats: path → makes the content.
 
     Returns:
-        The files, in the order of ``formats``.
+        The files, in the order of ``formats``, then the further ones.
 
     Raises:
         ValueError: the folder cannot be made or written to, or PDF cannot be made here.
         OSError: a file cannot be written.
     """
-    make_folder(folder)
-    made: dict[str, bytes] = {}
+    for place in (folder, *(path.parent for path in further)):
+        make_folder(place)
+    made: dict[Path, bytes] = {}
+    # A certificate may be refused, so it comes before the pages, which take longer.
+    certified = {path: make() for path, make in further.items()}
     for one in formats:
         tell(NAMES[one])
+        path = folder / NAMES[one]
         if one == "json":
-            made[one] = (schemas.json_text(document()) + "\n").encode()
+            made[path] = (schemas.json_text(document()) + "\n").encode()
         elif handover is not None:
             if one == "html":
-                made[one] = handover.html().encode()
+                made[path] = handover.html().encode()
             else:
                 from stepdiag_ros.report.pages.pdf import pdf_of
 
-                made[one] = pdf_of(handover.html(for_print=True))
-    written = []
-    for one, data in made.items():
-        path = folder / NAMES[one]
+                made[path] = pdf_of(handover.html(for_print=True))
+    for path, data in (made | certified).items():
         with whole_file(path) as partial:
             partial.write_bytes(data)
-        written.append(path)
-    return written
+    return [*made, *certified]

@@ -41,7 +41,7 @@ from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded, larger
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.pages.given import Given
 
@@ -84,6 +84,17 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
     )
 
 
+def with_told(given: Given, recorded: RecordedRun) -> Given:
+    """Return what is given, and where nothing is, what the source of an imported bag states."""
+    told = recorded.told_by_source
+    return replace(
+        given,
+        operator=given.operator or told.get("operator", ""),
+        place=given.place or told.get("location", ""),
+        serial=given.serial or told.get("machine_serial_number", ""),
+    )
+
+
 class Material:
     """Everything that a report is made of; each part is found out when it is first asked for.
 
@@ -108,13 +119,7 @@ class Material:
         self.recorded, self.report = recorded, report
         self.measurement: Measurement = report.measurement
         self._missing: dict[str, str] = {}
-        told = recorded.told_by_source
-        self.given = replace(
-            given,
-            operator=given.operator or told.get("operator", ""),
-            place=given.place or told.get("location", ""),
-            serial=given.serial or told.get("machine_serial_number", ""),
-        )
+        self.given = with_told(given, recorded)
 
     def why_not(self, part: str) -> str:
         """Return why a part is None or empty, in a sentence; empty if it is not.
@@ -215,22 +220,27 @@ class Material:
         return None if preferred is None else self.accuracies[preferred.method]
 
     @cached_property
-    def expanded_uncertainty(self) -> float:
-        """Return that of the longest error vector (95 %), m; NaN where not known.
+    def expanded(self) -> Expanded:
+        """Return the expanded uncertainty of the longest error vector, m; NaN where not known.
 
         The larger of two: of what the readings tell alone, and of all sources that the budget
         knows, with the largest coverage factor that it has for a curve; see ``lower_bound``.
         """
         preferred = self.report.preferred()
         if preferred is None:
-            return nan
-        alone = COVERAGE_FACTOR * self.accuracies[preferred.method].standard_uncertainty
+            return Expanded()
+        alone = Expanded.of_normal(self.accuracies[preferred.method].standard_uncertainty)
         if self.budget is None:
             return alone
         budget = self.budget.budget
         found = of_result(_with_sources(preferred, budget), self.report.chain)
         factor = _largest_coverage_factor(budget)
-        return float(np.fmax(alone, factor * found.standard_uncertainty))
+        return larger(alone, Expanded(factor * found.standard_uncertainty, factor))
+
+    @property
+    def expanded_uncertainty(self) -> float:
+        """Return the expanded uncertainty of the longest error vector (95 %), m."""
+        return self.expanded.value
 
     @cached_property
     def single_errors(self) -> tuple[SingleError, ...]:

@@ -17,12 +17,15 @@ from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.text.table import Table, new_table
 
 KEY = "summary"
-_DECISIONS = {
+DECISIONS = {
     KEEPS: "the machine conforms",
     EXCEEDS: "the machine does not conform",
     OPEN: "no decision is possible",
     NOT_ASKED: "none: no limit was agreed",
 }
+DECISION_RULE = (
+    "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is beyond it"
+)
 _SIGNED_BY = ("Measured by", "Checked by", "Accepted for the customer by")
 
 
@@ -85,12 +88,8 @@ def _conformity(material: Material) -> list[Fact]:
     return [
         Fact("Largest error allowed", judged.limit if asked else "not agreed"),
         Fact("Largest error ± U (95 %)", judged.size),
-        Fact(
-            "Decision rule",
-            "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is"
-            " beyond it",
-        ),
-        Fact("Decision", _DECISIONS[judged.verdict]),
+        Fact("Decision rule", DECISION_RULE),
+        Fact("Decision", DECISIONS[judged.verdict]),
         Fact("Model and run", verdict_words(material)),
         Fact("Method", _method(material)),
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -47,12 +48,13 @@ def _words_of(date: datetime | None, simulated: bool | None) -> str:
     return f"{date:%Y-%m-%d %H:%M:%S} UTC{' (simulated clock)' if simulated else ''}"
 
 
-def _end(material: Material) -> int:
-    """Return when the last line ended, ns; 0 if there is none."""
-    return max((line.end_time for line in material.measurement.lines), default=0)
+def begun_and_ended(recorded: RecordedRun) -> tuple[datetime | None, datetime | None]:
+    """Return when a run began and when its last line ended, UTC; None where that is not known."""
+    end = max((line.end_time for line in recorded.measurement.lines), default=0)
+    return _date(recorded.start_time), _date(end)
 
 
-def _parameters(material: Material, node: str) -> Mapping[str, Any]:
+def parameters(material: Material, node: str) -> Mapping[str, Any]:
     """Return the parameters of a node in the run; empty where the bag does not tell them."""
     text = "" if material.header is None else material.header.parameters
     parsed = parse_yaml(text, f"{material.recorded.path}: parameters") if text else None
@@ -60,8 +62,9 @@ def _parameters(material: Material, node: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _instrument(material: Material) -> str:
-    known = _parameters(material, "interferometer")
+def instrument(material: Material) -> str:
+    """Return what the bag states about the interferometer, in words."""
+    known = parameters(material, "interferometer")
     if not known:
         return UNKNOWN
     parts = [f"driver {known.get('device', UNKNOWN)}"]
@@ -82,14 +85,14 @@ def _instrument_words(material: Material) -> str:
 
 
 def _controller(material: Material) -> str:
-    known = _parameters(material, "cnc_bridge")
+    known = parameters(material, "cnc_bridge")
     identity = known.get("hardware_id")
     return f"driver {known['device']}{f', number {identity}' if identity else ''}" if known else ""
 
 
 def _run_facts(material: Material) -> list[Fact]:
     given, report, recorded = material.given, material.report, material.recorded
-    begin, end = _date(recorded.start_time), _date(_end(material))
+    begin, end = begun_and_ended(recorded)
     duration = ""
     if begin is not None and end is not None:
         duration = f"{(end - begin).total_seconds() / 60.0:.0f} min"
@@ -101,7 +104,7 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Machine number", given.serial or UNKNOWN),
         ("Order of the axes", f"{report.chain} (workpiece to tool)" if report.chain else UNKNOWN),
         ("Controller", _controller(material) or UNKNOWN),
-        ("Instrument", _instrument(material)),
+        ("Instrument", instrument(material)),
         ("Uncertainty of the instrument", _instrument_words(material)),
         ("Place", given.place or UNKNOWN),
         ("Measured by", given.operator or UNKNOWN),
@@ -124,8 +127,8 @@ def condition_facts(material: Material) -> list[Fact]:
         for one in _run_facts(material)
         if one.name in wanted
     ]
-    facts += [one for one in _plan_facts(material) if one.name in ("Measured box", "Lines")]
-    for name, (mean, low, high, _) in _weather_figures(material).items():
+    facts += [one for one in plan_facts(material) if one.name in ("Measured box", "Lines")]
+    for name, (mean, low, high, _) in weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]
         shown = [plain(value * factor, decimals) for value in (mean, low, high)]
         text = f"{shown[0]} {unit} ({shown[1]} to {shown[2]})"
@@ -133,7 +136,8 @@ def condition_facts(material: Material) -> list[Fact]:
     return facts if material.weather else [*facts, Fact("Weather", material.why_not("weather"))]
 
 
-def _plan_facts(material: Material) -> list[Fact]:
+def plan_facts(material: Material) -> list[Fact]:
+    """Return the plan: measured box, lines, feed and stops."""
     plan = material.recorded.plan
     volume = plan.volume
     corner = ", ".join(plain(one * IN_MILLI, 1) for one in volume.origin)
@@ -192,7 +196,7 @@ def _source_facts(material: Material) -> list[Fact]:
     ]
 
 
-def _weather_figures(material: Material) -> dict[str, tuple[float, float, float, int]]:
+def weather_figures(material: Material) -> dict[str, tuple[float, float, float, int]]:
     """Return what of the weather was recorded: name → mean, smallest, largest, how many values."""
     found = {}
     for name in _WEATHER:
@@ -212,7 +216,7 @@ def _weather_table(material: Material) -> Table:
     # The heading above it says what it is.
     table = new_table("", "", "unit", "mean", "lowest", "highest", "values")
     table.columns[1].number = False
-    for name, (mean, low, high, count) in _weather_figures(material).items():
+    for name, (mean, low, high, count) in weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]
         numbers = (plain(value * factor, decimals) for value in (mean, low, high))
         table.add_row(words, unit, *numbers, str(count))
@@ -235,10 +239,10 @@ def _tell(material: Material) -> SectionContent:
     return SectionContent(
         {
             "run": _run_facts(material),
-            "plan": _plan_facts(material),
+            "plan": plan_facts(material),
             "origin": _origin_facts(material),
             "remarks": [f"Run: {remark}." for remark in _ended(material.report.remarks)],
-            "weather": _weather_table(material) if _weather_figures(material) else None,
+            "weather": _weather_table(material) if weather_figures(material) else None,
             "no_weather": material.why_not("weather"),
         },
         drawings,
@@ -251,7 +255,7 @@ def _ended(texts: tuple[str, ...]) -> list[str]:
 
 def _document(material: Material) -> dict[str, Any]:
     given, recorded = material.given, material.recorded
-    begin, end = _date(recorded.start_time), _date(_end(material))
+    begin, end = begun_and_ended(recorded)
     volume = recorded.plan.volume
     return {
         "customer": given.customer or None,
@@ -259,7 +263,7 @@ def _document(material: Material) -> dict[str, Any]:
         "place": given.place or None,
         "machine_number": given.serial or None,
         "remark": given.remark or None,
-        "instrument": _instrument(material),
+        "instrument": instrument(material),
         "controller": _controller(material) or None,
         "begun": None if begin is None else begin.isoformat(),
         "last_line_ended": None if end is None else end.isoformat(),
@@ -277,7 +281,7 @@ def _document(material: Material) -> dict[str, Any]:
         "feed": recorded.plan.feed if recorded.plan.feed > 0.0 else None,
         "weather": {
             name: {"mean": mean, "lowest": low, "highest": high, "values": count}
-            for name, (mean, low, high, count) in _weather_figures(material).items()
+            for name, (mean, low, high, count) in weather_figures(material).items()
         },
     }
 

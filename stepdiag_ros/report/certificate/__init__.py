@@ -1,0 +1,1 @@
+"""The report as a digital calibration certificate: PTB's DCC 3.3.0, quantities of D-SI 2.2.1."""
