@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 _ONCE_LIMIT = 10.0
 """Real seconds that --once waits for a run."""
 _ONCE_MORE = 1.5
-"""Real seconds in which a late subscriber receives all current messages, once the state is
-known.
+"""Real seconds without another node after which a late subscriber has all current messages, once
+the state is known.
 """
 
 
@@ -195,8 +195,10 @@ class _Once:
 
     def look(self, node: "ViewerNode") -> bool:
         """Say whether all is there that will come, or nothing comes."""
-        self._contact = node.contact()
+        before, self._contact = self._contact, node.contact()
         now = time.monotonic()
+        if self._known and self._contact != before and now - self._begun < _ONCE_LIMIT:
+            self._known = now
         run = self._state.document("run")
         # Whoever leads says that nothing is measured; else its description is still to come.
         if run["state"] and (run["run_id"] or run["state"] == "IDLE"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -59,7 +58,7 @@ def test_embedded_is_used_without_ros() -> None:
     assert result.returncode == 0, result.stderr
 
 
-def test_start_is_quick_and_light() -> None:
+def test_start_is_light() -> None:
     code = (
         "import sys, stepdiag_ros.client, rclpy\n"
         "from rclpy.node import Node\n"
@@ -69,7 +68,7 @@ def test_start_is_quick_and_light() -> None:
         "heavy = {'numpy', 'scipy', 'rosbags', 'yaml', 'cyclonedds'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
-    assert_light(code, most=0.4)
+    assert_light(code)
 
 
 def test_lifecycle_and_actions_are_loaded_by_those_who_use_them() -> None:
@@ -89,20 +88,13 @@ def test_lifecycle_and_actions_are_loaded_by_those_who_use_them() -> None:
         "# A goal's identity is a fixed array, which is numpy's in rclpy too.\n"
         "assert not heavy & set(sys.modules)\n"
     )
-    assert_light(code, most=0.5)
+    assert_light(code)
 
 
-def assert_light(code: str, most: float) -> None:
-    """Check that a program runs without error in a limited time of the processor, in seconds."""
-    best = 9.0
-    for _ in range(3):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        result = run(code)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        # Processor time, because other work may share the machine.
-        best = min(best, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-        assert result.returncode == 0, result.stderr
-    assert best < most
+def assert_light(code: str) -> None:
+    """Check that a program, which itself checks what is imported, runs without error."""
+    result = run(code)
+    assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize(

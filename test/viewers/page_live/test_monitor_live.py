@@ -147,6 +147,10 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
     assert looks and set(looks) == {"measured"}
 
 
+NEW = 20
+"""Messages of a sensor: those of the last seconds."""
+
+
 @pytest.mark.parametrize(
     ("label", "topic", "written"),
     [
@@ -159,10 +163,13 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
 def test_the_air_is_as_the_sensors_say(cell, page, label, topic, written):
     shown = f"#weather-list [data-name={label}]"
 
-    def newest():
-        return written(cell.last(topic)).replace("%", " %")
+    def is_new():
+        # On a busy computer the next one may be published before the page is read.
+        return text(page, shown) in {
+            written(said).replace("%", " %") for said in cell.said[topic][-NEW:]
+        }
 
-    cell.wait(lambda: text(page, shown) == newest(), f"{label} is the newest that was published")
+    cell.wait(is_new, f"{label} is one of the newest that were published")
 
 
 def test_who_comes_late_sees_the_same_and_leads_nothing_without_the_token(cell, page, pages):

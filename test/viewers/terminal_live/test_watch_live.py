@@ -76,7 +76,7 @@ def test_who_looks_on_is_missed_by_nobody(cell):
     """Two viewers have come and gone by now, and the nodes know of none."""
     known = {one.role for one in cell.operator.watch.peers.values()}
     assert "viewer" not in known and len(cell.operator.watch.peers) == len(cell.nodes)
-    assert not any("viewer" in line for line in cell.logged())
+    assert not any("viewer node" in line for line in cell.logged())
     nodes = [name for name, _ in cell.operator.get_node_names_and_namespaces()]
     (viewer,) = (name for name in nodes if name.startswith("viewer_"))
     published = cell.operator.get_publisher_names_and_types_by_node(viewer, "/")
