@@ -123,6 +123,11 @@ def report_document_of(material: Material) -> dict[str, Any]:
 class LaidOut(Protocol):
     """A report that is ready to be laid out."""
 
+    @property
+    def pictures(self) -> Mapping[str, Mapping[str, Drawn]]:
+        """Return section's name → picture's name → picture."""
+        ...
+
     def html(self, for_print: bool = False) -> str:
         """Return the page, on a screen or for print."""
         ...
@@ -155,7 +160,8 @@ def write(
     """
     make_folder(folder)
     made: dict[str, bytes] = {}
-    for one in formats:
+    # The PDF is laid out while pictures are drawn, for which the HTML page has to wait.
+    for one in sorted(formats, key=("pdf", "json", "html").index):
         tell(NAMES[one])
         if one == "json":
             made[one] = (schemas.json_text(document()) + "\n").encode()
@@ -165,11 +171,14 @@ def write(
             else:
                 from stepdiag_ros.report.pages.pdf import pdf_of
 
-                made[one] = pdf_of(handover.html(for_print=True))
+                pictures = [
+                    one for chapter in handover.pictures.values() for one in chapter.values()
+                ]
+                made[one] = pdf_of(handover.html(for_print=True), pictures)
     written = []
-    for one, data in made.items():
+    for one in (one for one in formats if one in made):
         path = folder / NAMES[one]
         with whole_file(path) as partial:
-            partial.write_bytes(data)
+            partial.write_bytes(made[one])
         written.append(path)
     return written
