@@ -1,8 +1,11 @@
 """A page as PDF."""
 
+import ctypes.util
 import logging
 import struct
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from stepdiag_ros.report.pages.pictures import Drawn
@@ -21,12 +24,34 @@ def get_ready() -> None:
         ValueError: the program cannot make PDF here; one sentence says what is missing.
     """
     try:
-        import weasyprint  # noqa: F401
+        with _without_compilers():
+            import weasyprint  # noqa: F401
     except (ImportError, OSError) as error:
         raise ValueError(
             f"PDF cannot be made here ({error}): install weasyprint and the system's Pango"
             " (Debian: libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0), or ask for --html"
         ) from None
+
+
+def _found_nowhere(name: str) -> str | None:
+    del name
+    return None
+
+
+@contextmanager
+def _without_compilers() -> Iterator[None]:
+    """Load libraries by the names that they have on Linux alone.
+
+    WeasyPrint tries the names of other systems first. For each that is not there, Python starts
+    ldconfig, gcc and ld: 54 processes.
+    """
+    before = ctypes.util.find_library
+    if sys.platform == "linux":
+        ctypes.util.find_library = _found_nowhere
+    try:
+        yield
+    finally:
+        ctypes.util.find_library = before
 
 
 def pdf_of(html: str, pictures: Iterable[Drawn] = ()) -> bytes:
