@@ -66,7 +66,10 @@ def parts(bag, folder):
         def fetch_all(self):
             lap("weather, budget, diagnosis, sections")
             drawn = super().fetch_all()
-            lap(f"{len(drawn)} pictures, with the import of matplotlib")
+            for chapter in drawn.values():
+                for picture in chapter.values():
+                    picture.fetch()
+            lap(f"{sum(map(len, drawn.values()))} pictures, with the import of matplotlib")
             return drawn
 
     handover = prepare(material, Later(), lambda _: None)

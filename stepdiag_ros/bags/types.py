@@ -6,7 +6,7 @@ A bag is decoded with the definitions that it carries, so that bags of older sch
 
 import struct
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.base import TypesysError
+from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.base import TypesysError, normalize_fieldname
 from rosbags.typesys.store import Typestore
+from rosbags.typesys.stores import empty, ros2_jazzy
 
 from stepdiag_ros import resources
 from stepdiag_ros.bags.errors import BagError
@@ -41,6 +43,57 @@ _DUMMY = "structure_needs_at_least_one_member"
 _WHOLE = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "byte", "char")
 DTYPES = {"bool": "bool", "byte": "uint8", "char": "uint8", "float32": "float32"}
 """Kinds of numbers whose arrays have another name than the kind."""
+
+
+class _Codec:
+    """Functions that read and write messages of a type, each made when it is first needed.
+
+    Args:
+        store: holds the type and those in it.
+        name: of the type.
+    """
+
+    def __init__(self, store: Typestore, name: str) -> None:
+        self._store = store
+        self.cls = store.types[name]
+        self.fields = [(normalize_fieldname(one), kind) for one, kind in store.fielddefs[name][1]]
+
+    @cached_property
+    def deserialize_cdr_le(self) -> Any:
+        return generate_deserialize_cdr(self.fields, self._store, "le")
+
+    @cached_property
+    def deserialize_cdr_be(self) -> Any:
+        return generate_deserialize_cdr(self.fields, self._store, "be")
+
+    @cached_property
+    def serialize_cdr_le(self) -> Any:
+        return generate_serialize_cdr(self.fields, self._store, "le")
+
+    @cached_property
+    def _sizes(self) -> tuple[Any, int]:
+        return generate_getsize_cdr(self.fields, self._store)
+
+    @property
+    def getsize_cdr(self) -> Any:
+        return self._sizes[0]
+
+    @property
+    def size_cdr(self) -> int:
+        return self._sizes[1]
+
+
+class _Store(Typestore):
+    """Makes of a type what is needed of it, where rosbags makes a dozen functions at once.
+
+    That takes as long as to decode all messages of a run.
+    """
+
+    def get_msgdef(self, typename: str) -> Any:
+        if typename not in self.cache:
+            made: Any = _Codec(self, typename)
+            self.cache[typename] = made
+        return self.cache[typename]
 
 
 class MessageTypes:
@@ -261,7 +314,7 @@ def _primitive(name: str, value: Any) -> Any:
 @lru_cache(maxsize=1)
 def own_types() -> MessageTypes:
     """Return the definitions of this software: its own messages and those of ROS 2 Jazzy."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = _Store(ros2_jazzy)
     texts = {
         f"{OWN}/msg/{path.stem}": path.read_text(encoding="utf-8")
         for path in sorted(resources.directory("msg").glob("*.msg"))
@@ -291,7 +344,7 @@ def types_from_schemas(schemas: Mapping[str, str]) -> MessageTypes:
     own = own_types()
     if all(name in own and own.schema(name) == text for name, text in schemas.items()):
         return own
-    store = get_typestore(Stores.EMPTY)
+    store = _Store(empty)
     for name, text in schemas.items():
         try:
             store.register(get_types_from_msg(text, name))

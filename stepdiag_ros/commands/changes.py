@@ -206,7 +206,7 @@ def _write(report: "ChangesReport", arguments: Namespace) -> None:
             if arguments.html:
                 contents[f"{_NAME}.html"] = page.html().encode()
             if arguments.pdf:
-                contents[f"{_NAME}.pdf"] = pdf_of(page.html(for_print=True))
+                contents[f"{_NAME}.pdf"] = pdf_of(page.html(for_print=True), page.pictures.values())
         folder = arguments.output or results_folder(arguments.after, _NAME)
         make_folder(folder)
         for name, content in contents.items():

@@ -12,7 +12,6 @@ from stepdiag_ros.metrology.solvers import solve_all
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.solvers.tracker_methods import SEVEN_LINES
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
-from stepdiag_ros.metrology.tracker.run_result import solve_station
 
 
 @dataclass(frozen=True)
@@ -69,6 +68,9 @@ def solve_run(plan: Plan, measurement: Measurement, last: MeasuredLine) -> Solve
     """
     if plan.tracker is None:
         return SolvedSoFar(*solve_reproducibly(measurement))
+    # Only here: few runs are made with a tracker.
+    from stepdiag_ros.metrology.tracker.run_result import solve_station
+
     with one_thread():
         try:
             result, tests = solve_station(last, measurement.lines, plan, measurement.chain)

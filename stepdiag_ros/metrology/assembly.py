@@ -43,7 +43,6 @@ FIRST_STATUS_THAT_LOSES_ZERO = 2
 _NOT_SETTLED = "not settled within"
 _NEVER = 2**63
 _MOST_LOSSES = 1000
-_NOTHING: list[Event] = []
 
 
 def repetition_helps(reason: str) -> bool:
@@ -169,26 +168,48 @@ class Assembler:
         stepped back); the gap in the sequence then shows. A sequence number that falls although
         time goes on says that the instrument was started again: its zero is lost.
         """
-        time = reading.time
-        if time <= self._latest:
-            return _NOTHING
-        if reading.status >= FIRST_STATUS_THAT_LOSES_ZERO:
-            self._note_loss(time, reading.status)
-        elif reading.sequence <= self._latest_sequence:
-            self._losing = False
-            self._note_loss(time, 0)
-            self._losing = False
-        else:
-            self._losing = False
-        self._latest = time
-        self._latest_sequence = reading.sequence
-        self._readings.append(reading)
-        self._times.append(time)
-        if time < self._decide_at:
-            if len(self._times) > 2 * self._buffer:
-                self._drop(self._buffer)
-            return _NOTHING
-        return self._advance()
+        return self.add_readings((reading,))
+
+    def add_readings(self, readings: Iterable[Reading], until: int = _NEVER) -> list[Event]:
+        """Take the next readings, the first at or after a time as the last; see ``add_reading``.
+
+        Args:
+            readings: in order of their time; of an iterator, those that follow are left in it.
+            until: time, ns.
+        """
+        events: list[Event] = []
+        latest, latest_sequence = self._latest, self._latest_sequence
+        times, keep_time, keep = self._times, self._times.append, self._readings.append
+        soonest, most = self._decide_at, 2 * self._buffer
+        for reading in readings:
+            time, sequence, _, _, _, status, _, _ = reading
+            if time > latest:
+                if status >= FIRST_STATUS_THAT_LOSES_ZERO:
+                    self._note_loss(time, status)
+                elif sequence <= latest_sequence:
+                    self._losing = False
+                    self._note_loss(time, 0)
+                    self._losing = False
+                elif self._losing:
+                    self._losing = False
+                latest, latest_sequence = time, sequence
+                keep(reading)
+                keep_time(time)
+                if time >= soonest:
+                    self._latest, self._latest_sequence = time, sequence
+                    events += self._advance()
+                    soonest = self._decide_at
+                elif len(times) > most:
+                    self._drop(self._buffer)
+            if time >= until:
+                break
+        self._latest, self._latest_sequence = latest, latest_sequence
+        return events
+
+    @property
+    def latest(self) -> int:
+        """Return the time of the latest reading, ns."""
+        return self._latest
 
     def _note_loss(self, time: int, status: int) -> None:
         if self._losing:
@@ -416,21 +437,16 @@ def assemble(
     assembler = Assembler(plan, start)
     events: list[Event] = []
     pending_commands, pending_arrivals = deque(commands), deque(arrivals)
-    due = _earliest(pending_commands, pending_arrivals)
-    for reading in readings:
+    coming = iter(readings)
+    while (due := _earliest(pending_commands, pending_arrivals)) < _NEVER:
         # Fed roughly in order of time, so that few readings need to be kept.
-        while due <= reading.time:
-            if pending_commands and pending_commands[0].time == due:
-                events += assembler.add_command(pending_commands.popleft())
-            else:
-                events += assembler.add_arrival(pending_arrivals.popleft())
-            due = _earliest(pending_commands, pending_arrivals)
-        events += assembler.add_reading(reading)
-    for command in pending_commands:
-        events += assembler.add_command(command)
-    for arrival in pending_arrivals:
-        events += assembler.add_arrival(arrival)
-    return events
+        if due > assembler.latest:
+            events += assembler.add_readings(coming, due)
+        if pending_commands and pending_commands[0].time == due:
+            events += assembler.add_command(pending_commands.popleft())
+        else:
+            events += assembler.add_arrival(pending_arrivals.popleft())
+    return events + assembler.add_readings(coming)
 
 
 def _earliest(commands: deque[StopCommand], arrivals: deque[Arrival]) -> int:

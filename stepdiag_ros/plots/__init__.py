@@ -31,6 +31,7 @@ _HOMES = {
     "settling": "lines",
     "repeatability": "lines",
     "plan": "plans",
+    "dots_of": "saving",
     "png_bytes": "saving",
     "save": "saving",
     "svg_text": "saving",

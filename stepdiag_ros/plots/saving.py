@@ -56,6 +56,17 @@ def png_bytes(figure: Figure, dpi: float = DOTS_PER_INCH) -> bytes:
     return stream.getvalue()
 
 
+def dots_of(figure: Figure, dpi: float = DOTS_PER_INCH) -> tuple[int, int]:
+    """Return width and height of the PNG that ``png_bytes`` makes of a figure, dots."""
+    dots = figure.dpi
+    try:
+        figure.dpi = dpi
+        width, height = figure.bbox.size
+    finally:
+        figure.dpi = dots
+    return int(width), int(height)
+
+
 def svg_text(figure: Figure, salt: str = "stepdiag") -> str:
     """Return a figure as one ``<svg>`` element for a page; the same figure gives the same text.
 

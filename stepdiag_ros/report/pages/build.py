@@ -124,6 +124,11 @@ def report_document_of(material: Material) -> dict[str, Any]:
 class LaidOut(Protocol):
     """A report that is ready to be laid out."""
 
+    @property
+    def pictures(self) -> Mapping[str, Mapping[str, Drawn]]:
+        """Return section's name → picture's name → picture."""
+        ...
+
     def html(self, for_print: bool = False) -> str:
         """Return the page, on a screen or for print."""
         ...
@@ -161,7 +166,8 @@ def write(
     made: dict[Path, bytes] = {}
     # A certificate may be refused, so it comes before the pages, which take longer.
     certified = {path: make() for path, make in further.items()}
-    for one in formats:
+    # The PDF is laid out while pictures are drawn, for which the HTML page has to wait.
+    for one in sorted(formats, key=("pdf", "json", "html").index):
         tell(NAMES[one])
         path = folder / NAMES[one]
         if one == "json":
@@ -172,8 +178,12 @@ def write(
             else:
                 from stepdiag_ros.report.pages.pdf import pdf_of
 
-                made[path] = pdf_of(handover.html(for_print=True))
-    for path, data in (made | certified).items():
+                pictures = [
+                    one for chapter in handover.pictures.values() for one in chapter.values()
+                ]
+                made[path] = pdf_of(handover.html(for_print=True), pictures)
+    wanted = [path for path in (folder / NAMES[one] for one in formats) if path in made]
+    for path in (*wanted, *certified):
         with whole_file(path) as partial:
-            partial.write_bytes(data)
-    return [*made, *certified]
+            partial.write_bytes((made | certified)[path])
+    return [*wanted, *certified]

@@ -38,11 +38,14 @@ class ChangesPage:
 
     Args:
         report: what is shown.
+
+    Attributes:
+        pictures: of the page, by name.
     """
 
     def __init__(self, report: ChangesReport) -> None:
         self._report = report
-        self._pictures = _pictures(report)
+        self.pictures = _pictures(report)
 
     def html(self, for_print: bool = False) -> str:
         """Return the page as HTML text with everything in it.
@@ -93,7 +96,7 @@ class ChangesPage:
             after.machine or before.machine or "machine without a name",
             _lead(report),
             [
-                chapter(key, title, (f"changes/{name}.html",), values, self._pictures, for_print)
+                chapter(key, title, (f"changes/{name}.html",), values, self.pictures, for_print)
                 for key, title, name, values in contents
             ],
             f"runs {before.run_id or UNKNOWN} and {after.run_id or UNKNOWN}",
@@ -111,7 +114,8 @@ def _pictures(report: ChangesReport) -> dict[str, Drawn]:
     for name, (caption, names) in wanted.items():
         turning = names is not None
         if any((one.name in ROTATIONS) == turning for one in changes.curves):
-            made = draw(Drawing("changes", (changes, names), f"{caption}.", {"title": ""}))
+            drawing = Drawing("changes", (changes, names), f"{caption}.", {"title": ""})
+            made = draw(drawing, f"picture:{name}")
             if made is not None:
                 drawn[name] = made
     return drawn

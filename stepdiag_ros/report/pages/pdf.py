@@ -1,15 +1,15 @@
 """A page as PDF."""
 
+import ctypes.util
 import logging
-import re
 import struct
-from base64 import b64decode
-from io import BytesIO
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from PIL import Image
+from stepdiag_ros.report.pages.pictures import Drawn
 
-_EMBEDDED = re.compile("data:image/png;base64,([A-Za-z0-9+/=]+)")
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHUNK = struct.Struct(">I4s")
 """Begin of a part of a PNG: its size in bytes, and its kind."""
@@ -24,7 +24,8 @@ def get_ready() -> None:
         ValueError: the program cannot make PDF here; one sentence says what is missing.
     """
     try:
-        import weasyprint  # noqa: F401
+        with _without_compilers():
+            import weasyprint  # noqa: F401
     except (ImportError, OSError) as error:
         raise ValueError(
             f"PDF cannot be made here ({error}): install weasyprint and the system's Pango"
@@ -32,15 +33,40 @@ def get_ready() -> None:
         ) from None
 
 
-def pdf_of(html: str) -> bytes:
+def _found_nowhere(name: str) -> str | None:
+    del name
+    return None
+
+
+@contextmanager
+def _without_compilers() -> Iterator[None]:
+    """Load libraries by the names that they have on Linux alone.
+
+    WeasyPrint tries the names of other systems first. For each that is not there, Python starts
+    ldconfig, gcc and ld: 54 processes.
+    """
+    before = ctypes.util.find_library
+    if sys.platform == "linux":
+        ctypes.util.find_library = _found_nowhere
+    try:
+        yield
+    finally:
+        ctypes.util.find_library = before
+
+
+def pdf_of(html: str, pictures: Iterable[Drawn] = ()) -> bytes:
     """Return a page that was made for print as a PDF document with an outline of its headings.
+
+    Pages are laid out by the sizes of the pictures, which are fetched at the end.
 
     Args:
         html: of ``page.page(..., for_print=True)``; whatever it would load from elsewhere is left
             out.
+        pictures: of the page.
 
     Raises:
         ValueError: the program cannot make PDF here; one sentence says what is missing.
+        OSError: the process that draws the pictures has ended.
     """
     get_ready()
     from weasyprint import HTML
@@ -49,31 +75,15 @@ def pdf_of(html: str) -> bytes:
     # A font that lacks a property is no news to whoever waits for a report.
     for name in ("weasyprint", "fontTools"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    page, pictures = _pictures_apart(html)
     # Pictures are found in the cache by their addresses, and nothing is loaded from elsewhere.
     nowhere = URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
-    made: bytes = HTML(string=page, url_fetcher=nowhere).write_pdf(
-        cache={address: _placed(address, png) for address, png in pictures.items()}
+    made: bytes = HTML(string=html, url_fetcher=nowhere).write_pdf(
+        cache={one.address: _placed(one) for one in pictures if one.address}
     )
     return made
 
 
-def _pictures_apart(html: str) -> tuple[str, dict[str, bytes]]:
-    """Return a page with a short address for each embedded picture, and address → PNG.
-
-    Nearly all of a page is its pictures, and WeasyPrint reads each address letter by letter.
-    """
-    pictures: dict[str, bytes] = {}
-
-    def named(found: re.Match[str]) -> str:
-        address = f"picture:{len(pictures)}"
-        pictures[address] = b64decode(found[1])
-        return address
-
-    return _EMBEDDED.sub(named, html), pictures
-
-
-def _placed(address: str, png: bytes) -> Any:
+def _placed(picture: Drawn) -> Any:
     """Return a picture that WeasyPrint places in a page.
 
     PDF packs pixels as PNG does. WeasyPrint unpacks every picture and packs it again, a quarter of
@@ -83,9 +93,14 @@ def _placed(address: str, png: bytes) -> Any:
     from weasyprint.images import RasterImage
 
     class Packed(RasterImage):  # type: ignore[misc]
-        def get_x_object(self, interpolate: bool, dpi_ratio: float) -> Any:
-            if self.mode != "RGB" or dpi_ratio != 1:
-                return super().get_x_object(interpolate, dpi_ratio)
+        def __init__(self) -> None:
+            # What RasterImage needs to place it.
+            self.id = picture.address
+            self.width, self.height = picture.size.dots
+            self.ratio = self.width / self.height
+            self._dpi = None
+
+        def get_x_object(self, interpolate: bool, _: float) -> Any:
             content = {
                 "Type": "/XObject",
                 "Subtype": "/Image",
@@ -99,9 +114,9 @@ def _placed(address: str, png: bytes) -> Any:
                     {"Predictor": 15, "Columns": self.width, "Colors": 3}
                 ),
             }
-            return pydyf.Stream([packed_pixels(png)], pydyf.Dictionary(content))
+            return pydyf.Stream([packed_pixels(picture.fetch())], pydyf.Dictionary(content))
 
-    return Packed(Image.open(BytesIO(png)), address, png)
+    return Packed()
 
 
 def packed_pixels(png: bytes) -> bytes:

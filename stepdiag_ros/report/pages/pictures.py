@@ -2,22 +2,28 @@
 
 matplotlib takes longer to be imported and to draw than all of the evaluation. So what is to be
 drawn is only named here, by the functions of ``stepdiag_ros.plots``, and drawn in a process of its
-own while this one goes on.
+own while this one goes on. A page can be laid out as soon as the sizes of its pictures are known.
 """
 
 import base64
 import gc
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache, partial
 from multiprocessing import get_context
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from stepdiag_ros.metrology.refusal import Unusable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_Made = TypeVar("_Made")
 
 DOTS_PER_INCH = 150
 """Of pictures in pages: sharp in print at the width that they are made for."""
@@ -40,35 +46,106 @@ class Drawing:
     keywords: Mapping[str, Any] = field(default_factory=dict)
 
 
+class Size(NamedTuple):
+    """Size of a picture: inches at which it is printed at its own size, and dots."""
+
+    width: float
+    dots: tuple[int, int]
+
+
+_NO_SIZE = Size(0.0, (0, 0))
+
+
 @dataclass(frozen=True)
 class Drawn:
-    """A picture in a page.
+    """A picture in a page, which may still be being drawn: its size is known before.
 
     Attributes:
-        source: data URI; empty where the plot has nothing to show.
         caption: what it shows, or why nothing, in words.
-        width: inches at which it is printed at its own size.
+        address: names it among the pictures of a page; empty where the plot has nothing to show.
+        size: of it.
+        fetch: returns it as PNG once it is drawn; raises OSError if the process that draws has
+            ended.
     """
 
-    source: str
     caption: str
-    width: float
+    address: str = ""
+    size: Size = _NO_SIZE
+    fetch: Callable[[], bytes] = bytes
+
+    @property
+    def width(self) -> float:
+        """Return the inches at which it is printed at its own size."""
+        return self.size.width
+
+    @property
+    def source(self) -> str:
+        """Return the picture as data URI; empty where the plot has nothing to show."""
+        if not self.address:
+            return ""
+        return f"data:image/png;base64,{base64.b64encode(self.fetch()).decode('ascii')}"
 
 
-def draw(drawing: Drawing) -> Drawn | None:
-    """Draw a picture in this process; None where the plot has nothing to show and no reason."""
+def draw(drawing: Drawing, address: str) -> Drawn | None:
+    """Draw a picture in this process when it is fetched; None: it has nothing to show.
+
+    Args:
+        drawing: what is drawn.
+        address: of the picture.
+    """
+    figure = _figure_of(drawing)
+    if figure is None or isinstance(figure, str):
+        return _nothing(figure)
+    return Drawn(drawing.caption, address, _size_of(figure), cache(partial(_png_of, figure)))
+
+
+def _nothing(reason: str | None) -> Drawn | None:
+    return None if reason is None else Drawn(reason)
+
+
+def _figure_of(drawing: Drawing) -> "Figure | str | None":
+    """Return the figure, why the plot has nothing to show, or None: nothing, without a reason."""
     from stepdiag_ros import plots
 
     try:
-        figure = getattr(plots, drawing.function)(*drawing.arguments, **drawing.keywords)
+        figure: Figure | None = getattr(plots, drawing.function)(
+            *drawing.arguments, **drawing.keywords
+        )
     except ValueError as error:
-        return Drawn("", str(error), 0.0)
-    if figure is None:
-        return None
-    data = base64.b64encode(plots.png_bytes(figure, dpi=DOTS_PER_INCH)).decode("ascii")
-    return Drawn(
-        f"data:image/png;base64,{data}", drawing.caption, round(float(figure.get_figwidth()), 3)
-    )
+        return str(error)
+    return figure
+
+
+def _size_of(figure: "Figure") -> Size:
+    from stepdiag_ros import plots
+
+    width = round(float(figure.get_figwidth()), 3)
+    return Size(width, plots.dots_of(figure, dpi=DOTS_PER_INCH))
+
+
+def _png_of(figure: "Figure") -> bytes:
+    from stepdiag_ros import plots
+
+    made: bytes = plots.png_bytes(figure, dpi=DOTS_PER_INCH)
+    return made
+
+
+_laid_out: dict[str, "Figure"] = {}
+"""Figures of the process that draws which are not drawn yet, by the addresses of the pictures."""
+
+
+def _lay_out(address: str, drawing: Drawing) -> Size | str | None:
+    """Make a figure in the process that draws; return its size, or what ``_figure_of`` does."""
+    figure = _figure_of(drawing)
+    if figure is None or isinstance(figure, str):
+        return figure
+    _laid_out[address] = figure
+    return _size_of(figure)
+
+
+def _finish(address: str) -> bytes:
+    """Return a figure of the process that draws as PNG."""
+    return _png_of(_laid_out.pop(address))
 
 
 def _get_ready() -> None:
@@ -93,7 +170,7 @@ class Studio:
     def __init__(self, pool: ProcessPoolExecutor | None = None) -> None:
         self._pool = pool
         self._asked: dict[tuple[str, str], Drawing] = {}
-        self._begun: dict[tuple[str, str], Future[Drawn | None]] = {}
+        self._begun: dict[str, Future[Size | str | None]] = {}
 
     def ask(self, chapter: str, drawings: Mapping[str, Drawing]) -> None:
         """Ask for the pictures of a chapter.
@@ -105,10 +182,11 @@ class Studio:
         for name, drawing in drawings.items():
             self._asked[chapter, name] = drawing
             if self._pool is not None:
-                self._begun[chapter, name] = self._pool.submit(draw, drawing)
+                address = _address(chapter, name)
+                self._begun[address] = self._pool.submit(_lay_out, address, drawing)
 
     def fetch_all(self) -> dict[str, dict[str, Drawn]]:
-        """Return the pictures that were asked for, by chapter and name.
+        """Return the pictures that were asked for, by chapter and name, as soon as all have a size.
 
         Those that have nothing to show are not among them.
 
@@ -116,19 +194,40 @@ class Studio:
             OSError: the process that draws has ended.
         """
         drawn: dict[str, dict[str, Drawn]] = {}
-        try:
-            for (chapter, name), drawing in self._asked.items():
-                begun = self._begun.get((chapter, name))
-                one = draw(drawing) if begun is None else begun.result()
-                if one is not None:
-                    drawn.setdefault(chapter, {})[name] = one
-        except BrokenProcessPool:
-            raise Unusable(
-                "the process that draws the pictures has ended before it was done: is there enough"
-                " memory?",
-                fault="stopped",
-            ) from None
+        for (chapter, name), drawing in self._asked.items():
+            one = self._drawn(drawing, _address(chapter, name))
+            if one is not None:
+                drawn.setdefault(chapter, {})[name] = one
         return drawn
+
+    def _drawn(self, drawing: Drawing, address: str) -> Drawn | None:
+        if self._pool is None:
+            return draw(drawing, address)
+        found = _result(self._begun[address])
+        if found is None or isinstance(found, str):
+            return _nothing(found)
+        png = self._pool.submit(_finish, address)
+        return Drawn(drawing.caption, address, found, partial(_result, png))
+
+
+def _address(chapter: str, name: str) -> str:
+    return f"picture:{chapter}.{name}"
+
+
+def _result(begun: "Future[_Made]") -> _Made:
+    """Wait for a piece of work of the process that draws.
+
+    Raises:
+        OSError: the process has ended.
+    """
+    try:
+        return begun.result()
+    except BrokenProcessPool:
+        raise Unusable(
+            "the process that draws the pictures has ended before it was done: is there enough"
+            " memory?",
+            fault="stopped",
+        ) from None
 
 
 @contextmanager

@@ -60,11 +60,14 @@ class TrackerHandover:
     Args:
         material: what every report tells of a run; its report has the error curves of a grid.
         stations: what the seven lines of each station say; empty of a grid.
+
+    Attributes:
+        pictures: section's name → picture's name → picture, once ``draw`` was called.
     """
 
     def __init__(self, material: Material, stations: tuple[TrackerReport, ...]) -> None:
         self._material, self._stations = material, stations
-        self._pictures: Mapping[str, Mapping[str, Drawn]] = {}
+        self.pictures: Mapping[str, Mapping[str, Drawn]] = {}
         shown = (one.told(material) for one in sections() if one.by_tracker)
         self._told = [one for one in shown if isinstance(one.content, SectionContent)]
         for number, report in enumerate(stations, start=1):
@@ -134,7 +137,7 @@ class TrackerHandover:
         """
         for one in self._told:
             atelier.ask(one.name, one.drawings)
-        self._pictures = atelier.fetch_all()
+        self.pictures = atelier.fetch_all()
 
     def html(self, for_print: bool = False) -> str:
         """Return the page as HTML text with everything in it.
@@ -143,7 +146,7 @@ class TrackerHandover:
             for_print: lay it out on pages of paper alone.
         """
         recorded, report = self._material.recorded, self._material.report
-        chapters = [one.chapter(self._pictures.get(one.name, {}), for_print) for one in self._told]
+        chapters = [one.chapter(self.pictures.get(one.name, {}), for_print) for one in self._told]
         run = recorded.run_id or recorded.path.name
         return page(
             _TITLE,

@@ -5,10 +5,12 @@ import json
 import pickle
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from PIL import Image
 from refused import refused
 from report.pages.page_reading import ReadPage
 from report.pages.written_runs import with_backlash_of_x, write_lines
@@ -315,10 +317,10 @@ def test_a_page_of_an_unknown_tone_is_refused():
 
 
 def test_a_plot_with_nothing_to_show_says_so_in_its_place():
-    drawn = draw(Drawing("weather", ([],), "Weather."))
+    drawn = draw(Drawing("weather", ([],), "Weather."), "any")
     assert drawn is None or (drawn.source == "" and drawn.caption)
     values = {"taken": Table("", []), "repeats": [], "no_repeats": []}
-    pictures_of = {"lines": Drawn("", "there is no line", 0.0)}
+    pictures_of = {"lines": Drawn("there is no line")}
     html = str(chapter("k", "K", ["sections/readings.html"], values, pictures_of).html)
     assert "No picture: there is no line" in html
     assert "<img" not in html
@@ -329,6 +331,8 @@ def test_pictures_are_drawn_in_a_process_of_their_own():
         machines = Drawing("diagonals_alone", (), "Three machines.")
         atelier.ask("any", {"machines": machines, "nothing": Drawing("weather", ([],), "Weather.")})
         drawn = atelier.fetch_all()["any"]
+        png = drawn["machines"].fetch()
+    assert Image.open(BytesIO(png)).size == drawn["machines"].size.dots
     assert drawn["machines"].source.startswith("data:image/png;base64,")
     assert drawn["machines"].caption == "Three machines."
     assert "nothing" not in drawn or not drawn["nothing"].source
@@ -336,8 +340,8 @@ def test_pictures_are_drawn_in_a_process_of_their_own():
 
 def test_the_end_of_the_process_that_draws_is_told():
     class Pool:
-        def submit(self, function, drawing):
-            del function, drawing
+        def submit(self, *work):
+            del work
             return SimpleNamespace(cancel=lambda: False, result=self.ended)
 
         def ended(self):

@@ -38,7 +38,7 @@ class _Undrawn(Studio):
     def fetch_all(self):
         drawn = {}
         for (chapter, name), one in self._asked.items():
-            drawn.setdefault(chapter, {})[name] = Drawn("data:,", one.caption, 1.0)
+            drawn.setdefault(chapter, {})[name] = Drawn(one.caption, "any")
         return drawn
 
 
