@@ -29,7 +29,8 @@ from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
+from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.run.accord import MACHINE, SIMULATED, machine_fact
 from stepdiag_ros.run.device_health import Axes
 from stepdiag_ros.run.entitlement import Entitlement
 from stepdiag_ros.run.health import HealthFinding, Level
@@ -69,7 +70,8 @@ class BridgeNode(DeviceNode[CncDevice]):
         super().__init__("cnc_bridge")
         simulated = self.parameter("device") == SIMULATED
         cell = load_cell(self.parameter("cell"))[0] if simulated else None
-        self._machine = load_machine(self.parameter("machine"))[0]
+        self._machine, text = load_machine(self.parameter("machine"))
+        self.facts[MACHINE] = machine_fact(self._machine.name, text)
         self._surroundings = Surroundings(self._machine, cell, self._joint_controller)
         self.opener()
         self._axes = Axes(self.parameter("position_timeout"))

@@ -31,7 +31,8 @@ from stepdiag_ros.metrology.fringe_count import CountCheck
 from stepdiag_ros.metrology.measurement import Reading
 from stepdiag_ros.metrology.plan import FORWARD, Plan
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
+from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.run.accord import SIMULATED
 from stepdiag_ros.run.device_health import Air, Beam, Compensation
 from stepdiag_ros.run.health import Gaps, HealthFinding, StampRate
 from stepdiag_ros.run.reading_source import ReadingSource

@@ -33,12 +33,11 @@ from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
 from stepdiag_ros.parameters.declaration import Changeable
 from stepdiag_ros.parameters.nodes import declared_node
+from stepdiag_ros.run.accord import DRIVER, SIMULATED
 from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.text.sentence import sentence
 from stepdiag_ros.topics import Topic
 
-SIMULATED = "simulated"
-"""Driver that every kind of device has."""
 CLOCK_PERIOD = 0.01
 """Real seconds between two looks whether the ROS clock runs."""
 SIMULATED_PERIOD = 0.02
@@ -111,6 +110,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self._failure = ""
         self._autostart: bool = self.parameter("autostart")
         self._retry_after: float = self.parameter("retry_after")
+        self.facts[DRIVER] = self.parameter("device")
         driver = f"{self.parameter('device')} {self.thing}"
         self.health.hardware_id = self.parameter("hardware_id") or driver
         for one in declared_node(self.role).parameters:

@@ -23,6 +23,7 @@ from stepdiag_ros.nodes.measure_action import (
     NotReadyYet,
     write_progress,
 )
+from stepdiag_ros.run.accord import discords, machine_fact
 from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
 from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.identity import new_run_id
@@ -126,6 +127,9 @@ class SequencerNode(StepdiagNode):
             starting = self._may_be_starting(REQUIRED + present)
             refusal = NotReadyYet if starting else Refusal
             raise refusal(f"cannot start: {'; '.join(missing)}", fault="not_ready")
+        machine = machine_fact(self._machine.name, self._machine_text)
+        if wrong := discords(self.watch, machine, cell=bool(self._cell_text)):
+            raise Refusal(f"cannot start: {'; '.join(wrong)}", fault="mismatch")
         state = self._machine_state
         low, high = tuple(state.soft_limits_low), tuple(state.soft_limits_high)
         beyond = out_of_limits(chosen, low, high)

@@ -15,7 +15,8 @@ from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.nodes.base import spin
-from stepdiag_ros.nodes.managed import SIMULATED, DeviceNode
+from stepdiag_ros.nodes.managed import DeviceNode
+from stepdiag_ros.run.accord import SIMULATED
 from stepdiag_ros.run.device_health import Air
 from stepdiag_ros.run.health import HealthFinding
 

@@ -355,9 +355,8 @@ class Axes:
         because = f": {reason}" if reason else ""
         if isnan(age):
             late = self._age.waited(real) > self.stale_after
-            return HealthFinding(
-                Level.STALE, "no actual position has come yet", values, forbids=late
-            )
+            nothing = f"no actual position has come yet{because}"
+            return HealthFinding(Level.STALE, nothing, values, forbids=late)
         if age > self.stale_after:
             silent = f"no actual position has come for more than {self.stale_after:g} s"
             return HealthFinding(Level.STALE, silent, values, forbids=True)
