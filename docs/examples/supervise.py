@@ -5,7 +5,8 @@
     python3 supervise.py quick --ros-args -r __ns:=/cell      # of the nodes in the namespace /cell
 
 The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise.
-It runs with and without ROS 2.
+It runs with and without ROS 2. It resumes after each setup at once, as a simulated
+cell may: on a real machine, "resume" means that somebody has aligned laser and mirror.
 """
 
 import sys

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress(1.0)
             say(
                 f"{len(nodes)} nodes are up on ROS domain {domain}; bags go to {folder}. Nothing"
-                " moves before a run is started: stepdiag measure. Ctrl-C ends the cell."
+                " moves before a run is started: stepdiag measure. Ctrl-C or SIGTERM ends the cell."
             )
 
         MeasuringSession(nodes, folder, tell).keep_up(ready)

@@ -224,6 +224,8 @@ class Sequence:
         """
         if self.state in (State.FINISHED, State.ABORTED):
             raise ValueError(f"cannot abort: the run is {self.state.name.lower()}")
+        if self.state is State.FAULT:
+            text = f"{text}, after the fault: {self.text}"
         self._stop_motion()
         self._enter(State.ABORTED, text)
 

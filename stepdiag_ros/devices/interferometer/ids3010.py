@@ -242,13 +242,13 @@ class Ids3010:
             answer = parse_json(line.decode(), "the answer")
         except ValueError:
             raise Refusal(
-                f"the IDS answers {line[:60]!r}, which is not JSON",
+                f"{self._link.url} answers {line[:60]!r}, which is not JSON: is it the IDS3010?",
                 fault="malformed",
                 aspect="JSON",
             ) from None
         if not isinstance(answer, dict):
             raise Refusal(
-                f"the IDS answers {line[:60]!r}, which is not JSON-RPC",
+                f"{self._link.url} answers {line[:60]!r}, which is not JSON-RPC",
                 fault="malformed",
                 aspect="JSON-RPC",
             )
