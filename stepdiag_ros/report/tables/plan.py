@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
+from stepdiag_ros.planning.mirror import mirror_width
 from stepdiag_ros.planning.proposal import PlanCandidate, PlanProposal, hours, size_words
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
@@ -162,6 +163,11 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         f"settles at once; standard uncertainty of a stop "
         f"{assessment.stop_uncertainty * IN_MICRO:g} µm."
     )
+    if width := mirror_width(assessment.plan):
+        sentences.append(
+            f"The step diagonals move the mirror sideways by {width * IN_MILLI:.1f} mm: it must be"
+            " at least that much wider than the beam."
+        )
     if proposal is not None:
         purpose = PURPOSES[proposal.request.purpose]
         sentences.append(
