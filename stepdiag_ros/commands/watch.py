@@ -219,6 +219,9 @@ class _Once:
         if run["run_id"]:
             self._screen.print()
             return 0
+        for fault in self._state.document("faults")["faults"]:
+            # What is missing for a run to begin.
+            print(f"{fault['level']}: {fault['who']}: {fault['text']}")
         if run["state"]:
             raise ValueError(f"no run has begun: {run['words']} ({self._contact})")
         raise ValueError(

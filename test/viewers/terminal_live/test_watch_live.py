@@ -23,7 +23,9 @@ def squareness(result):
 
 def test_where_no_run_was_started_there_is_none_to_be_shown(cell):
     code, out, err = cell.once()
-    assert code == 1 and out == ""
+    assert code == 1
+    # What nodes complain of before a run, as of a beam that is not there yet.
+    assert all(line.startswith(("fault: ", "warning: ")) for line in out.splitlines())
     assert err.startswith("stepdiag: error: no run has begun: nothing is measured (")
     assert f"{len(cell.nodes)} nodes" in err and err.count("\n") == 1
 
