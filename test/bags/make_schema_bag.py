@@ -184,6 +184,13 @@ def messages():
     )
     made[topics.POSITIONING_TEST] = from_positioning_test(test, RUN_ID, START, NEW)
     made[topics.DIAGNOSIS] = from_diagnosis(diagnosis(), RUN_ID, NEW)
+    verdict = made[topics.RUN_VERDICT]
+    verdict.run_id, verdict.run_over, verdict.lines, verdict.lines_planned = RUN_ID, True, 1, 1
+    verdict.conformity, verdict.diagnosis = 1, 3
+    verdict.worst_error, verdict.expanded_uncertainty = 7.3e-6, 1.0e-6
+    verdict.coverage_factor, verdict.tolerance = 1.96, 2e-5
+    verdict.worst_place, verdict.method = np.array([0.03, 0.06, 0.1]), "least_squares"
+    verdict.not_determined = ["E_XX"]
     status = NEW("diagnostic_msgs/msg/DiagnosticStatus")
     status.name, status.message = "assembler", "ok"
     made[topics.DIAGNOSTICS].status = [status]

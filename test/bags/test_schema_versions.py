@@ -43,6 +43,21 @@ def test_a_bag_from_before_samples_and_triggers_were_recorded_is_read():
     assert bag_info(run.path).samples == {}
 
 
+def test_a_bag_from_before_verdicts_were_recorded_is_read():
+    run = load_run(BAGS / "schema_1_before_verdict.mcap")
+    assert [one.verdict for one in run.diagnoses] == ["AMBIGUOUS"]
+
+
+def test_the_verdict_of_version_1_says_what_it_said():
+    with BagReader(BAGS / "schema_1.mcap") as bag:
+        ((_, message),) = bag.messages(topics={topics.absolute(topics.RUN_VERDICT)})
+    assert message.run_over and (message.conformity, message.diagnosis) == (1, 3)
+    assert (message.worst_error, message.expanded_uncertainty) == (7.3e-6, 1.0e-6)
+    assert (message.coverage_factor, message.tolerance) == (1.96, 2e-5)
+    assert list(message.worst_place) == [0.03, 0.06, 0.1]
+    assert (message.method, list(message.not_determined)) == ("least_squares", ["E_XX"])
+
+
 def test_samples_of_version_1_say_what_they_said():
     with BagReader(BAGS / "schema_1.mcap") as bag:
         ((_, message),) = bag.messages(topics={topics.absolute(topics.SAMPLES)})

@@ -66,7 +66,8 @@ class Cell:
         # As above: what is slow is the thread, and the machine is none that could hit anything.
         machine["silence_limit"] = 10.0
         given = {
-            "sequencer": {"plan": "quick"},
+            # The weather is that of a simulated cell.
+            "sequencer": {"plan": "quick", "cell": "demo"},
             "recorder": {"folder": str(folder)},
             "cnc_bridge": machine,
             "interferometer": laser,
