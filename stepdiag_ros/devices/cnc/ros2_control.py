@@ -535,12 +535,13 @@ class Ros2ControlCnc:
         self._change(now, CncState.READY, "")
 
     def _fault(self, reason: str) -> None:
-        """Be faulty; what moves is braked."""
+        """Be faulty, once, for the first reason; what moves is braked."""
+        if self._state is CncState.FAULT:
+            return
         if not self._ended:
             self._controller.cancel()
         self._begin(_Doing.NOTHING)
-        if self._state is not CncState.FAULT:
-            self._change(self._now, CncState.FAULT, reason)
+        self._change(self._now, CncState.FAULT, reason)
 
     def _begin(self, doing: _Doing) -> None:
         self._doing, self._since = doing, self._now

@@ -358,3 +358,16 @@ def test_a_sagging_servo_is_not_a_fault():
     rig.controller.robot.offsets = {"z_screw": -2e-5 * 2 * pi / LEAD}
     operator.watch(1.0)
     assert operator.device.state is CncState.READY
+
+
+def test_a_fault_that_lasts_cancels_the_goal_once():
+    operator, rig = operator_of()
+    start = operator.ready().position
+    operator.move(add(start, x=0.4), "X", 0.01)
+    operator.watch(0.5)
+    cancelled = []
+    rig.controller.cancel = lambda: cancelled.append(rig.now())
+    rig.controller.robot.offsets = {"y_left": 6e-4}
+    operator.watch(1.0)
+    assert len(cancelled) == 1
+    assert [change.state for change in operator.changes].count(CncState.FAULT) == 1
