@@ -16,13 +16,21 @@ Every tick wakes ten nodes: at the default of 4 ms that is a third of what a run
 """
 
 
-def nodes_of(folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK):
-    """Return the nodes of a simulated cell, for a run that takes little of the processor."""
+def nodes_of(
+    folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK, heartbeat_timeout=None
+):
+    """Return the nodes of a simulated cell, for a run that takes little of the processor.
+
+    ``heartbeat_timeout``: after which a node counts as lost, s; None for the cell's own.
+    """
     from stepdiag_ros.processes.cell import simulated_cell
 
     nodes = simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
     (clock,) = (node for node in nodes if node.name == "clock")
     clock.parameters["period"] = tick
+    if heartbeat_timeout is not None:
+        for node in nodes:
+            node.parameters["heartbeat_timeout"] = heartbeat_timeout
     return nodes
 
 

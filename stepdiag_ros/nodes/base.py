@@ -22,7 +22,6 @@ from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
 from stepdiag_ros.run.supervision import (
     HEARTBEAT_PERIOD,
     HELD,
-    SILENCE_LIMIT,
     TIME_SOURCE,
     Peer,
     Watch,
@@ -58,7 +57,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self._refused: _Refused | None = None
         self._twin_heard = inf
         self._unusable, self._unusable_heard = "", inf
-        self.watch = Watch()
+        self.watch = Watch(self.parameter("heartbeat_timeout"))
         speaker = self.announce(DIAGNOSTICS)
         self.health = Health(self, self.role, speaker, self.real_time, lambda: self.run_id)
         self.facts = self.health.facts
@@ -202,7 +201,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
 
     def _look_around(self) -> None:
         now = "ready" if self.run_over else f"run {self.run_id}"
-        if self.real_time() > self._twin_heard + SILENCE_LIMIT:
+        if self.real_time() > self._twin_heard + self.watch.silence_limit:
             self._twin_heard = inf
             self.health.withdraw(self._twin_words, now)
         if self.real_time() > self._unusable_heard + HOLDS:

@@ -18,7 +18,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Changeable, Declaration
+from stepdiag_ros.parameters.declaration import (
+    COMMON,
+    HEARTBEAT_TIMEOUT,
+    USE_SIM_TIME,
+    Changeable,
+    Declaration,
+)
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.text.sentence import sentence
 
@@ -68,7 +74,7 @@ class DeclaringNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._declared = declared_node(self.role)
         self._changes: dict[str, tuple[Take, Prepare]] = {}
-        own = {USE_SIM_TIME.name, *(one.name for one in self._declared.parameters)}
+        own = {one.name for one in (*COMMON, *self._declared.parameters)}
         self._of_client = {*self.get_parameters_by_prefix("")} - own
         for name in self._of_client.difference(CLIENT_PARAMETERS):
             # One that the client itself declares is described; one that was given to it is not.
@@ -77,7 +83,7 @@ class DeclaringNode(Node):
                     self._declared.no_such(name, self.get_name()), fault="unknown", about=name
                 )
         self._refuse_wrong(USE_SIM_TIME, self.get_parameter(USE_SIM_TIME.name).value)
-        for declaration in self._declared.parameters:
+        for declaration in (HEARTBEAT_TIMEOUT, *self._declared.parameters):
             self._declare(declaration)
 
     def parameter(self, name: str) -> Any:

@@ -140,10 +140,13 @@ class SequencerNode(StepdiagNode):
         self._sessions = self.watch.sessions()
         self.run_id = new_run_id()
         self.run_over = False
-        self._sequence = Sequence(chosen, tuple(state.position), self._send, self._stop_machine)
+        patience = self.watch.patience
+        self._sequence = Sequence(
+            chosen, tuple(state.position), self._send, self._stop_machine, patience
+        )
         self._published = None
         self._describe(text)
-        self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed)
+        self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed, patience)
         return self.run_id
 
     def pause(self) -> str:
@@ -374,7 +377,8 @@ class SequencerNode(StepdiagNode):
         self._say_not_stopped("" if response.success else response.message)
 
     def _insist_on_stop(self) -> None:
-        if self._stop_asked is not None and self.real_time() - self._stop_asked > STOP_LIMIT:
+        limit = STOP_LIMIT * self.watch.patience
+        if self._stop_asked is not None and self.real_time() - self._stop_asked > limit:
             self._stop_asked = None
             self._say_not_stopped("the CNC bridge does not answer its stop service")
 

@@ -159,6 +159,17 @@ USE_SIM_TIME = Declaration(
     "use_sim_time", False, "take the time from the topic /clock instead of the computer's clock"
 )
 """Declared by every ROS client for every node."""
+HEARTBEAT_TIMEOUT = Declaration(
+    "heartbeat_timeout",
+    2.0,
+    "real time without a heartbeat after which another node counts as lost; what nodes may take"
+    " to answer grows in proportion",
+    "s",
+    1.0,
+    60.0,
+)
+COMMON = (USE_SIM_TIME, HEARTBEAT_TIMEOUT)
+"""Parameters of every node."""
 
 
 @dataclass(frozen=True)
@@ -183,14 +194,14 @@ class DeclaredNode:
         Raises:
             ValueError: the node has no such parameter; names one that is near, or all.
         """
-        for declaration in (*self.parameters, USE_SIM_TIME):
+        for declaration in (*self.parameters, *COMMON):
             if declaration.name == name:
                 return declaration
         raise Refusal(self.no_such(name, self.name), fault="unknown", about=name)
 
     def no_such(self, name: str, node: str) -> str:
         """Say that the node, by the name it has now, has no parameter of that name."""
-        own = [declaration.name for declaration in (*self.parameters, USE_SIM_TIME)]
+        own = [declaration.name for declaration in (*self.parameters, *COMMON)]
         near = get_close_matches(name, own, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(own))}"
         return f"node {node} has no parameter '{name}'; {hint}"

@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Declaration, DeclaredNode, written
+from stepdiag_ros.parameters.declaration import COMMON, Declaration, DeclaredNode, written
 
 WIDTH = 100
 """Characters in a line of the parameter file."""
@@ -25,8 +25,9 @@ while one is going on. The settings of a device can be set while it is closed, a
 is opened: `ros2 lifecycle set NODE deactivate` and `cleanup`, `ros2 param set`, `configure`
 and `activate`. The recorder keeps all parameters of all nodes in every bag.
 
-`ros2 param describe NODE NAME` prints what is in these tables. Every node has the parameter
-`use_sim_time` too (boolean, `false`): {use_sim_time}; it is set at start only.
+`ros2 param describe NODE NAME` prints what is in these tables.
+
+## Every node
 """
 
 
@@ -45,7 +46,7 @@ def row(declaration: Declaration) -> tuple[str, ...]:
 
 def markdown(nodes: Sequence[DeclaredNode]) -> str:
     """Return the page of all nodes, each with its table."""
-    parts = [_INTRODUCTION.format(use_sim_time=USE_SIM_TIME.description)]
+    parts = [_INTRODUCTION, _table(COMMON)]
     for node in nodes:
         parts.append(f"\n## {node.name}\n")
         started = f"`ros2 run stepdiag_ros {node.module}` or `stepdiag node {node.module}`"
@@ -53,12 +54,16 @@ def markdown(nodes: Sequence[DeclaredNode]) -> str:
         if not node.parameters:
             parts.append("\nIt has no parameters of its own.\n")
             continue
-        lines = [_line(COLUMNS), _line(["---"] * len(COLUMNS))]
-        for declaration in node.parameters:
-            name, kind, default, *rest = row(declaration)
-            lines.append(_line([f"`{name}`", kind, f"`{default}`", *rest]))
-        parts.append("\n" + "".join(lines))
+        parts.append(_table(node.parameters))
     return "".join(parts)
+
+
+def _table(declarations: Sequence[Declaration]) -> str:
+    lines = [_line(COLUMNS), _line(["---"] * len(COLUMNS))]
+    for declaration in declarations:
+        name, kind, default, *rest = row(declaration)
+        lines.append(_line([f"`{name}`", kind, f"`{default}`", *rest]))
+    return "\n" + "".join(lines)
 
 
 def parameter_file(nodes: Sequence[DeclaredNode]) -> str:
@@ -71,7 +76,7 @@ def parameter_file(nodes: Sequence[DeclaredNode]) -> str:
     for node in nodes:
         lines += ["", *_comment(_sentence(node.purpose), 0), f"/**/{node.name}:"]
         lines.append("  ros__parameters:")
-        for declaration in (USE_SIM_TIME, *node.parameters):
+        for declaration in (*COMMON, *node.parameters):
             unit = f" {declaration.unit}" if declaration.unit else ""
             told = [declaration.description]
             told += [f"{declaration.limits}{unit}"] if declaration.limits else []

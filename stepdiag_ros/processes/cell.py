@@ -3,8 +3,30 @@
 import time
 from pathlib import Path
 
+from stepdiag_ros.parameters.declaration import HEARTBEAT_TIMEOUT
+from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.cell_file import check_cell_file
 from stepdiag_ros.processes.node_process import NodeProcess
+
+PATIENT = {
+    "heartbeat_timeout": 10.0,
+    "silence_limit": 10.0,
+    "position_timeout": 10.0,
+    "reading_timeout": 15.0,
+}
+"""Limits of real time in a simulated cell, s: its machine is in no danger from a busy computer."""
+
+
+def simulated_node(name: str, **parameters: object) -> NodeProcess:
+    """Return a node of a simulated cell: on simulated time, and patient.
+
+    Args:
+        name: of the module in ``stepdiag_ros.nodes``.
+        parameters: beside these; they take precedence.
+    """
+    known = {one.name for one in declared_node(name).parameters} | {HEARTBEAT_TIMEOUT.name}
+    patient = {limit: value for limit, value in PATIENT.items() if limit in known}
+    return NodeProcess(name, {"use_sim_time": True, **patient, **parameters})
 
 
 def evaluation(model: str = "free") -> list[NodeProcess]:
@@ -13,12 +35,9 @@ def evaluation(model: str = "free") -> list[NodeProcess]:
     Args:
         model: YAML file or name of the model that the run is compared with.
     """
-    simulated: dict[str, object] = {"use_sim_time": True}
     return [
-        NodeProcess("assembler", simulated),
-        NodeProcess("solver", simulated),
-        NodeProcess("evaluator", simulated),
-        NodeProcess("diagnosis", {**simulated, "model": model}),
+        *(simulated_node(name) for name in ("assembler", "solver", "evaluator")),
+        simulated_node("diagnosis", model=model),
     ]
 
 
@@ -77,39 +96,21 @@ def simulated_cell(
         model: YAML file or name of the model that the run is compared with.
         correction: error map by which the bridge corrects targets; empty for none.
     """
-    simulated: dict[str, object] = {"use_sim_time": True}
     # The air that the beam feels and the air that the sensors feel are the same.
-    weather = {**simulated, "device": "simulated", "cell": cell, "weather_begins": time.time_ns()}
+    simulated = {"device": "simulated", "cell": cell}
+    weather: dict[str, object] = {**simulated, "weather_begins": time.time_ns()}
     return [
-        NodeProcess("clock", {"factor": factor}),
-        NodeProcess("recorder", {**simulated, "folder": folder}),
+        simulated_node("clock", use_sim_time=False, factor=factor),
+        simulated_node("recorder", folder=folder),
         *evaluation(model),
-        NodeProcess("weather", weather),
-        NodeProcess(
-            "bridge",
-            {
-                **simulated,
-                "device": "simulated",
-                "machine": machine,
-                "cell": cell,
-                "correction": correction,
-                # A computer that is busy with all nodes at once is not a danger to this machine.
-                "silence_limit": 2.0,
-            },
+        simulated_node("weather", **weather),
+        simulated_node("bridge", **simulated, machine=machine, correction=correction),
+        # However late messages are when the computer is busy, no reading is made without the
+        # position and the weather of its own time.
+        simulated_node(
+            "interferometer", **weather, rate=rate, seed=seed, hold_after=3600.0, weather_age=3600.0
         ),
-        NodeProcess(
-            "interferometer",
-            {
-                **weather,
-                "rate": rate,
-                "seed": seed,
-                # However late messages are when the computer is busy, no reading is made without
-                # the position and the weather of its own time.
-                "hold_after": 3600.0,
-                "weather_age": 3600.0,
-            },
-        ),
-        NodeProcess("sequencer", {**simulated, "plan": plan, "machine": machine, "cell": cell}),
+        simulated_node("sequencer", plan=plan, machine=machine, cell=cell),
     ]
 
 

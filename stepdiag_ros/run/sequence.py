@@ -125,6 +125,7 @@ class Sequence:
         position: actual position of the machine, m.
         send: is given each command to be executed.
         stop_motion: asks the machine to stop at once.
+        patience: factor by which other nodes may take longer to answer.
     """
 
     def __init__(
@@ -133,8 +134,13 @@ class Sequence:
         position: tuple[float, float, float],
         send: Callable[[Command], None],
         stop_motion: Callable[[], None],
+        patience: float = 1.0,
     ) -> None:
         self._plan = plan
+        self._answer_limit = ANSWER_LIMIT * patience
+        self._beam_limit = BEAM_LIMIT * patience
+        self._overdue_limit = OVERDUE_LIMIT * patience
+        self._store_limit = STORE_LIMIT * patience
         self._position = np.asarray(position, dtype=np.float64)
         self._send = send
         self._stop_motion = stop_motion
@@ -311,11 +317,12 @@ class Sequence:
         self._time_left.look(now, self.state is State.RUNNING)
         if self.state is not State.RUNNING:
             return
-        if self._phase is _Phase.ANSWER and real - self._sent_real > ANSWER_LIMIT:
-            self.fault(f"the CNC bridge has not answered a command for {ANSWER_LIMIT:g} s")
+        if self._phase is _Phase.ANSWER and real - self._sent_real > self._answer_limit:
+            limit = f"{self._answer_limit:g} s"
+            self.fault(f"the CNC bridge has not answered a command for {limit}")
         elif self._phase in (_Phase.MOTION, _Phase.SETTLING) and now > self._deadline:
             # A stopped or hurried clock alone is not a fault of the machine.
-            if real - self._sent_real > OVERDUE_LIMIT:
+            if real - self._sent_real > self._overdue_limit:
                 moving = self._phase is _Phase.MOTION
                 what = "move has not ended" if moving else "stop has not been assembled"
                 self.fault(f"the {what} in the time it should take")
@@ -403,8 +410,8 @@ class Sequence:
         assert self._command is not None
         # The machine moves on only when what was measured cannot be lost any more.
         if self._stored < self._command.command_id:
-            if real - self._sent_real > STORE_LIMIT and now > self._deadline:
-                self.fault(f"the recorder has not stored a stop within {STORE_LIMIT:g} s")
+            if real - self._sent_real > self._store_limit and now > self._deadline:
+                self.fault(f"the recorder has not stored a stop within {self._store_limit:g} s")
         elif now >= self._arrived + self._dwell:
             self._advance()
 
@@ -460,7 +467,7 @@ class Sequence:
             return True
         if self._beam_wanted_since is None:
             self._beam_wanted_since = real
-        elif real - self._beam_wanted_since > BEAM_LIMIT:
+        elif real - self._beam_wanted_since > self._beam_limit:
             self._beam_wanted_since = None
             self.fault(f"the interferometer has no beam for setup '{setup}'")
         return False

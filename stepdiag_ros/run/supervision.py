@@ -17,7 +17,7 @@ HELD = "STEPDIAG_HELD"
 HEARTBEAT_PERIOD = 0.5
 """Real seconds between two heartbeats of a node."""
 SILENCE_LIMIT = 2.0
-"""Real seconds without a heartbeat after which a node counts as lost."""
+"""Real seconds without a heartbeat after which a node counts as lost, unless a cell has another."""
 LONGEST_LOOK = 0.5
 """Real seconds between two looks at the silence of others that count in full."""
 WORK_LEFT = "work_left"
@@ -138,17 +138,24 @@ class Watch:
     """Keeps count of the nodes that answer, and of those that have gone.
 
     Attributes:
+        silence_limit: real s without a heartbeat after which a node counts as lost.
         peers: node name → what is known of it.
         lost: node name → sentence that says so; cleared when the node answers again.
         twins: names under which two processes speak at the same time.
     """
 
+    silence_limit: float = SILENCE_LIMIT
     peers: dict[str, Peer] = field(default_factory=dict)
     lost: dict[str, str] = field(default_factory=dict)
     twins: set[str] = field(default_factory=set)
     _looked: float = inf
     # Node name → for how many s of its silence this process could not have heard it.
     _deaf: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def patience(self) -> float:
+        """How many times as long as usual nodes may take to answer."""
+        return self.silence_limit / SILENCE_LIMIT
 
     def heard(self, name: str, peer: Peer) -> None:
         """Take note of a heartbeat.
@@ -193,7 +200,7 @@ class Watch:
         for name, peer in self.peers.items():
             self._deaf[name] = self._deaf.get(name, 0.0) + asleep
             silence = now - peer.last_seen - self._deaf[name]
-            if silence > SILENCE_LIMIT and name not in self.lost:
+            if silence > self.silence_limit and name not in self.lost:
                 self.lost[name] = f"{peer.role} node {name} is silent for {silence:.1f} s"
                 if peer.role not in ONLOOKERS:
                     found.append(self.lost[name])

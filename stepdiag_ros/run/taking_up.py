@@ -69,12 +69,19 @@ class TakingUp:
         run_id: of the run.
         followers: roles that must say that they have taken it up.
         needed: roles without which it cannot begin.
+        patience: factor by which nodes may take longer.
     """
 
-    def __init__(self, run_id: str, followers: Sequence[str], needed: Collection[str]) -> None:
+    def __init__(
+        self,
+        run_id: str,
+        followers: Sequence[str],
+        needed: Collection[str],
+        patience: float = 1.0,
+    ) -> None:
         self._run_id = run_id
         self._followers, self._needed = tuple(followers), frozenset((*needed, *followers))
-        self._patience = Patience(TAKE_UP_LIMIT)
+        self._patience = Patience(TAKE_UP_LIMIT * patience)
 
     def look(self, watch: Watch, real: float) -> Look:
         """Look at the nodes (``real``: s of the clock of their messages)."""

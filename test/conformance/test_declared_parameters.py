@@ -13,7 +13,7 @@ from refused import refused
 from ros_processes import wait_until
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME, Changeable
+from stepdiag_ros.parameters.declaration import COMMON, Changeable
 from stepdiag_ros.parameters.documents import parameter_file
 from stepdiag_ros.parameters.nodes import NODES, declared_node
 
@@ -88,9 +88,8 @@ def test_every_node_describes_exactly_what_is_declared(declare: Any) -> None:
         node = declare(declared.name)
         names = node.list_parameters([], 0).names
         own = [one.name for one in declared.parameters]
-        assert sorted(set(names) - {USE_SIM_TIME.name, "start_type_description_service"}) == sorted(
-            own
-        )
+        common = {one.name for one in COMMON}
+        assert sorted(set(names) - common - {"start_type_description_service"}) == sorted(own)
         for one in declared.parameters:
             told = node.describe_parameter(one.name)
             assert told.name == one.name and told.description.startswith(one.description)

@@ -89,7 +89,7 @@ class CellUnderTest(RunningCell):
         """Wait for a state of the run; a run that is to finish must not be stopped on the way."""
         stopped = {State.FAULT, State.ABORTED} if state == State.FINISHED else set()
         self.wait(lambda: self.state() in {state, *stopped}, f"run state {state}")
-        assert self.state() == state, self.operator.text
+        assert self.state() == state, f"{self.operator.state}\n{self.last_words()}"
 
     def stands_still_after(self, said: Any) -> None:
         """Assert that the machine has come to rest, from its own encoders.

@@ -22,7 +22,7 @@ from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.metrology.air.recompensation import AirChoice
 from stepdiag_ros.metrology.frames import LASER, MACHINE
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.parameters.declaration import USE_SIM_TIME
+from stepdiag_ros.parameters.declaration import COMMON
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.cell import simulated_cell
 from stepdiag_ros.run.sequence import State
@@ -162,7 +162,7 @@ def test_the_bag_says_all_that_made_the_run(finished):
             continue
         declared = declared_node(node.name)
         values = recorded[f"/{declared.name}"]
-        assert set(values) >= {one.name for one in (*declared.parameters, USE_SIM_TIME)}
+        assert set(values) >= {one.name for one in (*declared.parameters, *COMMON)}
         for name, value in node.parameters.items():
             if isinstance(value, str):
                 # A name may be recorded as the file that it stands for.

@@ -14,7 +14,7 @@ from refused import a_fault, refused
 from stepdiag_ros import cli
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.declaration import (
-    USE_SIM_TIME,
+    COMMON,
     Changeable,
     Declaration,
     DeclaredNode,
@@ -27,6 +27,7 @@ from stepdiag_ros.processes.node_process import NodeProcess
 
 ROOT = Path(__file__).parents[2]
 EVERY = [(node.name, one) for node in NODES for one in node.parameters]
+COMMON_NAMES = [one.name for one in COMMON]
 NAMES = [f"{node}.{one.name}" for node, one in EVERY]
 
 
@@ -124,7 +125,7 @@ def test_names_are_unique_and_mean_the_same_wherever_they_are():
     for node in NODES:
         names = [one.name for one in node.parameters]
         assert len(set(names)) == len(names)
-        assert USE_SIM_TIME.name not in names
+        assert not {*COMMON_NAMES} & {*names}
 
 
 def texts(module):
@@ -182,7 +183,7 @@ def test_the_parameter_file_is_one_that_every_node_takes():
     assert set(content) == {f"/**/{node.name}" for node in NODES}
     for node in NODES:
         given = content[f"/**/{node.name}"]["ros__parameters"]
-        assert list(given) == ["use_sim_time", *(one.name for one in node.parameters)]
+        assert list(given) == [*COMMON_NAMES, *(one.name for one in node.parameters)]
         for name, value in given.items():
             node.check(name, value)
             assert value == node.find(name).default and type(value) is type(node.find(name).default)
@@ -210,9 +211,9 @@ def test_the_embedded_client_takes_the_parameter_file_in_any_namespace(tmp_path)
     path = tmp_path / "all.yaml"
     path.write_text(parameter_file(NODES))
     arguments = parse(["--ros-args", "--params-file", str(path)])
-    defaults = {one.name: one.default for one in declared_node("diagnosis").parameters}
+    defaults = {one.name: one.default for one in (*COMMON, *declared_node("diagnosis").parameters)}
     for name in ("/diagnosis", "/cell/diagnosis"):
-        assert arguments.overrides(name) == {"use_sim_time": False, **defaults}
+        assert arguments.overrides(name) == defaults
 
 
 def test_the_command_prints_table_file_and_page(capsys):
@@ -241,11 +242,11 @@ def test_a_session_can_give_no_parameter_that_its_node_would_refuse(tmp_path):
         NodeProcess("solver", {"plan": "demo"})
 
 
-def test_a_node_without_declarations_has_use_sim_time_alone():
+def test_a_node_without_declarations_has_the_common_ones_alone():
     node = declared_node("nobody")
     assert node.parameters == ()
     node.check("use_sim_time", True)
-    with refused(Refusal, "unknown", "a", "use_sim_time"):
+    with refused(Refusal, "unknown", "a", *COMMON_NAMES):
         node.check("a", 1)
 
 
