@@ -35,7 +35,8 @@ verdicts:
   CONSISTENT    the model explains the run to within its noise
   NAMED         what is missing, with size, uncertainty and what else was tried
   AMBIGUOUS     several effects close the gap; the run does not show which one
-  UNEXPLAINED   no effect of the catalogue closes the gap; where and how large
+  DESCRIBED     no effect of the catalogue closes the gap, but a formula does
+  UNEXPLAINED   neither closes the gap; where it is, and how large
   NOT TESTABLE  the run has no data that could contradict the model
 
 examples:
@@ -139,7 +140,7 @@ def run(arguments: Namespace) -> int:
     if arguments.extend is not None and report.extended_path is None:
         say(
             f"stepdiag: {arguments.extend} was not written: the verdict is"
-            f" {report.diagnosis.verdict}, and only effects that were NAMED go into a model"
+            f" {report.diagnosis.verdict}, and only what was NAMED or DESCRIBED goes into a model"
         )
     if arguments.propose is not None and report.proposal_path is None:
         why = "" if report.proposal is None else f": {report.proposal.sentence}"

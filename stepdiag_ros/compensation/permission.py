@@ -14,7 +14,7 @@ import numpy as np
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.compensation.control import Control
 from stepdiag_ros.compensation.identified import Identified
-from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE, UNEXPLAINED
+from stepdiag_ros.metrology.discrepancy.findings import DESCRIBED, NOT_TESTABLE, UNEXPLAINED
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.effects.axis_scale import EFFECT as SCALE
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
@@ -51,9 +51,9 @@ def permission(
 ) -> TablePermission:
     """Judge by the verdict on a run whether tables may be made of its errors.
 
-    Refused are UNEXPLAINED, and every effect that was NAMED, or may act where AMBIGUOUS, that is
-    not in the tables (``not_held``). NOT TESTABLE, a run without a verdict and one that was cut
-    short are warned of.
+    Refused are UNEXPLAINED and DESCRIBED, and every effect that was NAMED, or may act where
+    AMBIGUOUS, that is not in the tables (``not_held``). NOT TESTABLE, a run without a verdict and
+    one that was cut short are warned of.
 
     Args:
         identified: the errors.
@@ -63,7 +63,7 @@ def permission(
     verdict, overruled = identified.verdict, identified.origin.despite_verdict
     if overruled:
         return TablePermission(f"these errors were taken over despite the verdict {overruled}")
-    if verdict.name == UNEXPLAINED:
+    if verdict.name in (UNEXPLAINED, DESCRIBED):
         return TablePermission(f"the verdict on the run is {verdict.name}: {verdict.sentence}")
     reversal = control is not None and control.holds_reversal(settings or {})
     left = not_held(verdict, identified, reversal)

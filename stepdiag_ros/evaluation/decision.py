@@ -8,6 +8,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -23,6 +24,7 @@ _AGREEMENTS = {
     CONSISTENT: Agreement.CONSISTENT,
     NAMED: Agreement.NAMED,
     AMBIGUOUS: Agreement.AMBIGUOUS,
+    DESCRIBED: Agreement.DESCRIBED,
     UNEXPLAINED: Agreement.UNEXPLAINED,
     NOT_TESTABLE: Agreement.NOT_TESTABLE,
 }

@@ -18,6 +18,7 @@ _HOMES = {
     "error_curves": "curves",
     "gap_along_lines": "discrepancy",
     "gap_candidates": "discrepancy",
+    "gap_dependences": "dependences",
     "gap_figures": "discrepancy",
     "gap_map": "discrepancy",
     "gap_where": "discrepancy",

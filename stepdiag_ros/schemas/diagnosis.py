@@ -9,6 +9,7 @@ from msgspec import UNSET, Meta, UnsetType
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -246,17 +247,62 @@ class Share:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Dependence:
+    """On what a gap without a name depends."""
+
+    acts_on: Annotated[
+        str,
+        one_of("X", "Y", "Z", "reading"),
+        means("Axis along which the tool is displaced, or the reading itself."),
+    ]
+    drivers: Annotated[Words, means("The quantities on whose product it depends.")]
+    shapes: Annotated[Words, means("Products of factors by which it is written.")]
+    gain: Annotated[Number, means("What χ² loses by it, given the dependences before.")]
+    p_value: Annotated[Chance, means("Chance that noise gives any dependence such evidence.")]
+    probability: Annotated[Chance, means("Of this dependence among all that were tried.")]
+    rivals: Annotated[
+        Words, means("Others at odds of less than 20 to 1 against them, likeliest first.")
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Description:
+    """What a gap without a name depends on."""
+
+    dependences: Annotated[Sequence[Dependence], means("Clearest first.")]
+    nearest: Annotated[
+        Text, means("Label of the nearest effect of the catalogue; null without any.")
+    ]
+    nearest_share: Annotated[
+        Number, means("Of what the shapes take from χ², that the nearest effect takes, 0..1.")
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """The verdict and what it rests on."""
 
-    verdict: Annotated[str, one_of(CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED, NOT_TESTABLE)]
+    verdict: Annotated[
+        str, one_of(CONSISTENT, NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED, NOT_TESTABLE)
+    ]
     sentence: Annotated[str, means("The verdict in words.")]
     findings: Annotated[
-        Sequence[Finding], means("Named effects, strongest first; empty unless NAMED or AMBIGUOUS.")
+        Sequence[Finding],
+        means(
+            "Named effects, strongest first; where DESCRIBED, the shapes that close the gap, behind"
+            " the effects that act beside them; empty for other verdicts."
+        ),
     ]
     partial: Annotated[
         Sequence[Finding],
         means("Where UNEXPLAINED: what closes a part of the gap, and is not to be believed alone."),
+    ]
+    description: Annotated[
+        Description | None,
+        means(
+            "Of a gap without a name; null unless DESCRIBED, or UNEXPLAINED where it describes a"
+            " part of the gap."
+        ),
     ]
     tested: Annotated[Count, means("Number of candidates tried.")]
     noise: Annotated[Noise, means("Noise of a reading.")]

@@ -36,7 +36,15 @@ class Verdict:
 
     name: Annotated[
         str,
-        one_of("CONSISTENT", "NAMED", "AMBIGUOUS", "UNEXPLAINED", "NOT TESTABLE", "NOT DIAGNOSED"),
+        one_of(
+            "CONSISTENT",
+            "NAMED",
+            "AMBIGUOUS",
+            "DESCRIBED",
+            "UNEXPLAINED",
+            "NOT TESTABLE",
+            "NOT DIAGNOSED",
+        ),
         means("NOT DIAGNOSED: the run was not compared with its model; the sentence says why."),
     ]
     sentence: Annotated[str, means("The verdict in words, or why it is missing.")]

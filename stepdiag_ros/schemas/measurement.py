@@ -28,8 +28,8 @@ class Document:
     verdict: Annotated[
         str,
         means(
-            "Of the diagnosis of the whole run: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED or NOT"
-            " TESTABLE; UNKNOWN without a diagnosis."
+            "Of the diagnosis of the whole run: CONSISTENT, NAMED, AMBIGUOUS, DESCRIBED,"
+            " UNEXPLAINED or NOT TESTABLE; UNKNOWN without a diagnosis."
         ),
     ]
     sentence: Annotated[str, means("The verdict in words, or why it is missing.")]

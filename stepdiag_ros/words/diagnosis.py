@@ -5,6 +5,7 @@ import math
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -32,6 +33,9 @@ MEANING = {
     " named here close the gap.",
     AMBIGUOUS: "The run shows more than the model explains. Several effects would close the gap,"
     " and this run alone does not show which one acts.",
+    DESCRIBED: "The run shows more than the model explains, and no effect of the catalogue closes"
+    " the gap. A formula does: it states on what the cause depends, not what the cause is. Find the"
+    " cause before you correct the machine by this run.",
     UNEXPLAINED: "The run shows more than the model explains, and no effect of the catalogue"
     " closes the gap. Find the cause before you correct the machine by this run.",
     NOT_TESTABLE: "No reading of this run could contradict the model. That is neither a"

@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -214,6 +215,12 @@ def _after_verdict(lead: RunLead) -> list[tuple[str, str]]:
             ("diagnose {} --extend MODEL.yaml", "the effect, its size, and the errors without it")
         ],
         AMBIGUOUS: [("diagnose {} --propose MORE.yaml", "what to measure to separate the causes")],
+        DESCRIBED: [
+            (
+                "diagnose {} --extend MODEL.yaml",
+                "the formula, and the errors without what it describes",
+            )
+        ],
         UNEXPLAINED: [("diagnose {}", "where the gap is, and what to measure to find its cause")],
         NOT_TESTABLE: [
             ("diagnose {}", "why nothing could contradict these errors"),

@@ -54,6 +54,10 @@ OUTSIDE = (
     "cross_talk",
     "stick_slip",
     "worn_spot",
+    "quadrant_bend",
+    "creep",
+    "load_hysteresis",
+    "loose_mirror",
 )
 """Real ones that no catalogue is asked to hold."""
 
@@ -106,6 +110,8 @@ def draw_hidden(rng, kind, run):
     seed = int(rng.integers(2**31))
     if kind in _SINGLE_SETUP:
         return _of_one_setup(rng, kind, run)
+    if kind == "loose_mirror":
+        return _of_some_stops(rng, kind, run)
     if kind in ("slip", "beam_break"):
         return _of_one_stop(rng, kind, run)
     settings = {
@@ -140,6 +146,13 @@ def draw_hidden(rng, kind, run):
         "random_walk": {"seed": seed},
         "stick_slip": {"axis": axis, "seed": seed},
         "cross_talk": {"axis": axis, "other": other},
+        "quadrant_bend": {"component": component, "axis": axis, "other": other},
+        "creep": {"axis": axis, "constant": float(rng.uniform(20.0, 80.0))},
+        "load_hysteresis": {
+            "component": component,
+            "axis": axis,
+            "other": str(rng.permutation([one for one in "XYZ" if one != axis])[0]),
+        },
         "worn_spot": {
             "axis": axis,
             "other": other,
@@ -166,6 +179,14 @@ def _of_one_setup(rng, kind, run):
     if kind == "abbe":
         return Hidden(kind, {**setup, "axis": run.plan.chain[0]})
     return Hidden(kind, setup)
+
+
+def _of_some_stops(rng, kind, run):
+    setup = int(rng.choice(run.setup))
+    times = np.sort(run.time[run.setup == setup])
+    first = int(rng.integers(1, max(len(times) - 4, 2)))
+    last = int(rng.integers(min(first + 3, len(times) - 1), len(times)))
+    return Hidden(kind, {"setup": setup, "begin": float(times[first]), "end": float(times[last])})
 
 
 def _of_one_stop(rng, kind, run):

@@ -54,10 +54,10 @@ def outcome(truth, verdict):
 
     With something hidden that the catalogue has, every effect must be found and nothing else named.
     A finding too many, alone or in a group of which no member is hidden, is a wrong name. With
-    nothing hidden CONSISTENT is right; with something outside the catalogue UNEXPLAINED is right,
-    and a stated group of look-alikes right in a group; with something that nobody can see
-    CONSISTENT is right where that effect is said not to be testable. A gross error is right where
-    the sentence, or the refusal of the table, says which it is.
+    nothing hidden CONSISTENT is right; with something outside the catalogue UNEXPLAINED or
+    DESCRIBED, and a stated group of look-alikes right in a group; with something that nobody can
+    see CONSISTENT is right where that effect is said not to be testable. A gross error is right
+    where the sentence, or the refusal of the table, says which it is.
     """
     word = verdict["verdict"]
     if truth["class"] == "gross":
@@ -72,11 +72,11 @@ def outcome(truth, verdict):
     if word == "CONSISTENT":
         return "consistent"
     if truth["class"] == "outside":
-        if word == "UNEXPLAINED":
+        if word in ("UNEXPLAINED", "DESCRIBED"):
             return "right"
         stated = all(finding["ambiguous"] for finding in verdict["findings"])
         return "right, in a group" if word == "AMBIGUOUS" and stated else "wrong name"
-    if word == "UNEXPLAINED":
+    if word in ("UNEXPLAINED", "DESCRIBED"):
         return "unexplained"
     labels = labels_of(truth, verdict)
     ways = found(labels, verdict)

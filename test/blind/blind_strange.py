@@ -63,3 +63,36 @@ def worn_spot(run, size, axis, other, width, centre_1, centre_2):
         -(one**2 + two**2) / (2.0 * width**2)
     )
     return action
+
+
+def quadrant_bend(run, size, component, axis, other):
+    """A frame bends only where two carriages are both beyond the middle, m at their far ends."""
+    beyond = np.maximum(share_of(run) - 0.5, 0.0) * 2.0
+    return of_structure(
+        run, component, size * beyond[:, "XYZ".index(axis)] * beyond[:, "XYZ".index(other)]
+    )
+
+
+def creep(run, size, axis, constant):
+    """An axis stands short after a reversal, and creeps to where it should be, m at first."""
+    came = run.came[:, "XYZ".index(axis)]
+    order = np.argsort(run.time, kind="stable")
+    turned_at = np.zeros(len(run.time))
+    since = run.time[order[0]]
+    for before, row in zip(np.append(order[0], order[:-1]), order, strict=True):
+        if came[row] != came[before] or run.setup[row] != run.setup[before]:
+            since = run.time[row]
+        turned_at[row] = since
+    return along_axis(run, axis, -0.5 * size * came * np.exp((turned_at - run.time) / constant))
+
+
+def load_hysteresis(run, size, component, axis, other):
+    """A carriage tips over as its drive pulls or pushes, the more the farther another one is, m."""
+    came = run.came[:, "XYZ".index(axis)]
+    return of_structure(run, component, 0.5 * size * came * share_of(run)[:, "XYZ".index(other)])
+
+
+def loose_mirror(run, size, setup, begin, end):
+    """A mirror jumps, and jumps back, m."""
+    there = (run.setup == setup) & (run.time >= begin) & (run.time < end)
+    return on_reading(run, size * there)

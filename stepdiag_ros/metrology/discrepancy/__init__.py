@@ -4,6 +4,7 @@ from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -17,6 +18,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 __all__ = [
     "AMBIGUOUS",
     "CONSISTENT",
+    "DESCRIBED",
     "NAMED",
     "NOT_TESTABLE",
     "UNEXPLAINED",

@@ -107,7 +107,7 @@ def signatures(
     again = replace(stops, displacement=stops.displacement + noise)
     good = problem.baseline.good
     for effect in catalogue:
-        if effect.typical:
+        if effect.typical or effect.learned:
             continue
         tried = 0
         for setting in effect.settings(stops):

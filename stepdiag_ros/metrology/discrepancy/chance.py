@@ -24,6 +24,21 @@ def tail(gain: Vector, columns: Vector | float, freedom: float) -> Vector:
     return chance
 
 
+def tail_of(luck: Vector, found: float) -> float:
+    """Return the share of draws beyond a value; beyond all of them as their exponential tail.
+
+    Args:
+        luck: what noise has given in each draw, shape (draws,).
+        found: what the run gives.
+    """
+    ordered = np.sort(luck)
+    start = float(ordered[int(0.95 * len(ordered))])
+    if found <= start:
+        return float(np.mean(luck >= found))
+    slope = float(np.mean(ordered[ordered > start] - start))
+    return float(0.05 * np.exp(-(found - start) / slope))
+
+
 @dataclass(frozen=True)
 class LookElsewhere:
     """The null distribution of the best candidate of a plan.

@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.discrepancy import findings as verdicts
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
+from stepdiag_ros.metrology.discrepancy.described import described
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
     Diagnosis,
@@ -129,9 +130,9 @@ def diagnose(
             "ever show; measure linear lines, a fourth diagonal or another move order too",
         )
     result = run.settled(result, stated)
-    diagnosis = _diagnosis(result, stops)
+    diagnosis, evidence = _diagnosis(result, stops), result.selection.weighed
     if stops.chain and not given.rotation and SEVERAL_ANGULAR_ERRORS in effects:
-        diagnosis = _turning(run, result, diagnosis, stated)
+        diagnosis, evidence = _turning(run, result, diagnosis, stated)
     if diagnosis.verdict == verdicts.UNEXPLAINED and result.after.p_value < _GROSS_LEVEL:
         tell("trying whether a line has a wrong name")
         names = mislabelled(measurement, known, noise)
@@ -142,7 +143,7 @@ def diagnose(
                 sentence=f"Model and run disagree, but agree if {words}. Correct the run's names.",
                 where=(*diagnosis.where, f"The run fits if {words}."),
             )
-    return diagnosis
+    return described(diagnosis, evidence, result.problem, result.selection, result.noise, run.seed)
 
 
 def _effects(catalogue: Iterable[Effect] | None) -> list[Effect]:
@@ -271,33 +272,41 @@ def _same(result: _Result, noise: Noise, loose: Loose) -> bool:
     )
 
 
-def _turning(run: _Run, result: _Result, diagnosis: Diagnosis, stated: float) -> Diagnosis:
+def _turning(
+    run: _Run, result: _Result, diagnosis: Diagnosis, stated: float
+) -> tuple[Diagnosis, float]:
     """Weigh rotations of all axes at once against the effects that were chosen without them.
+
+    Returns:
+        the likelier diagnosis, and its evidence less what it costs that its effects are some of all
+        that were tried.
 
     Both explanations are compared by their evidence with the same noise. That of rotations is
     averaged over their sizes, and beside them effects are looked for as without them.
     """
     run.tell("weighing rotations of all axes")
     freedom = result.noise.freedom
+    without = diagnosis, result.selection.weighed
     rotations = judge_rotations(result.problem, run.stops, (), freedom, run.seed)
     if rotations.p_value > FALSE_NAME_LEVEL:
-        return diagnosis
+        return without
     turned = run.once(result.noise, replace(result.loose, rotation=rotations.size))
     chosen = turned.selection.candidates
     beside = judge_rotations(result.problem, run.stops, chosen, freedom, run.seed)
     if beside.p_value > FALSE_NAME_LEVEL:
-        return diagnosis
+        return without
     ahead = rotations.evidence + turned.selection.evidence - result.selection.evidence
     explained = (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
     margin = float(np.log(_NEEDLESS)) if diagnosis.verdict == verdicts.CONSISTENT else 0.0
     if ahead <= margin and diagnosis.verdict in explained:
-        return beside_rotations(diagnosis, beside, float(ahead))
+        return beside_rotations(diagnosis, beside, float(ahead)), result.selection.weighed
+    evidence = rotations.evidence + turned.selection.weighed - float(np.log(len(run.effects)))
     turned = run.settled(turned, stated)
     made = _diagnosis(turned, run.stops)
     if made.verdict not in explained and diagnosis.verdict in explained:
-        return diagnosis
+        return without
     finding = rotation_finding(beside, diagnosis, float(ahead), turned.luck.freedom)
-    return _with_rotations(made, finding, result, run.stops)
+    return _with_rotations(made, finding, result, run.stops), evidence
 
 
 def _with_rotations(

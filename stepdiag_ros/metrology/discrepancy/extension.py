@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, fit_baseline, without_readings
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
-from stepdiag_ros.metrology.discrepancy.findings import NAMED, Diagnosis
+from stepdiag_ros.metrology.discrepancy.findings import DESCRIBED, NAMED, Diagnosis
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, prove
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
@@ -23,6 +23,8 @@ from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, ModelEffec
 from stepdiag_ros.metrology.refusal import Refusal
 
 _MOST_ROUNDS = 4
+_MORE = (NAMED, DESCRIBED)
+"""Verdicts by which a model grows."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def extend(
         ValueError: the run cannot be compared; one sentence.
     """
     diagnosis = comparison.under(model)
-    if diagnosis.verdict != NAMED:
+    if diagnosis.verdict not in _MORE:
         return Extension(diagnosis, None, (), None)
     proof = prove(
         comparison.measurement,
@@ -119,10 +121,10 @@ def extend(
     extended = model.with_effects(named_effects(diagnosis, provenance, FITTED, proof))
     rounds: list[Diagnosis] = []
     last = diagnosis
-    while again and last.verdict == NAMED and len(rounds) < _MOST_ROUNDS:
+    while again and last.verdict in _MORE and len(rounds) < _MOST_ROUNDS:
         last = comparison.under(extended)
         rounds.append(last)
-        if last.verdict == NAMED:
+        if last.verdict in _MORE:
             extended = extended.with_effects(named_effects(last, provenance, FITTED))
     before = {effect.label for effect in model.effects}
     extended = replace(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
+from stepdiag_ros.metrology.effects.learned_shape import READING
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -15,8 +16,11 @@ NAMED = "NAMED"
 """Effects of the catalogue, and no others, close the gap."""
 AMBIGUOUS = "AMBIGUOUS"
 """The gap closes, but several effects would close it and this run does not show which."""
+DESCRIBED = "DESCRIBED"
+"""No effect of the catalogue closes the gap, but a formula of few quantities of the machine's state
+does."""
 UNEXPLAINED = "UNEXPLAINED"
-"""There is a gap that no effect of the catalogue closes."""
+"""There is a gap that neither an effect of the catalogue nor a formula closes."""
 NOT_TESTABLE = "NOT TESTABLE"
 """The run has no data left over that could contradict the model, or does not determine its
 noise.
@@ -218,8 +222,62 @@ class Pattern:
 
 def pattern_words(place: str, lines: tuple[str, ...]) -> str:
     """Return where a pattern is, for example ``the Y moves of pnp and ppn``."""
-    ending = [" and ".join([", ".join(lines[:-1]), lines[-1]])] if len(lines) > 1 else [*lines]
-    return " of ".join([place, *ending])
+    return " of ".join([place, *([listed(lines)] if lines else [])])
+
+
+def listed(names: tuple[str, ...]) -> str:
+    """Return names in a row: ``X, Y and Z``."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """On what a gap without a name depends.
+
+    Attributes:
+        acts_on: X, Y or Z for a displacement of the tool along that axis, or ``reading``.
+        drivers: the quantities of the machine's state on whose product it depends, in words.
+        shapes: products of factors by which it is written (``effects.learned_shape``).
+        gain: what χ² loses by it, given the dependences before.
+        p_value: chance that noise gives any dependence such evidence.
+        probability: of this dependence among all that were tried, 0..1, by the evidence.
+        rivals: others, as ``acts_on`` and ``drivers``, at odds of less than 20 to 1 against them,
+            likeliest first.
+    """
+
+    acts_on: str
+    drivers: tuple[str, ...]
+    shapes: tuple[str, ...]
+    gain: float
+    p_value: float
+    probability: float
+    rivals: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    @property
+    def words(self) -> str:
+        """Return for example ``a displacement along Y that depends on the places of X and Z``."""
+        return dependence_words(self.acts_on, self.drivers)
+
+
+def dependence_words(acts_on: str, drivers: tuple[str, ...]) -> str:
+    """Say what acts and on what it depends."""
+    what = "a change of the reading" if acts_on == READING else f"a displacement along {acts_on}"
+    return f"{what} that depends on {listed(drivers)}"
+
+
+@dataclass(frozen=True)
+class Description:
+    """On what a gap without a name depends; the findings hold the shapes that close it.
+
+    Attributes:
+        dependences: clearest first.
+        nearest: label of the effect of the catalogue that comes nearest; empty if none does.
+        nearest_share: of what the shapes take from χ², that this effect takes, 0..1.
+    """
+
+    dependences: tuple[Dependence, ...]
+    nearest: str = ""
+    nearest_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -227,15 +285,18 @@ class Diagnosis:
     """The result of comparing a run with a model.
 
     Attributes:
-        verdict: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED or NOT TESTABLE.
+        verdict: CONSISTENT, NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED or NOT TESTABLE.
         sentence: the verdict in words.
-        findings: named effects, strongest first; empty unless NAMED or AMBIGUOUS.
+        findings: named effects, strongest first; where DESCRIBED, the shapes behind those that act
+            beside them; empty for other verdicts.
         partial: where UNEXPLAINED, what closes part of the gap and is not to be believed alone.
         noise: standard deviation of a reading, from the repeats, m; NaN if unknown.
         noise_degrees_of_freedom: of ``noise``.
         noise_correlation: between the noise of neighbouring stops of a pass.
         noise_source: where the noise was taken from, in words.
         loose: what scatters beside the noise.
+        description: of a gap without a name; None if it has one, or no structure is clear. Where
+            UNEXPLAINED, it describes a part of the gap.
         chi_squared_before: of the run under the model as it was, all its free values fitted.
         chi_squared_after: with the findings (where UNEXPLAINED, ``partial``) fitted too.
         degrees_of_freedom_before: without the findings.
@@ -284,3 +345,4 @@ class Diagnosis:
     tested: int = 0
     covariance: Vector = field(default_factory=lambda: np.zeros((0, 0)))
     loose: Loose = Loose()
+    description: Description | None = None

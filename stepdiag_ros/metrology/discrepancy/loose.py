@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened
+from stepdiag_ros.metrology.discrepancy.chance import tail_of
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Loose
 from stepdiag_ros.metrology.discrepancy.patterns import TURNED, patterns
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
@@ -302,15 +303,5 @@ def judge_rotations(
         evidence=whole,
         gain=float(np.sum(parts**2 / values)),
         columns=len(values),
-        p_value=_tail(luck, likeliest),
+        p_value=tail_of(luck, likeliest),
     )
-
-
-def _tail(luck: Vector, found: float) -> float:
-    """Return the share of draws beyond a value; beyond all of them as their exponential tail."""
-    ordered = np.sort(luck)
-    start = float(ordered[int(0.95 * len(ordered))])
-    if found <= start:
-        return float(np.mean(luck >= found))
-    slope = float(np.mean(ordered[ordered > start] - start))
-    return float(0.05 * np.exp(-(found - start) / slope))

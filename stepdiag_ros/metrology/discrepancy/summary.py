@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
+    DESCRIBED,
     NAMED,
     UNEXPLAINED,
     Diagnosis,
@@ -24,9 +25,10 @@ class Verdict:
     """Whether a model explains a run, in as few words as decide what may be done with its errors.
 
     Attributes:
-        name: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED, NOT TESTABLE or NOT DIAGNOSED.
+        name: CONSISTENT, NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED, NOT TESTABLE or NOT DIAGNOSED.
         sentence: the verdict in words, or why it is missing.
-        effects: labels of the effects that act, strongest first; empty unless NAMED or AMBIGUOUS.
+        effects: labels of the effects that act, strongest first; where DESCRIBED, of the
+            shapes that close the gap; empty where CONSISTENT, UNEXPLAINED or NOT TESTABLE.
         rivals: where AMBIGUOUS, labels of others that may act in place of these.
     """
 
@@ -53,7 +55,7 @@ class Verdict:
     @property
     def more_acts(self) -> bool:
         """Say whether the run shows more than its model contains."""
-        return self.name in (NAMED, AMBIGUOUS, UNEXPLAINED)
+        return self.name in (NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -175,9 +177,9 @@ class DiagnosisSummary:
         run_over: the run has ended.
         lines: compared.
         lines_planned: of the whole plan.
-        verdict: CONSISTENT, NAMED, AMBIGUOUS, UNEXPLAINED or NOT TESTABLE.
+        verdict: CONSISTENT, NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED or NOT TESTABLE.
         sentence: the verdict in words.
-        findings: what is missing; empty unless NAMED or AMBIGUOUS.
+        findings: what is missing; where DESCRIBED, the shapes that close the gap.
         partial: where UNEXPLAINED, what closes a part of the gap.
         covariance: of all sizes of these, one finding's after another's, SI, row by row.
         noise: standard deviation of a reading, m; NaN if unknown.

@@ -101,6 +101,7 @@ class Effect(ABC):
             ``known``.
         typical: its one size is the typical size of many unknown values (``loose``), which no
             column shows and no simulation can have.
+        learned: it is described after a run, not tried on one.
     """
 
     name: ClassVar[str]
@@ -110,6 +111,7 @@ class Effect(ABC):
     keys: ClassVar[tuple[Key, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = False
+    learned: ClassVar[bool] = False
 
     @abstractmethod
     def settings(self, stops: Stops) -> Iterator[Setting]:

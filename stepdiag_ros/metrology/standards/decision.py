@@ -15,6 +15,7 @@ class Agreement(IntEnum):
     AMBIGUOUS = 3
     UNEXPLAINED = 4
     NOT_TESTABLE = 5
+    DESCRIBED = 6
 
 
 @dataclass(frozen=True)

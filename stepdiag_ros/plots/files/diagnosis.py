@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
 from stepdiag_ros.plots.curves import curves_before_after
+from stepdiag_ros.plots.dependences import gap_dependences
 from stepdiag_ros.plots.discrepancy import (
     gap_along_lines,
     gap_candidates,
@@ -24,6 +25,7 @@ def draw_diagnosis(report: DiagnosisReport) -> "dict[str, Picture]":
     drawn = {
         "gap_map": gap_map(diagnosis, stamp=said),
         "gap_where": gap_where(diagnosis, stamp=said),
+        "dependences": gap_dependences(diagnosis, stamp=said),
         "candidates": gap_candidates(diagnosis, stamp=said),
         "gap_traces": gap_along_lines(diagnosis, stamp=said),
         "held_out": None if proof is None else held_out(proof, stamp=said),

@@ -12,6 +12,8 @@ from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.report.documents.proposal import proposal_part
 from stepdiag_ros.schemas.diagnosis import (
+    Dependence,
+    Description,
     Document,
     FiledModel,
     Finding,
@@ -74,6 +76,7 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
         diagnosis,
         findings=[_finding(one) for one in diagnosis.findings],
         partial=[_finding(one) for one in diagnosis.partial],
+        description=_description(diagnosis.description),
         noise=Noise(
             standard_deviation_m=diagnosis.noise,
             degrees_of_freedom=diagnosis.noise_degrees_of_freedom,
@@ -98,6 +101,20 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
             part_of(Pattern, look, rms_m=look.rms) for look in diagnosis.patterns_after
         ],
         map=[part_of(Share, share, mean_m=share.mean, rms_m=share.rms) for share in diagnosis.map],
+    )
+
+
+def _description(described: findings.Description | None) -> Description | None:
+    if described is None:
+        return None
+    dependences = [
+        part_of(Dependence, one, rivals=[findings.dependence_words(*rival) for rival in one.rivals])
+        for one in described.dependences
+    ]
+    return Description(
+        dependences=dependences,
+        nearest=described.nearest or None,
+        nearest_share=described.nearest_share,
     )
 
 

@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
     CONSISTENT_LEVEL,
+    DESCRIBED,
     NAMED,
     UNEXPLAINED,
 )
@@ -24,6 +25,7 @@ _COLOURS = {
     CONSISTENT: "#00694b",
     NAMED: "#00517f",
     AMBIGUOUS: "#8a5a00",
+    DESCRIBED: "#a33e00",
     UNEXPLAINED: "#a33e00",
 }
 _OTHER_COLOUR = "#555555"

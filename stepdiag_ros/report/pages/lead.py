@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -25,6 +26,7 @@ _MEANS = {
     CONSISTENT: "the error curves explain all readings",
     NAMED: "another effect acts, and it is found",
     AMBIGUOUS: "another effect acts, and several causes explain it",
+    DESCRIBED: "something without a name acts; a formula describes it",
     UNEXPLAINED: "something acts that the error curves do not contain",
     NOT_TESTABLE: "no reading of this run could contradict the error curves",
 }
@@ -129,7 +131,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
         return "open", "This run does not tell the machine's errors"
     if not math.isfinite(judged.value):
         return "open", "This run tells only a part of the machine's errors"
-    if material.lead.verdict.name == UNEXPLAINED:
+    if material.lead.verdict.name in (UNEXPLAINED, DESCRIBED):
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
         KEEPS: (
@@ -197,7 +199,7 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
     if material.diagnosis is not None:
         diagnosis = material.diagnosis.diagnosis
         proposed = proposed_sentences(material.diagnosis)
-        if diagnosis.verdict == UNEXPLAINED:
+        if diagnosis.verdict in (UNEXPLAINED, DESCRIBED):
             said.append("find the cause of the gap before the machine is corrected by this run.")
             if diagnosis.where:
                 said[-1] += f" {diagnosis.where[0]}"

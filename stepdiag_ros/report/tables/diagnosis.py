@@ -10,7 +10,14 @@ from stepdiag_ros.evaluation.not_testable import (
     not_testable_sentences,
     settings_words,
 )
-from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, UNEXPLAINED, Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    DESCRIBED,
+    UNEXPLAINED,
+    Diagnosis,
+    Finding,
+    dependence_words,
+)
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.tables.proposal import pairs_table
@@ -18,10 +25,12 @@ from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain, two_digits
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.diagnosis import chance, readable, size_rows
+from stepdiag_ros.words.hints import hints
 from stepdiag_ros.words.proposal import proposed_sentences
 
 _LIMIT_COLUMNS = ("effect", "smallest size", "unit", "of")
 _MOST_LABELS = 4
+_MOST_RIVALS = 3
 _MOST_RUNNERS_UP = 5
 _NARROW, _WIDE = 80, 120
 """Fewest and most columns of a terminal that the tables are made for."""
@@ -50,10 +59,30 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
     return said
 
 
+def description_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Say on what a gap without a name depends, how sure that is, and what else it may be."""
+    if diagnosis.description is None:
+        return []
+    partly = "A part of the gap is" if diagnosis.verdict == UNEXPLAINED else "The gap is"
+    said = []
+    for one in diagnosis.description.dependences:
+        said.append(
+            f"{partly} {one.words} (Δχ² {one.gain:,.0f}, p {chance(one.p_value)}, probability"
+            f" {chance(one.probability)})."
+        )
+        if one.rivals:
+            others = "; ".join(dependence_words(*rival) for rival in one.rivals[:_MOST_RIVALS])
+            said.append(f"This run does not rule out {others}.")
+        said += [f"What has such a shape: {hint}." for hint in hints(one)]
+    return said
+
+
 def findings_title(diagnosis: Diagnosis) -> str:
     """Return what the effects of a diagnosis are: named, possible, or only a part."""
     if diagnosis.verdict == AMBIGUOUS:
         return "One of those that would close the gap"
+    if diagnosis.verdict == DESCRIBED:
+        return "The formula that closes the gap: sum of size times shape"
     if diagnosis.findings:
         return "What is missing in the model"
     return "Closes a part of the gap; not to be believed alone"
@@ -284,6 +313,7 @@ def print_diagnosis(report: DiagnosisReport, console: PlainConsole) -> None:
     for text in known_sentences(diagnosis):
         console.sentence(text)
     _list(console, "Where the gap is", diagnosis.where)
+    _list(console, "On what it depends", description_sentences(diagnosis))
     if report.findings:
         table(findings_table(report.findings, findings_title(diagnosis)))
         for text in (*physics_sentences(report.findings), *group_sentences(report.findings)):

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.text import Text
 
-from stepdiag_ros.metrology.discrepancy import CONSISTENT, UNEXPLAINED
+from stepdiag_ros.metrology.discrepancy import CONSISTENT, DESCRIBED, UNEXPLAINED
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.viewers.terminal.glyphs import Glyphs
 
@@ -27,7 +27,7 @@ _STATES = {
     "FAULT": _BAD,
 }
 _BEAMS = {"good": _GOOD, "dim": _DOUBTFUL, "lost": _BAD}
-_VERDICTS = {CONSISTENT: _GOOD, UNEXPLAINED: _BAD}
+_VERDICTS = {CONSISTENT: _GOOD, DESCRIBED: _BAD, UNEXPLAINED: _BAD}
 _RUN_BAR, _SIGNAL_BAR = 14, 20
 _LEAST_CURVE = 8
 """Signs of a drawn curve, at least."""

@@ -5,7 +5,7 @@ from typing import Any
 
 from stepdiag_ros.compensation.permission import DESPITE, permission
 from stepdiag_ros.compensation.remaining import COMPUTED
-from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED, UNEXPLAINED
+from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, DESCRIBED, NAMED, UNEXPLAINED
 from stepdiag_ros.report.documents.compensation import compensation_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -15,6 +15,9 @@ from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.compensation import uncorrected
 
 _NOT_YET = {
+    DESCRIBED: "Do not install these tables: the run shows something without a name that the error"
+    " curves do not contain, and a part of it may stand in the tables as an error of an axis. Find"
+    " its cause first.",
     UNEXPLAINED: "Do not install these tables: the run shows something that the error curves do not"
     " contain, and a part of it may stand in the tables as an error of an axis. Find its cause"
     " first.",

@@ -10,6 +10,7 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.diagnosis import (
+    description_sentences,
     extension_sentences,
     findings_table,
     findings_title,
@@ -52,6 +53,13 @@ def _tell(material: Material) -> SectionContent | str:
             "The gap split in several ways; the dashed line is the noise of a reading.",
             {"title": ""},
         )
+    if diagnosis.description is not None and diagnosis.findings:
+        drawings["dependences"] = Drawing(
+            "gap_dependences",
+            (diagnosis,),
+            "The formula over each quantity on which it depends, and the readings less all else.",
+            {"title": ""},
+        )
     if found:
         drawings["candidates"] = Drawing(
             "gap_candidates", (diagnosis,), "What each candidate closes of the gap.", {"title": ""}
@@ -83,6 +91,7 @@ def story_of(report: DiagnosisReport) -> dict[str, Any]:
         "closes": _CLOSES.get(diagnosis.verdict, "What closes it"),
         "model": model_words(report),
         "where": list(diagnosis.where),
+        "description": description_sentences(diagnosis),
         "findings": with_rows([findings_table(found, findings_title(diagnosis))] if found else []),
         "physics": [*physics_sentences(found), *group_sentences(found)],
         "runners_up": with_rows(runners_up_tables(found)),

@@ -1,0 +1,169 @@
+"""When a gap is described instead of named: the description must be likelier than the names."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.describe import Describer, Shapes, unit_span
+from stepdiag_ros.metrology.discrepancy.findings import (
+    AMBIGUOUS,
+    CONSISTENT,
+    CONSISTENT_LEVEL,
+    DESCRIBED,
+    NAMED,
+    Candidate,
+    Description,
+    Diagnosis,
+    Finding,
+)
+from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
+from stepdiag_ros.metrology.discrepancy.noise import Noise
+from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
+from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
+from stepdiag_ros.metrology.geometry import Vector
+
+_WORTH_A_LOOK = 0.2
+"""Probability of the lack of fit above which what names leave has no structure to look for."""
+_COVERAGE = 0.975
+"""Quantile of Student's distribution at the upper end of a 95 % coverage interval."""
+
+
+def described(
+    diagnosis: Diagnosis,
+    evidence: float,
+    problem: Whitened,
+    selection: Selection,
+    noise: Noise,
+    seed: int,
+) -> Diagnosis:
+    """Return a diagnosis with a description of its gap, where that says more than its names.
+
+    Args:
+        diagnosis: by the effects of the catalogue.
+        evidence: of what it names, each effect being one of all that were tried.
+        problem: whitened, rotations of all axes not in its baseline.
+        selection: effects chosen for the gap of ``problem``.
+        noise: that ``problem`` was whitened with.
+        seed: of the draws that show the influence of chance.
+    """
+    explained = diagnosis.verdict in (CONSISTENT, NAMED, AMBIGUOUS)
+    if explained and diagnosis.lack_of_fit_p_after > _WORTH_A_LOOK:
+        return diagnosis
+    describer = Describer(problem, diagnosis.stops, noise.freedom, seed)
+    alone = describer(np.zeros((len(problem.gap), 0)))
+    if alone is not None and (not explained or alone.evidence > evidence + np.log(EVIDENCE_RATIO)):
+        made = _made(diagnosis, alone, problem, (), noise)
+        if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
+            return made
+    if explained:
+        return diagnosis
+    beside = describer(selection.span()) if selection.chosen else None
+    if beside is not None:
+        made = _made(diagnosis, beside, problem, selection.findings(), noise)
+        if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
+            return made
+    partly = alone or beside
+    if partly is None:
+        return diagnosis
+    return replace(diagnosis, description=Description(partly.dependences))
+
+
+def _made(
+    diagnosis: Diagnosis,
+    shapes: Shapes,
+    problem: Whitened,
+    names: Sequence[Finding],
+    noise: Noise,
+) -> Diagnosis:
+    """Return a diagnosis by shapes, alone or beside named effects."""
+    empty = [*names, *_unfitted(shapes)]
+    parts = [one.candidate.effect.columns(one.candidate.setting, diagnosis.stops) for one in empty]
+    columns = problem.left_of(np.column_stack(parts))
+    span = unit_span(columns)
+    left = problem.gap - span @ (span.T @ problem.gap)
+    (after,) = LackOfFitTest(problem, diagnosis.stops, noise)((left, span))
+    description = Description(shapes.dependences)
+    if not names:
+        description = _with_nearest(description, shapes.gain, diagnosis)
+    covariance = np.linalg.pinv(columns.T @ columns)
+    return replace(
+        diagnosis,
+        verdict=DESCRIBED,
+        sentence=_sentence(description, [one.label for one in names]),
+        findings=_fitted(empty, np.linalg.pinv(columns) @ problem.gap, covariance, noise),
+        partial=(),
+        covariance=covariance,
+        chi_squared_after=after.chi_squared,
+        degrees_of_freedom_after=after.freedom,
+        lack_of_fit_p_after=after.p_value,
+        residual_after=problem.baseline.spread(problem.readings(left)),
+        where_after=(),
+        patterns_after=(),
+        description=description,
+    )
+
+
+def _unfitted(shapes: Shapes) -> list[Finding]:
+    """Return a finding for each shape, its sizes to be fitted."""
+    made = []
+    for one in shapes.dependences:
+        for shape in one.shapes:
+            setting = {"acts_on": one.acts_on, "shape": shape}
+            candidate = Candidate(LEARNED, setting, LEARNED.label(setting))
+            made.append(Finding(candidate, {}, {}, {}, 0.0, one.p_value, one.probability))
+    return made
+
+
+def _fitted(
+    findings: Sequence[Finding], sizes: Vector, covariance: Vector, noise: Noise
+) -> tuple[Finding, ...]:
+    """Return findings with the sizes that were fitted together."""
+    from scipy.special import stdtrit
+
+    factor = float(stdtrit(noise.freedom, _COVERAGE))
+    made = []
+    place = 0
+    for finding in findings:
+        own = slice(place, place + len(finding.candidate.effect.sizes))
+        place = own.stop
+        part = covariance[own, own]
+        uncertainty = np.sqrt(np.diag(part))
+        named = [size.name for size in finding.candidate.effect.sizes]
+        values = dict(zip(named, sizes[own].tolist(), strict=True))
+        u = dict(zip(named, uncertainty.tolist(), strict=True))
+        made.append(
+            replace(
+                finding,
+                sizes=values,
+                standard_uncertainty=u,
+                band={
+                    name: (value - factor * u[name], value + factor * u[name])
+                    for name, value in values.items()
+                },
+                gain=float(sizes[own] @ np.linalg.pinv(part) @ sizes[own]),
+                covariance=part,
+            )
+        )
+    return tuple(made)
+
+
+def _with_nearest(description: Description, gain: float, diagnosis: Diagnosis) -> Description:
+    """Return a description that says which effect of the catalogue comes nearest to it."""
+    findings = diagnosis.findings or diagnosis.partial
+    if not findings or not gain > 0.0:
+        return description
+    taken = max(findings, key=lambda one: one.gain)
+    share = min(taken.gain / gain, 1.0)
+    return replace(description, nearest=taken.label, nearest_share=share)
+
+
+def _sentence(description: Description, names: Sequence[str]) -> str:
+    words = "; and ".join(dict.fromkeys(one.words for one in description.dependences))
+    beside = f"Beside {'; '.join(names)}, it" if names else "It"
+    near = ""
+    if description.nearest:
+        percent = f"{100.0 * description.nearest_share:.0f} %"
+        near = f" Nearest in the catalogue: {description.nearest} ({percent} of the gap)."
+    return f"No effect of the catalogue closes the gap. {beside} is {words}.{near}"

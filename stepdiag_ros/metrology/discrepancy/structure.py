@@ -1,0 +1,193 @@
+"""The space in which a gap without a name is described: families of shapes of the machine's state.
+
+A family says on what the tool's displacement along an axis, or the reading itself, depends: on one
+quantity of the machine's state or on the product of two or three. Its shapes (products of the
+factors of ``effects.learned_shape``) span what is plausible for such a dependence. The coarse ones
+are few and are used to find on what the gap depends; the fine ones to write it down.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from stepdiag_ros.metrology.effects.learned_shape import READING, TIMES, driver, factor
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import AXES, Vector
+
+_LEAST_WARMING = 0.05
+"""K: a temperature that changes by less is no driver of anything."""
+_PERIODS = 80
+"""Periods of a periodic change that are tried, from the duration of the run down."""
+_LEAST_STOPS = 2.5
+"""Stops in the shortest period that shows."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """What a gap may depend on, with the shapes by which that is tried.
+
+    Attributes:
+        acts_on: X, Y, Z for a displacement of the tool, or ``reading``.
+        drivers: on what it depends, in words, in order.
+        shapes: products of factors.
+        factors: of which the fine shapes are made, one group for each quantity.
+    """
+
+    acts_on: str
+    drivers: tuple[str, ...]
+    shapes: tuple[str, ...]
+    factors: tuple[tuple[str, ...], ...]
+
+    @property
+    def fine(self) -> tuple[str, ...]:
+        """Return shapes at more places and with more constants."""
+        return _products(self.factors)
+
+
+@dataclass(frozen=True)
+class _Driver:
+    """A quantity of the machine's state with the factors that depend on it."""
+
+    kind: str
+    few: tuple[str, ...]
+    some: tuple[str, ...]
+    many: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        return driver(self.some[0])
+
+
+def _place(axis: str) -> _Driver:
+    few = (f"{axis}^1", f"{axis}^2", f"{axis}>0.5")
+    spots = tuple(f"{axis}~{place:g}" for place in (0.2, 0.4, 0.6, 0.8))
+    some = (*few, f"{axis}^3", f"{axis}<0.5", *spots)
+    bounds = [f"{bound:g}" for bound in np.arange(1, 10) / 10]
+    many = (
+        *(f"{axis}^{power}" for power in (1, 2, 3, 4)),
+        *(f"{axis}{side}{bound}" for side in "><~" for bound in bounds),
+    )
+    return _Driver("place", few, some, many)
+
+
+def _constants(low: float, high: float, ratio: float) -> tuple[str, ...]:
+    count = max(int(np.log(high / low) / np.log(ratio)) + 1, 1)
+    return tuple(f"{low * ratio**n:.4g}" for n in range(count))
+
+
+def _drivers(stops: Stops) -> list[_Driver]:
+    """Return what varies in a run."""
+    letters = [letter.lower() for letter in stops.moving_axes]
+    made = [_place(letter) for letter in letters]
+    pause = float(np.median(np.diff(np.unique(stops.time))))
+    duration = max(stops.duration, 2.0 * pause)
+    for letter in letters:
+        senses = stops.last_sense[:, AXES.index(letter.upper())]
+        if {-1.0, 1.0} <= {*senses.tolist()}:
+            sense = (f"sense {letter}",)
+            made.append(_Driver("sense", sense, sense, sense))
+            coarse, fine = (
+                tuple(f"creep {letter} {one}s" for one in _constants(pause, duration / 4, ratio))
+                for ratio in (4.0, 2.0**0.5)
+            )
+            made.append(_Driver("creep", coarse, coarse, fine))
+    few = ("t^1", "t^2")
+    starts, more = (
+        tuple(f"start {one}s" for one in _constants(duration / 30, duration, ratio))
+        for ratio in (3.0, 2.0**0.5)
+    )
+    made.append(_Driver("time", few, (*few, "t^3", *starts), (*few, "t^3", "t^4", *more)))
+    for of in ("material", "air"):
+        values = getattr(stops, f"{of}_temperature")
+        if np.all(np.isfinite(values)) and np.ptp(values) > _LEAST_WARMING:
+            powers = (f"{of}^1", f"{of}^2")
+            made.append(_Driver("temperature", powers[:1], powers, powers))
+    return made
+
+
+_TOGETHER = (
+    ("place", "place"),
+    ("place", "sense"),
+    ("place", "creep"),
+    ("place", "time"),
+    ("place", "temperature"),
+    ("sense", "temperature"),
+    ("sense", "time"),
+    ("place", "place", "place"),
+    ("place", "place", "sense"),
+    ("place", "place", "time"),
+    ("place", "place", "temperature"),
+)
+"""Kinds of quantities of which a product is tried."""
+
+
+def families(stops: Stops) -> Iterator[Family]:
+    """Yield every family that a run could show: of one quantity, of two, of three."""
+    seen = [axis for axis in range(len(AXES)) if np.any(stops.direction[:, axis])]
+    drivers = _drivers(stops)
+    for acts_on in (*(AXES[axis] for axis in seen), READING):
+        for one in drivers:
+            yield _family(acts_on, (one,))
+        for count in (2, 3):
+            for some in combinations(drivers, count):
+                if tuple(one.kind for one in some) in _TOGETHER:
+                    yield _family(acts_on, some)
+        yield from _periodic(acts_on, stops)
+
+
+def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
+    several = len(drivers) > 2
+    return Family(
+        acts_on,
+        tuple(one.words for one in drivers),
+        _products([one.few if several else one.some for one in drivers]),
+        tuple(one.some if several else one.many for one in drivers),
+    )
+
+
+def _products(factors: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
+    return tuple(TIMES.join(some) for some in product(*factors))
+
+
+def _periodic(acts_on: str, stops: Stops) -> Iterator[Family]:
+    """Yield a family for each period, of a sine and a cosine."""
+    pause = float(np.median(np.diff(np.unique(stops.time))))
+    if stops.duration < 2.0 * _LEAST_STOPS * pause:
+        return
+    highest = min(0.5 * _PERIODS, stops.duration / (_LEAST_STOPS * pause))
+    for waves in np.arange(2.0, highest, 0.5):
+        period = f"{stops.duration / waves:.5g}"
+        shapes = (f"sin t/{period}s", f"cos t/{period}s")
+        yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,))
+
+
+def factors_of(stops: Stops) -> Mapping[str, Vector]:
+    """Return the factors of a run by their names, each made when it is first asked for."""
+
+    class Factors(dict[str, Vector]):
+        def __missing__(self, text: str) -> Vector:
+            self[text] = made = factor(text, stops)
+            return made
+
+    return Factors()
+
+
+def columns_of(
+    acts_on: str, shapes: Sequence[str], stops: Stops, factors: Mapping[str, Vector]
+) -> Vector:
+    """Return what shapes add to the readings, m per m of amplitude, shape (n, shapes).
+
+    Args:
+        acts_on: as of a family.
+        shapes: products of factors.
+        stops: of the run.
+        factors: of the same run (``factors_of``).
+    """
+    made = np.empty((len(stops.time), len(shapes)))
+    for place, shape in enumerate(shapes):
+        made[:, place] = np.prod([factors[one] for one in shape.split(TIMES)], axis=0)
+    if acts_on != READING:
+        made *= stops.direction[:, AXES.index(acts_on)][:, None]
+    return made

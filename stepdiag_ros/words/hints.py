@@ -1,0 +1,38 @@
+"""What in a machine has a shape like that of a gap without a name: a hint, never a name."""
+
+from stepdiag_ros.metrology.discrepancy.findings import Dependence
+from stepdiag_ros.metrology.effects.learned_shape import READING
+
+_HINTS = (
+    (
+        {"place", "sense"},
+        "lost motion that changes along the travel, as of a screw that is worn in one place",
+    ),
+    (
+        {"turned"},
+        "friction or a drive that creeps after each reversal, such as a preload that relaxes",
+    ),
+    ({"place", "temperature"}, "a part that expands and bends as the machine warms up"),
+    ({"place", "time"}, "a part that warms up away from every sensor and bends as it does"),
+    ({"periodically"}, "a cooler, a pump or an air conditioning that switches on and off"),
+    ({"temperature"}, "a part that expands, or air on the path of the beam"),
+    ({"time"}, "a drift of the laser, or a part that warms up away from every sensor"),
+    (
+        {"place"},
+        "a structure that bends under a load that travels, or a guideway that is worn or distorted"
+        " where two axes meet",
+    ),
+    ({"sense"}, "lost motion, or a measuring system that is dragged along"),
+)
+"""Words that stand in the drivers of a dependence → what has such a shape; the first counts."""
+
+
+def hints(dependence: Dependence) -> list[str]:
+    """Return what has such a shape, in words; nothing where nothing is known that has."""
+    drivers = " ".join(dependence.drivers)
+    for words, hint in _HINTS:
+        if all(word in drivers for word in words):
+            if dependence.acts_on == READING and words == {"place"}:
+                return ["a refractive index that differs along the path of the beam"]
+            return [hint]
+    return []

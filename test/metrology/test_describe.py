@@ -1,0 +1,156 @@
+"""A gap without a name: on what it depends, by what formula, and what it does in a model."""
+
+import numpy as np
+import pytest
+from hidden_runs import NOISE, hidden_run
+from refused import refused
+
+from stepdiag_ros.metrology.discrepancy import CONSISTENT, DESCRIBED, UNEXPLAINED, diagnose
+from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
+from stepdiag_ros.metrology.discrepancy.describe import Describer
+from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, extend
+from stepdiag_ros.metrology.discrepancy.steady import steadied
+from stepdiag_ros.metrology.effects.catalogue import catalogue
+from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
+from stepdiag_ros.metrology.effects.learned_shape import driver, factor, since_reversal
+from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
+from stepdiag_ros.metrology.refusal import Refusal
+
+SIZE = 2e-6
+
+
+def quadrant(stops):
+    """A frame bends along Y where X and Z are both beyond the middle."""
+    beyond = 2.0 * np.maximum(stops.share - 0.5, 0.0)
+    return SIZE * beyond[:, 0] * beyond[:, 2]
+
+
+def bent(stops):
+    return stops.direction[:, 1] * quadrant(stops)
+
+
+def creeping(stops):
+    """X stands short after each reversal and creeps up, in 40 s."""
+    short = -0.5 * SIZE * stops.last_sense[:, 0] * np.exp(-since_reversal(stops, "x") / 40.0)
+    return stops.direction[:, 0] * short
+
+
+def dragged(stops):
+    """Z is displaced by the sense of Y's last move, the more the farther out X is."""
+    return stops.direction[:, 2] * 0.5 * SIZE * stops.last_sense[:, 1] * stops.share[:, 0]
+
+
+def cooled(stops):
+    """The structure bends along X as a cooler switches."""
+    switched = np.sign(np.sin(2.0 * np.pi * stops.time / (stops.duration / 6.0)))
+    return stops.direction[:, 0] * 0.25 * SIZE * switched
+
+
+@pytest.mark.parametrize(
+    ("shape", "acts_on", "drivers"),
+    [
+        (bent, "Y", {"the place of X", "the place of Z"}),
+        (creeping, "X", {"the time since X turned round"}),
+        (dragged, "Z", {"the place of X", "the sense of Y's last move"}),
+        (cooled, "X", {"time, periodically"}),
+    ],
+    ids=["quadrant", "creep", "drag", "cooler"],
+)
+def test_a_gap_without_a_name_is_described_by_what_it_depends_on(shape, acts_on, drivers):
+    diagnosis = diagnose(hidden_run(shape=shape))
+    assert diagnosis.verdict == DESCRIBED
+    first = diagnosis.description.dependences[0]
+    assert (first.acts_on, {*first.drivers}) == (acts_on, drivers)
+    assert first.p_value < 1e-6 and first.probability > 0.5
+    assert diagnosis.lack_of_fit_p_after > 0.002
+    assert [one.candidate.effect.name for one in diagnosis.findings] == [LEARNED.name] * sum(
+        len(one.shapes) for one in diagnosis.description.dependences
+    )
+
+
+def test_the_formula_is_the_displacement_over_the_box():
+    run = hidden_run(shape=bent)
+    stops = stops_of(run)
+    diagnosis = diagnose(run)
+    found = sum(finding.active.readings(stops) for finding in diagnosis.findings)
+    # What is a function of one place alone is an error curve, and no part of the gap.
+    baseline = fit_baseline(run, stops)
+    problem = whitened(baseline, NOISE, 0.0)
+    left, true = problem.left_of(np.column_stack([found - bent(stops), bent(stops)])).T
+    assert np.linalg.norm(left) < 0.15 * np.linalg.norm(true)
+    for finding in diagnosis.findings:
+        ((low, high),) = finding.band.values()
+        assert low < finding.sizes["amplitude"] < high
+    assert diagnosis.description.nearest
+    assert 0.0 < diagnosis.description.nearest_share < 1.0
+
+
+def test_a_model_learns_what_was_described_and_then_agrees():
+    run = hidden_run(shape=dragged)
+    made = extend(ModelComparison(run), MachineModel(), Provenance(bag="run.mcap"), FITTED)
+    assert made.diagnosis.verdict == DESCRIBED
+    assert [one.active.effect for one in made.model.effects] == [LEARNED] * len(made.model.effects)
+    assert made.rounds[-1].verdict == CONSISTENT
+    again = MachineModel.from_mapping(made.model.to_mapping(), "model", catalogue())
+    assert again == made.model
+    for effect in made.model.effects:
+        assert effect.standard_uncertainty["amplitude"] > 0.0
+    assert made.held_out is None or made.held_out.after.reduced < made.held_out.before.reduced
+
+
+def test_what_has_no_structure_is_not_described():
+    def wander(stops):
+        steps = np.random.default_rng(3).standard_normal(len(stops.time))
+        return 0.1e-6 * np.cumsum(steps)
+
+    diagnosis = diagnose(hidden_run(shape=wander, orders=("XYZ",)))
+    assert diagnosis.verdict == UNEXPLAINED
+
+
+@pytest.mark.parametrize("machines", [pytest.param(4, id="few"), pytest.param(200, id="many")])
+def test_noise_is_hardly_ever_described(machines):
+    described = 0
+    for seed in range(machines):
+        run = hidden_run(seed=seed, blocks=4)
+        stops = steadied(stops_of(run))
+        problem = whitened(fit_baseline(run, stops), NOISE, 0.0)
+        made = Describer(problem, stops, 100.0, seed)(np.zeros((len(problem.gap), 0)))
+        described += made is not None
+    # By chance 0.2 % of them: more than 3 of 200 in one of 4000 tests.
+    assert described <= (3 if machines > 50 else 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "words"),
+    [
+        ("x^2", lambda stops: stops.share[:, 0] ** 2, "the place of X"),
+        ("y>0.5", lambda stops: 2.0 * np.maximum(stops.share[:, 1] - 0.5, 0.0), "the place of Y"),
+        ("z<0.2", lambda stops: 5.0 * np.maximum(0.2 - stops.share[:, 2], 0.0), "the place of Z"),
+        ("sense z", lambda stops: stops.last_sense[:, 2], "the sense of Z's last move"),
+        ("t^1", lambda stops: stops.time / 3600.0, "time"),
+        ("material^1", lambda stops: stops.material_temperature - 20.0, "the material temperature"),
+    ],
+)
+def test_a_factor_is_what_it_says(text, expected, words):
+    stops = stops_of(hidden_run())
+    np.testing.assert_allclose(factor(text, stops), expected(stops), atol=1e-12)
+    assert driver(text) == words
+
+
+@pytest.mark.parametrize("text", ["", "x", "x^", "w^1", "sense", "creep x", "x>0.5 z"])
+def test_a_factor_that_does_not_exist_is_refused(text):
+    with refused(Refusal, "unknown", "shape"):
+        factor(text, stops_of(hidden_run(blocks=2, repeats=1)))
+
+
+@pytest.mark.parametrize("acts_on", [*AXES, "reading"])
+def test_a_learned_shape_acts_along_its_axis_or_in_the_reading(acts_on):
+    stops = stops_of(hidden_run(blocks=2, repeats=1))
+    setting = {"acts_on": acts_on, "shape": "x^1 * z^2"}
+    added = LEARNED.change(setting, {"amplitude": SIZE}, stops).readings(stops)
+    value = SIZE * stops.share[:, 0] * stops.share[:, 2] ** 2
+    if acts_on != "reading":
+        value = value * stops.direction[:, AXES.index(acts_on)]
+    np.testing.assert_allclose(added, value, atol=1e-18)
