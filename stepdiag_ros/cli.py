@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from functools import partial
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import wrap
@@ -53,6 +53,8 @@ _EXIT_BROKEN_PIPE = 141
 def commands() -> list[Command]:
     """Return all commands in the order in which the help lists them."""
     found: list[Command] = of_modules("stepdiag_ros.commands", "COMMAND")
+    # Commands that share everything but their name share a module.
+    found += chain.from_iterable(of_modules("stepdiag_ros.commands", "COMMANDS"))
     groups = list(Group)
     return sorted(found, key=lambda one: (groups.index(one.group), one.order))
 

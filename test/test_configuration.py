@@ -36,6 +36,7 @@ lines:
 @pytest.mark.parametrize(
     ("name", "lines", "stops"),
     [
+        ("check", 24, 12 * 5 + 12 * 13),
         ("demo", 28, 12 * 13 + 16 * 37),
         ("ibaraki_hata_2010", 60, 15 * 13 + 45 * 37),
         ("iso230_2", 30, 30 * 9),

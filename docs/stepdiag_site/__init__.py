@@ -42,10 +42,11 @@ def filled(text: str) -> str:
     return MARK.sub(lambda found: MAKERS[found["kind"]](found["argument"]), text)
 
 
-def without_outside_links(text: str, page: Path) -> str:
-    """Return the text of a page with links to folders, and to pages not of the site, as plain text.
+def links_for_the_site(text: str, page: Path) -> str:
+    """Return the text of a page with links to folders as plain text.
 
-    The pages are read in the tree too, where a folder can be opened; a site has no page for it.
+    The pages are read in the tree too, where a folder can be opened; a site has no page for it. A
+    link to a page that is not of the site, such as CONTRIBUTING, gives the file itself.
 
     Args:
         text: Markdown.
@@ -54,15 +55,18 @@ def without_outside_links(text: str, page: Path) -> str:
 
     def plain(found: "re.Match[str]") -> str:
         target = (page.parent / found["target"]).resolve()
+        if target.is_dir():
+            return found["text"]
         outside = target.suffix == ".md" and not target.is_relative_to(DOCS)
-        return found["text"] if outside or target.is_dir() else found[0]
+        text = found["text"].replace("`", "")
+        return f"{{download}}`{text} <{found['target']}>`" if outside else found[0]
 
     return _LINK.sub(plain, text)
 
 
 def _read(app: Any, page: str, source: list[str]) -> None:
     path = Path(app.env.doc2path(page))
-    source[0] = without_outside_links(filled(source[0]), path)
+    source[0] = links_for_the_site(filled(source[0]), path)
 
 
 def _exact(_: Any, doctree: nodes.document) -> None:

@@ -1,7 +1,9 @@
-"""``stepdiag cell``: the simulated cell with all nodes, waiting for a run."""
+"""``stepdiag cell``: all nodes of a simulated cell or of a machine, waiting for a run."""
 
 import argparse
 import os
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
@@ -10,32 +12,83 @@ from stepdiag_ros.commands.run import add_cell_options, cell_nodes
 
 if TYPE_CHECKING:
     from stepdiag_ros.processes.following import RunNews
+    from stepdiag_ros.processes.node_process import NodeProcess
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
     add_cell_options(parser, plan="demo", factor=1.0)
     add_common(parser, "output", help=f"folder for bags and logs (default: {RESULTS})")
+    # Without defaults, so that an option which does not fit a machine can be refused.
+    simulated = {one.dest: one.default for one in parser._actions if one.dest != "help"}
+    parser.set_defaults(**dict.fromkeys(simulated), simulated=simulated)
+    machine = parser.add_argument_group("a machine in place of the simulated cell")
+    machine.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="ROS 2 parameter file with the devices and parameters of the cell, as 'stepdiag"
+        " parameters --yaml' prints it",
+    )
+    add_common(machine, "namespace")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Start the nodes and keep them up; see the module."""
     from stepdiag_ros.processes.measure import MeasuringSession
 
-    nodes, folder = cell_nodes(arguments)
+    namespace = arguments.namespace
+    nodes, folder = _nodes(arguments)
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    where = f"ROS domain {domain}" + (f" in namespace {namespace}" if namespace else "")
+    measure = "stepdiag measure" + (f" --namespace {namespace}" if namespace else "")
+    up = False
     with progress_bar("starting") as progress:
 
         def tell(news: "RunNews") -> None:
-            progress(0.0, news.text)
+            if up:
+                say(news.text)
+            else:
+                progress(0.0, news.text)
 
-        def ready() -> None:
+        def ready(missing: str) -> None:
+            nonlocal up
+            up = True
             progress(1.0)
             say(
-                f"{len(nodes)} nodes are up on ROS domain {domain}; bags go to {folder}. Nothing"
-                " moves before a run is started: stepdiag measure. Ctrl-C or SIGTERM ends the cell."
+                f"{len(nodes)} nodes are up on {where}; bags go to {folder}. Nothing moves before"
+                f" a run is started: {measure}. Ctrl-C or SIGTERM ends the cell."
             )
+            if missing:
+                say(f"no run can start yet. {missing}")
 
-        MeasuringSession(nodes, folder, tell).keep_up(ready)
+        machine = arguments.parameters is not None
+        MeasuringSession(nodes, folder, tell, namespace, machine).keep_up(ready)
+
+
+def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
+    """Return the nodes that were asked for, and the folder of their bags.
+
+    Raises:
+        ValueError: an option or a file does not fit; nothing has been started.
+    """
+    from stepdiag_ros.processes.cell import machine_cell
+    from stepdiag_ros.processes.cell_file import folder_of_bags
+
+    given = [name for name in arguments.simulated if getattr(arguments, name) is not None]
+    if arguments.parameters is None:
+        if arguments.namespace:
+            raise ValueError("--namespace is for the nodes of a machine: give --parameters too")
+        chosen = {name: getattr(arguments, name) for name in given}
+        return cell_nodes(argparse.Namespace(**{**arguments.simulated, **chosen}))
+    if given:
+        raise ValueError(
+            f"--{given[0]} is for the simulated cell; of a machine, {arguments.parameters} holds"
+            " all settings, and 'stepdiag measure --plan' names the plan of a run"
+        )
+    path, namespace = str(arguments.parameters), arguments.namespace
+    more = ["--params-file", path] + (["-r", f"__ns:={namespace}"] if namespace else [])
+    nodes = [replace(one, ros_arguments=tuple(more)) for one in machine_cell(path, namespace)]
+    return nodes, folder_of_bags(path, namespace)
 
 
 COMMAND = Command(
@@ -44,13 +97,16 @@ COMMAND = Command(
     45,
     _add_options,
     run,
-    help="start the nodes of a simulated cell and wait for runs",
-    description="Start every node of the simulated cell in its own process, and keep them running"
-    " until Ctrl-C. Nothing moves before you start a run: 'stepdiag measure', the action"
-    " /sequencer/measure or the service /sequencer/start. ROS 2 need not be installed: without it"
-    " the nodes run on the embedded client, and any ROS 2 node on this computer sees them.",
+    help="start the nodes of a simulated cell, or of a machine, and wait for runs",
+    description="Start every node of the simulated cell, or with --parameters of a measurement on"
+    " a machine, in its own process, and keep them running until Ctrl-C. Nothing moves before you"
+    " start a run: 'stepdiag measure', the action /sequencer/measure or the service"
+    " /sequencer/start. Ctrl-C stops the machine and ends all nodes. ROS 2 need not be installed:"
+    " without it the nodes run on the embedded client, and any ROS 2 node on this computer sees"
+    " them.",
     epilog="examples:\n"
     "  stepdiag cell --plan quick --factor 10   in one terminal\n"
     "  stepdiag measure                         in another: start a run and follow it\n"
-    "  stepdiag monitor                         in a third: watch it in the browser",
+    "  stepdiag monitor                         in a third: watch it in the browser\n"
+    "  stepdiag cell --parameters cell.yaml     the nodes of a machine",
 )

@@ -98,7 +98,7 @@ class _Attendant:
                 _forget_typed()
                 say(f"{text}: Enter goes on, Ctrl-C ends the run")
             else:
-                say(f"{text}: the service sequencer/resume goes on")
+                say(f"{text}: 'stepdiag resume' or the service sequencer/resume goes on")
             return False
         if attended and _enter_was_pressed():
             self._said = ""
@@ -177,8 +177,8 @@ COMMAND = Command(
     description="Start a run on the nodes in the ROS graph, by the sequencer's action, and follow"
     " it until it is recorded and evaluated. If the run waits for a setup or was stopped by a"
     " fault, the command reports it: press Enter to continue once everything is in order. Without"
-    " a terminal, a fault ends the run, and the service sequencer/resume confirms a setup. Ctrl-C"
-    " stops the machine and ends the run. The exit code is 0 if all lines were measured and the"
+    " a terminal, a fault ends the run, and 'stepdiag resume' confirms a setup. Ctrl-C stops the"
+    " machine and ends the run. The exit code is 0 if all lines were measured and the"
     " bag is whole, 1 if not, 130 after Ctrl-C.",
     epilog="examples:\n"
     "  stepdiag measure                        plan of the sequencer\n"

@@ -27,7 +27,9 @@ NODES = (
 def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=NODES, type=_module, help="which node")
     parser.add_argument(
-        "ros_arguments", nargs=argparse.REMAINDER, help="--ros-args and what follows"
+        "ros_arguments",
+        nargs=argparse.REMAINDER,
+        help="--ros-args and what follows, or --help for the parameters of the node",
     )
 
 
@@ -39,7 +41,13 @@ def _module(name: str) -> str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the node in this process."""
+    """Run the node in this process, or print its help."""
+    if not {"-h", "--help"}.isdisjoint(arguments.ros_arguments):
+        from stepdiag_ros.parameters.documents import help_text
+        from stepdiag_ros.parameters.nodes import declared_node
+
+        sys.stdout.write(help_text(declared_node(arguments.name)))
+        return 0
     _check_parameter_files(arguments.name, arguments.ros_arguments)
     sys.argv = [arguments.name, *arguments.ros_arguments]
     module = import_module(f"stepdiag_ros.nodes.{arguments.name}")
@@ -79,6 +87,8 @@ COMMAND = Command(
     run,
     help="start one node of a measurement",
     description="Start one node and run it until Ctrl-C. Give parameters and names as in ROS 2,"
-    " after --ros-args; 'stepdiag parameters NAME' lists the parameters.",
-    epilog="example: stepdiag node solver --ros-args -p use_sim_time:=true",
+    " after --ros-args; 'stepdiag node NAME --help' explains the parameters of the node.",
+    epilog="examples:\n"
+    "  stepdiag node solver --help\n"
+    "  stepdiag node solver --ros-args -p use_sim_time:=true",
 )

@@ -1,4 +1,4 @@
-"""The declared parameters for people: a page of tables, and a parameter file to be filled in."""
+"""The declared parameters for people: a page of tables, a file to be filled in, a node's help."""
 
 import textwrap
 from collections.abc import Sequence
@@ -7,6 +7,8 @@ from stepdiag_ros.parameters.declaration import COMMON, Declaration, DeclaredNod
 
 WIDTH = 100
 """Characters in a line of the parameter file."""
+HELP_WIDTH = 80
+"""Characters in a line of the help of a node."""
 COLUMNS = ("Parameter", "Type", "Default", "Unit", "Range or choices", "Can be set", "Meaning")
 
 _INTRODUCTION = """\
@@ -84,6 +86,30 @@ def parameter_file(nodes: Sequence[DeclaredNode]) -> str:
             lines += _comment(_sentence("; ".join(told)), 4)
             lines.append(f"    {declaration.name}: {written(declaration.default)}")
     return "\n".join(lines) + "\n"
+
+
+def help_text(node: DeclaredNode) -> str:
+    """Return what a node is for, its parameters and how they are given, for a terminal."""
+    start = f"stepdiag node {node.module} --ros-args"
+    lines = [f"usage: {start} -p NAME:=VALUE ...", f"       {start} --params-file FILE", ""]
+    lines += [*_wrapped(_sentence(node.purpose), "", ""), "", "parameters:"]
+    for declaration in (*node.parameters, *COMMON):
+        unit = f" {declaration.unit}" if declaration.unit else ""
+        facts = [declaration.type_name, f"default {written(declaration.default)}{unit}"]
+        facts += [f"{declaration.limits}{unit}"] if declaration.limits else []
+        lines += _wrapped(f"{declaration.name} ({'; '.join(facts)})", "  ", " " * 6)
+        told = f"{declaration.description}; can be set {declaration.change.value}"
+        lines += _wrapped(_sentence(told), " " * 6, " " * 6)
+    shown = (*node.parameters, *COMMON)[0]
+    return "\n".join(
+        [*lines, "", f"example: {start} -p {shown.name}:={written(shown.default)}", ""]
+    )
+
+
+def _wrapped(text: str, begin: str, go_on: str) -> list[str]:
+    return textwrap.wrap(
+        text, HELP_WIDTH, initial_indent=begin, subsequent_indent=go_on, break_on_hyphens=False
+    )
 
 
 def _sentence(phrase: str) -> str:

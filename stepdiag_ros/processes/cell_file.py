@@ -6,6 +6,7 @@ with its defaults; on a machine that could be a simulated device in place of a r
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
@@ -28,13 +29,35 @@ def check_cell_file(path: str, namespace: str = "") -> None:
         ValueError: the file cannot be read, is meant for a node or parameter that is not there,
             holds a value that its node would refuse, or leaves open which driver a device has.
     """
-    names = {f"{namespace.strip('/')}/{node.name}".lstrip("/"): node for node in NODES}
+    names = _names(namespace)
     given = given_to(path, names)
     for name, node in names.items():
         try:
             _check(node, given[name])
         except ValueError as error:
             raise Refusal(f"{path}: {error}", **fields_of(error)) from None
+
+
+def folder_of_bags(path: str, namespace: str = "") -> Path:
+    """Return the folder in which the recorder of a cell writes its bags.
+
+    Args:
+        path: of the parameter file.
+        namespace: in which the nodes will be.
+
+    Raises:
+        ValueError: the file cannot be read, or is meant for a node that is not there.
+    """
+    ((name, recorder),) = (
+        (name, node) for name, node in _names(namespace).items() if node.name == "recorder"
+    )
+    given = given_to(path, _names(namespace))[name]
+    return Path(given.get("folder", recorder.find("folder").default)).expanduser().resolve()
+
+
+def _names(namespace: str) -> dict[str, DeclaredNode]:
+    """Return full name, without the first slash → node."""
+    return {f"{namespace.strip('/')}/{node.name}".lstrip("/"): node for node in NODES}
 
 
 def given_to(path: str, names: Iterable[str]) -> dict[str, dict[str, Any]]:

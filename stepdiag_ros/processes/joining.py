@@ -2,10 +2,14 @@
 
 import os
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews, RunOutcome
 from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.run.sequence import State
+
+if TYPE_CHECKING:
+    from stepdiag_ros.nodes.operator import OperatorNode
 
 LOOK_LIMIT = 5.0
 """Real seconds within which a running sequencer must have answered."""
@@ -54,15 +58,47 @@ class JoinedRun:
         with in_graph(self._namespace):
             operator = OperatorNode()
             self._tell(RunNews("looking for the nodes"))
-            if not operator.spin_until(lambda: bool(operator.sequencer), LOOK_LIMIT):
-                domain = os.environ.get("ROS_DOMAIN_ID", "0")
-                where = f" in namespace {self._namespace}" if self._namespace else ""
-                raise RunFailed(
-                    f"there is no sequencer{where} on ROS domain {domain}: start the nodes first,"
-                    " or measure on nodes of its own in the simulated cell with 'stepdiag run'"
-                )
+            _wait_for_sequencer(
+                operator,
+                self._namespace,
+                "start the nodes first, or measure on nodes of its own in the simulated cell with"
+                " 'stepdiag run'",
+            )
             run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
             try:
                 run.measure(plan)
             finally:
                 self.measured = run.measured
+
+
+def asked_of_sequencer(service: str, namespace: str) -> str:
+    """Call a Trigger service of the sequencer and return its answer.
+
+    Args:
+        service: ``pause``, ``resume`` or ``abort``.
+        namespace: of the nodes, such as ``/cell_1``; empty for none.
+
+    Raises:
+        RunFailed: there is no sequencer.
+        ValueError: it refuses or does not answer, or the ROS graph cannot be joined.
+    """
+    from stepdiag_ros.nodes.operator import OperatorNode
+
+    with in_graph(namespace):
+        operator = OperatorNode()
+        _wait_for_sequencer(
+            operator, namespace, "give the --namespace and the ROS_DOMAIN_ID of the run"
+        )
+        return operator.call(f"sequencer/{service}")
+
+
+def _wait_for_sequencer(operator: "OperatorNode", namespace: str, otherwise: str) -> None:
+    """Wait until the sequencer of the namespace reports itself.
+
+    Raises:
+        RunFailed: it is not there; says what to do ``otherwise``.
+    """
+    if not operator.spin_until(lambda: bool(operator.sequencer), LOOK_LIMIT):
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        where = f" in namespace {namespace}" if namespace else ""
+        raise RunFailed(f"there is no sequencer{where} on ROS domain {domain}: {otherwise}")

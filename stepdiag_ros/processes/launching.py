@@ -17,12 +17,10 @@ from launch_ros.parameter_descriptions import ParameterValue
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.node_process import OVERRIDE, NodeProcess, exit_words
-from stepdiag_ros.run.supervision import ONLOOKERS
+from stepdiag_ros.run.supervision import DISPENSABLE
 
 PACKAGE = "stepdiag_ros"
 TRUTHS = ("true", "false")
-DISPENSABLE = ("evaluator", "diagnosis", *ONLOOKERS)
-"""Nodes that a run goes on without."""
 
 
 @dataclass(frozen=True)

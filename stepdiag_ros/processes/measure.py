@@ -12,7 +12,7 @@ from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.run.supervision import ONLOOKERS
+from stepdiag_ros.run.supervision import DISPENSABLE, ONLOOKERS
 from stepdiag_ros.run.taking_up import Patience, starting_words
 
 if TYPE_CHECKING:
@@ -34,17 +34,27 @@ class MeasuringSession:
         nodes: to be started.
         folder: bag and logs go there.
         tell: called with the progress of the run.
+        namespace: of the nodes, such as ``/cell_1``; empty for none.
+        on_machine: a device may be switched on later, and a run goes on without the nodes that are
+            ``DISPENSABLE``.
 
     Attributes:
         bag: of the run; None before it has started.
     """
 
     def __init__(
-        self, nodes: list[NodeProcess], folder: Path, tell: Callable[[RunNews], None]
+        self,
+        nodes: list[NodeProcess],
+        folder: Path,
+        tell: Callable[[RunNews], None],
+        namespace: str = "",
+        on_machine: bool = False,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
         self._tell = tell
+        self._namespace = namespace
+        self._on_machine = on_machine
         self.bag: Path | None = None
 
     def measure(self) -> Path:
@@ -58,11 +68,11 @@ class MeasuringSession:
         with self._started() as (operator, processes):
             return self._measure(operator, processes)
 
-    def keep_up(self, ready: Callable[[], None]) -> NoReturn:
+    def keep_up(self, ready: Callable[[str], None]) -> NoReturn:
         """Keep the nodes up, for runs that others start, until this process is interrupted.
 
         Args:
-            ready: called once all nodes are up.
+            ready: called once all nodes are up, with what keeps them from a run; empty if nothing.
 
         Raises:
             RunFailed: another measurement is there, or a node has ended.
@@ -70,17 +80,21 @@ class MeasuringSession:
             KeyboardInterrupt: as asked; the machine stands still.
         """
         with self._started() as (operator, processes):
-            self._wait_for_nodes(operator, processes)
-            ready()
+            ready(self._wait_for_nodes(operator, processes))
+            missed: dict[str, str] = {}
             while True:
                 operator.spin_until(lambda: False, LOOK_PERIOD)
                 self._check(operator, processes)
+                ended = processes.ended()
+                for name in ended.keys() - missed.keys():
+                    self._tell(RunNews(f"{ended[name]}; the other nodes go on"))
+                missed = ended
 
     @contextmanager
     def _started(self) -> "Iterator[tuple[OperatorNode, Processes]]":
         from stepdiag_ros.nodes.operator import OperatorNode
 
-        with in_graph():
+        with in_graph(self._namespace):
             operator = OperatorNode()
             self._tell(RunNews("looking for other measurements"))
             # Their interpreters start while others are looked for; nothing of them is heard yet.
@@ -115,10 +129,13 @@ class MeasuringSession:
             raise RunFailed(f"the bag is not whole: {measured.bag_text}")
         return measured.bag
 
-    def _wait_for_nodes(self, operator: "OperatorNode", processes: Processes) -> None:
+    def _wait_for_nodes(self, operator: "OperatorNode", processes: Processes) -> str:
         """Wait until all nodes are up and well, and say which is not where that takes long.
 
         Each process is a node with a role of its own; all of them beat before anything is asked.
+
+        Returns:
+            what the nodes report that are up on a machine but not ready; else empty.
 
         Raises:
             RunFailed: a node has ended, or not all came up in time.
@@ -140,10 +157,13 @@ class MeasuringSession:
             self._tell(RunNews(words))
             if patience.is_over(bool(stopped), now):
                 faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
+                if self._on_machine and not unheard:
+                    return "; ".join(faults)
                 what = "not all came up" if unheard else "all are up, but not ready"
                 count = f"{len(names) - len(unheard)} of {len(names)} nodes"
                 raise RunFailed(f"{count}: {what}. {'; '.join(faults) or words}")
         self._check(operator, processes)
+        return ""
 
     def _check(
         self, operator: "OperatorNode", processes: Processes, run: FollowedRun | None = None
@@ -153,13 +173,14 @@ class MeasuringSession:
         Raises:
             RunFailed: a node has ended; it says what there is of the run then.
         """
-        ended = processes.ended()
+        spared = DISPENSABLE if self._on_machine else ()
+        ended = [text for name, text in processes.ended().items() if name not in spared]
         if not ended:
             stopped = {} if run is None or run.run_id else processes.stopped()
             if stopped:
                 self._tell(RunNews(starting_words([], stopped, 0.0)))
             return bool(stopped)
-        raise RunFailed(f"{ended}; {self._recorded(operator.last_state)}")
+        raise RunFailed(f"{ended[0]}; {self._recorded(operator.last_state)}")
 
     def _recorded(self, state: Any) -> str:
         """Say what there is of the last run, by its last RunState; None if there was no run."""

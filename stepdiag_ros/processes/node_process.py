@@ -34,6 +34,7 @@ class NodeProcess:
     Attributes:
         name: of the module in ``stepdiag_ros.nodes``.
         parameters: name → value, given as ``-p name:=value``.
+        ros_arguments: further ROS arguments, such as a parameter file and a namespace.
 
     Raises:
         ValueError: the node would refuse a parameter.
@@ -41,6 +42,7 @@ class NodeProcess:
 
     name: str
     parameters: dict[str, object] = field(default_factory=dict)
+    ros_arguments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         node = declared_node(self.name)
@@ -55,7 +57,7 @@ class NodeProcess:
     def command(self) -> list[str]:
         """Return the command line."""
         arguments = [sys.executable, "-m", f"stepdiag_ros.nodes.{self.name}", "--ros-args"]
-        arguments += ["--enclave", self.enclave]
+        arguments += ["--enclave", self.enclave, *self.ros_arguments]
         for name, value in self.parameters.items():
             # Quoted, so that a name such as 'on' or '12' stays a text.
             given = written(str(value) if isinstance(value, Path) else value)
@@ -168,13 +170,14 @@ class Processes:
             if process.stdin is not None:
                 process.stdin.close()
 
-    def ended(self) -> str:
-        """Return a sentence about the first node that has ended; empty if all run."""
-        for name, process in self.running.items():
-            code = process.poll()
-            if code is not None:
-                return ending(name, code, self._last_words(name))
-        return ""
+    def ended(self) -> dict[str, str]:
+        """Return name → sentence of the nodes that have ended."""
+        codes = {name: process.poll() for name, process in self.running.items()}
+        return {
+            name: ending(name, code, self._last_words(name))
+            for name, code in codes.items()
+            if code is not None
+        }
 
     def stopped(self) -> dict[str, int]:
         """Return name → process of the nodes that are stopped and may wake; known on Linux only."""

@@ -88,7 +88,7 @@ def replay(
             player.refuse_company(roles)
             nodes = [NodeProcess(role, given) for role, given in parameters.items()]
             processes = stack.enter_context(Processes(nodes, logs))
-            player.wait_for(roles, START_LIMIT, processes.ended)
+            player.wait_for(roles, START_LIMIT, lambda: "; ".join(processes.ended().values()))
             player.listen_to_derived(compared)
         if listeners:
             player.wait_for(listeners, LISTENERS_LIMIT, lambda: "")

@@ -33,6 +33,8 @@ BY_HAND_ROLE = "by_hand"
 """Role of the node that follows a run by its readings alone; positions are not published then."""
 ONLOOKERS = ("foxglove_server", "monitor", "scene")
 """Roles of nodes that only look on: they come and go, and a run misses none of them."""
+DISPENSABLE = ("evaluator", "diagnosis", *ONLOOKERS)
+"""Nodes that a run goes on without."""
 HEARD_UNTIL = "heard_until"
 """Fact by which a recorder says up to which time, ns, it has taken the readings."""
 

@@ -1,4 +1,4 @@
-"""``stepdiag node``: what it refuses before the node starts."""
+"""``stepdiag node``: its help, and what it refuses before the node starts."""
 
 import pytest
 from refused import refused
@@ -6,6 +6,8 @@ from refused import refused
 from stepdiag_ros import cli
 from stepdiag_ros.commands.node import _check_parameter_files
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.parameters.declaration import COMMON, written
+from stepdiag_ros.parameters.nodes import NODES
 
 
 @pytest.fixture
@@ -51,3 +53,24 @@ def test_a_node_has_two_names(name, monkeypatch, capsys):
     assert cli.main(["node", name]) == 7
     assert cli.main(["parameters", name, "--yaml"]) == 0
     assert "/**/cnc_bridge:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node.name)
+def test_the_help_of_a_node_explains_every_parameter_in_80_columns(node, capsys):
+    assert cli.main(["node", node.module, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    read = " ".join(out.split())
+    assert node.purpose[1:] in read and f"stepdiag node {node.module} --ros-args -p " in read
+    for declared in (*node.parameters, *COMMON):
+        start = read.index(f" {declared.name} ({declared.type_name}; default ")
+        told = read[start : read.index(declared.description[1:], start)]
+        for fact in (written(declared.default), declared.unit, declared.limits):
+            assert fact in told, declared.name
+
+
+def test_help_is_printed_wherever_it_is_asked_for_and_starts_nothing(monkeypatch, capsys):
+    monkeypatch.setattr("stepdiag_ros.nodes.solver.main", lambda: pytest.fail("was started"))
+    for asked in (["-h"], ["--ros-args", "-p", "tolerance:=0.1", "--help"]):
+        assert cli.main(["node", "solver", *asked]) == 0
+        assert "tolerance" in capsys.readouterr().out

@@ -237,5 +237,8 @@ def test_settings_are_checked_before_anything_is_opened(ids):
     ):
         with refused(Refusal, words):
             opener(ids, **settings)
+    for given in ({}, {"hots": "192.168.1.1"}):
+        with refused(Refusal, "missing", "IP", *given, about="host"):
+            prepare("interferometer", "ids3010", given, Surroundings())
     assert ids.connections == 0
     assert SECOND == 1000 * MS

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import yaml
 from cells_for_tests import make_cell
-from hidden_runs import NOISE, hidden_run
+from hidden_runs import NOISE, hidden_run, with_change
 
 from stepdiag_ros.bags.table import read_table
+from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.metrology.discrepancy import (
     AMBIGUOUS,
     CONSISTENT,
@@ -22,6 +23,7 @@ from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.simulation import simulate
 
 CASES = Path(__file__).parent.parent / "data" / "cases"
 
@@ -193,6 +195,14 @@ def test_an_effect_that_the_model_has_is_no_gap(how):
     assert diagnose(run, catalogue=CATALOGUE).verdict == NAMED
     diagnosis = diagnose(run, catalogue=CATALOGUE, **{how: [backlash("X", 0.8e-6)]})
     assert diagnosis.verdict == CONSISTENT
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.0, CONSISTENT), (1e-6, NAMED)])
+def test_the_readings_of_the_plan_for_a_first_run_can_contradict_the_model(size, verdict):
+    run = simulate(load_plan("check")[0], make_cell(noise=NOISE), 5)
+    run = with_change(run, backlash("X", size).readings(stops_of(run)))
+    diagnosis = diagnose(run, catalogue=CATALOGUE)
+    assert diagnosis.verdict == verdict, diagnosis.sentence
 
 
 def test_three_one_way_step_diagonals_can_contradict_nothing():

@@ -1,6 +1,7 @@
 """``stepdiag cell`` waits for the run of another process, and ends with all its nodes."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -24,12 +25,23 @@ def children_of(process_id):
     return Path(f"/proc/{process_id}/task/{process_id}/children").read_text().split()
 
 
+def started(*arguments):
+    return subprocess.Popen([*CLI, "cell", *map(str, arguments)], stderr=subprocess.PIPE, text=True)
+
+
+def ended(cell, nodes):
+    """Interrupt a cell; see that it and all its nodes end."""
+    cell.send_signal(signal.SIGINT)
+    _, said = cell.communicate(timeout=PATIENCE)
+    assert cell.returncode == 130, said
+    deadline = time.monotonic() + PATIENCE
+    while any(map(is_running, nodes)):
+        assert time.monotonic() < deadline, "the cell has left nodes behind"
+        time.sleep(0.05)
+
+
 def test_a_run_of_another_process_and_an_end_with_all_nodes(tmp_path):
-    cell = subprocess.Popen(
-        [*CLI, "cell", "--plan", "quick", "--factor", "20", "-o", str(tmp_path)],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    cell, nodes = started("--plan", "quick", "--factor", "20", "-o", tmp_path), []
     try:
         assert any("nodes are up" in line for line in cell.stderr), "the cell has ended"
         nodes = children_of(cell.pid)
@@ -45,10 +57,50 @@ def test_a_run_of_another_process_and_an_end_with_all_nodes(tmp_path):
         assert document["outcome"] == "finished"
         assert Path(document["bag"]).parent == tmp_path
     finally:
-        cell.send_signal(signal.SIGINT)
-        cell.communicate(timeout=PATIENCE)
-    assert cell.returncode == 130
-    deadline = time.monotonic() + PATIENCE
-    while any(map(is_running, nodes)):
-        assert time.monotonic() < deadline, "the cell has left nodes behind"
-        time.sleep(0.05)
+        ended(cell, nodes)
+
+
+def parameter_file(folder):
+    """Return a cell of simulated devices as a machine would be described, on the real clock."""
+    given = {name: {"device": "simulated"} for name in ("cnc_bridge", "weather", "interferometer")}
+    given |= {"recorder": {"folder": str(folder / "bags")}, "sequencer": {"plan": "quick"}}
+    path = folder / "cell.yaml"
+    path.write_text(
+        json.dumps({f"/**/{name}": {"ros__parameters": own} for name, own in given.items()})
+    )
+    return path
+
+
+def asked(command):
+    return subprocess.run(
+        [*CLI, command, "--namespace", "/cell_1"], capture_output=True, text=True, timeout=PATIENCE
+    )
+
+
+def test_the_nodes_of_a_machine_wait_for_a_run_and_end_together(tmp_path):
+    path = parameter_file(tmp_path)
+    cell, nodes = started("--parameters", path, "--namespace", "cell_1"), []
+    try:
+        said = next(line for line in cell.stderr if "nodes are up" in line)
+        assert "/cell_1" in said and f"{tmp_path}/bags" in said
+        nodes = children_of(cell.pid)
+        asked_too_soon = asked("pause")
+        assert asked_too_soon.returncode == 1, "a run has begun that nobody started"
+        assert not asked_too_soon.stdout and asked_too_soon.stderr.count("\n") == 1
+        measuring = subprocess.Popen(
+            [*CLI, "measure", "--namespace", "/cell_1"], stderr=subprocess.PIPE, text=True
+        )
+        assert any("stops are measured" in line for line in measuring.stderr), "no run"
+        assert asked("pause").returncode == 0
+        assert asked("abort").returncode == 0
+        measuring.communicate(timeout=PATIENCE)
+        assert measuring.returncode == 1
+        # A dispensable node ends nothing, and is named.
+        for node in nodes:
+            if Path(f"/proc/{node}/fd/1").readlink().name == "diagnosis.log":
+                os.kill(int(node), signal.SIGKILL)
+        assert "diagnosis" in next(line for line in cell.stderr if "SIGKILL" in line)
+        assert cell.poll() is None
+    finally:
+        ended(cell, nodes)
+    assert [path.parent.name for path in tmp_path.rglob("*.mcap")] == ["bags"]

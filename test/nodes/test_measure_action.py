@@ -395,9 +395,11 @@ def test_the_plan_of_the_sequencer_is_warned_of_as_well(make_cell, tmp_path):
     assert next(one["command"].split()[1] for one in first["next"] if one["command"]) == "solve"
 
 
-def test_without_nodes_there_is_nothing_to_measure_on(monkeypatch, capsys):
+@pytest.mark.parametrize("command", ["measure --plan quick", "pause", "resume", "abort"])
+def test_without_nodes_there_is_nothing_to_measure_on(command, monkeypatch, capsys):
     monkeypatch.setattr("stepdiag_ros.processes.joining.LOOK_LIMIT", 0.3)
-    assert main(["measure", "--plan", "quick", "--namespace", "/cell_1"]) == 1
-    said = capsys.readouterr().err
+    assert main([*command.split(), "--namespace", "/cell_1"]) == 1
+    out, said = capsys.readouterr()
+    assert not out
     assert "there is no sequencer in namespace /cell_1 on ROS domain" in said
     assert "Traceback" not in said

@@ -210,7 +210,7 @@ def test_a_run_refuses_another_one_and_can_be_paused_resumed_and_aborted(make_ce
         assert done.returncode == 1
         assert "another measurement is on ROS domain" in done.stderr
         cell.wait(lambda: len(cell.stops) >= 2, "two stops")
-        cell.operator.call("sequencer/pause")
+        assert stepdiag("pause").stdout == "pausing after this stop\n"
         cell.wait_for_state(State.PAUSED)
         paused = cell.operator.state
         cell.stands_still_after(paused)
@@ -221,13 +221,15 @@ def test_a_run_refuses_another_one_and_can_be_paused_resumed_and_aborted(make_ce
             return [s for s in cell.stops if to_nanoseconds(s.header.stamp) > before]
 
         assert not stops_since()
-        cell.operator.call("sequencer/resume")
+        assert stepdiag("resume").stdout == "resuming\n"
         cell.wait(lambda: len(stops_since()) > 1, "more stops after resume")
-        cell.operator.call("sequencer/abort")
+        assert stepdiag("abort").stdout == "aborted\n"
         cell.wait_for_state(State.ABORTED)
         cell.wait(cell.bag_is_closed, "the bag is closed")
         with refused(Refusal, "rejected", "resume", "aborted"):
             cell.operator.call("sequencer/resume")
+        done = stepdiag("resume")
+        assert done.returncode == 1 and not done.stdout and "aborted" in done.stderr
         cell.stands_still_after(cell.operator.state)
         # And a new run can be started at once.
         cell.start()

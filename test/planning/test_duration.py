@@ -127,6 +127,12 @@ def test_the_whole_demonstration_takes_what_the_simulated_machine_takes():
     assert found.total == pytest.approx(now * 1e-9, rel=0.01)
 
 
+def test_the_plan_for_a_first_run_takes_the_machine_a_few_minutes():
+    found = duration(load_plan("check")[0], MACHINE)
+    assert found.running < 5 * 60.0
+    assert found.alignments == 6
+
+
 def test_a_plan_without_feed_has_no_duration():
     with refused(Refusal, "missing", "feed_m_per_s"):
         duration(replace(load_plan("demo")[0], feed=float("nan")), MACHINE)

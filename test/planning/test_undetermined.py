@@ -99,7 +99,9 @@ def test_axes_alone_tell_neither_straightness_nor_squareness():
     assert {line.kind for line in told.remedy} == {STEP_DIAGONAL}
 
 
-@pytest.mark.parametrize("name", ["demo", "quick", "kimm", "ibaraki_hata_2010", "move_orders"])
+@pytest.mark.parametrize(
+    "name", ["check", "demo", "quick", "kimm", "ibaraki_hata_2010", "move_orders"]
+)
 def test_a_plan_that_tells_all_nine_curves_is_not_warned_of(name):
     told = undetermined(load_plan(str(find(name, "plans")))[0])
     assert (told.names, told.remedy, told.sentence) == ((), (), "")

@@ -150,12 +150,6 @@ def test_a_machine_is_measured_with_the_parameters_of_one_file(launched, cell_fi
         assert action.options["namespace"] == "cell_1"
 
 
-def test_the_page_on_linuxcnc_starts_the_same_nodes_one_by_one(launched, cell_file):
-    _, actions = launched("measure", parameters=str(cell_file))
-    page = (ROOT / "docs/how_to/linuxcnc.md").read_text("utf-8")
-    assert re.findall(r"stepdiag node (\w+) --ros-args", page) == executables(actions)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -66,6 +66,12 @@ def test_every_link_within_the_site_leads_somewhere(site):
                 assert unquote(split.fragment) in anchors, f"{path.name}: {link}"
 
 
+def test_a_page_that_is_not_of_the_site_is_there_as_a_file(site):
+    links = pages(site)[site / "index.html"].links
+    (link,) = (one for one in links if one.endswith("/CONTRIBUTING.md"))
+    assert (site / link).is_file()
+
+
 def test_nothing_is_loaded_from_elsewhere(site):
     loaded = [(path.name, what) for path, page in pages(site).items() for what in page.loaded]
     assert loaded

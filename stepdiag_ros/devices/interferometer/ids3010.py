@@ -38,7 +38,7 @@ from stepdiag_ros.devices.link import Link, LinkSettings
 from stepdiag_ros.devices.link_framing import Lines
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent
+from stepdiag_ros.metrology.refusal import Lost, Refusal, Silent, fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_json
 
@@ -168,7 +168,10 @@ class Ids3010:
             self._ask_what_is_due()
         elif self._now - self._opened > CONNECT_WITHIN:
             limit = CONNECT_WITHIN // NANOSECONDS
-            raise TimeoutError(f"{self._link.url} does not accept a connection within {limit} s")
+            raise TimeoutError(
+                f"{self._link.url} does not accept a connection within {limit} s: is the IDS3010"
+                " switched on, and is 'host' its name or IP address?"
+            )
         for asked in self._asked.values():
             if self._now > asked.until:
                 waited = (asked.until - asked.sent) / NANOSECONDS
@@ -389,13 +392,8 @@ def from_settings(
         ValueError: a setting is wrong.
     """
     section = Section(settings, "settings of the IDS3010")
-    host = section.text("host")
+    host = _host(section)
     port = section.integer("port", low=1, high=65535, default=PORT)
-    if not re.fullmatch(r"[\w.:-]+|\[[0-9a-fA-F:]+\]", host):
-        raise Refusal(
-            f"{section.source}: 'host' is '{host}'; expected a name or an IP address",
-            fault="malformed",
-        )
     sign = section.integer("sign", low=-1, high=1, default=1)
     if not sign:
         raise Refusal(f"{section.source}: 'sign' is 0; expected 1 or -1", fault="out_of_range")
@@ -420,3 +418,20 @@ def from_settings(
     )
     section.finish()
     return lambda start: Ids3010(made, start)
+
+
+def _host(section: Section) -> str:
+    try:
+        host = section.text("host")
+    except Refusal as error:
+        fields = fields_of(error)
+        if fields.get("fault") != "missing":
+            raise
+        what = "give the name or IP address of the instrument, such as 192.168.1.1"
+        raise Refusal(f"{error}; {what}", **fields) from None
+    if not re.fullmatch(r"[\w.:-]+|\[[0-9a-fA-F:]+\]", host):
+        raise Refusal(
+            f"{section.source}: 'host' is '{host}'; expected a name or an IP address",
+            fault="malformed",
+        )
+    return host

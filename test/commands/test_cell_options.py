@@ -1,0 +1,65 @@
+"""``stepdiag cell``: which options fit a machine, and which the simulated cell."""
+
+import pytest
+
+from stepdiag_ros import cli
+from stepdiag_ros.cli import make_parser
+from stepdiag_ros.commands.cell import _nodes
+
+DEVICES = ("cnc_bridge", "interferometer", "weather")
+
+
+@pytest.fixture
+def cell_file(tmp_path):
+    def written(recorder="{}"):
+        path = tmp_path / "cell.yaml"
+        rows = [f"/**/{name}: {{ros__parameters: {{device: simulated}}}}" for name in DEVICES]
+        path.write_text("\n".join([*rows, f"/**/recorder: {{ros__parameters: {recorder}}}"]))
+        return str(path)
+
+    return written
+
+
+def nodes_for(*arguments):
+    return _nodes(make_parser().parse_args(["cell", *arguments]))
+
+
+def test_the_nodes_of_a_machine_take_the_file_and_the_namespace(cell_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = cell_file("{folder: runs}")
+    nodes, folder = nodes_for("--parameters", path, "--namespace", "cell_1")
+    assert folder == tmp_path / "runs"
+    assert {node.name for node in nodes} > {"bridge", "sequencer", "recorder"}
+    assert not any(node.name == "clock" or node.parameters for node in nodes)
+    for node in nodes:
+        command = " ".join(node.command())
+        assert f"--params-file {path} " in command and command.endswith("-r __ns:=/cell_1")
+    nodes, folder = nodes_for("--parameters", cell_file())
+    assert folder == tmp_path and "__ns" not in " ".join(nodes[0].command())
+
+
+def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nodes, folder = nodes_for("--factor", "7")
+    given = {node.name: node.parameters for node in nodes}
+    assert given["clock"]["factor"] == 7.0 and given["sequencer"]["plan"].endswith("demo.yaml")
+    assert folder == tmp_path / "stepdiag_results"
+
+
+@pytest.mark.parametrize("option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here"])
+def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell_file, capsys):
+    assert cli.main(["cell", "--parameters", cell_file(), option]) == 1
+    assert option.partition("=")[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--namespace", "/cell_1"], "--parameters"),
+        (["--parameters", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_what_is_missing_is_named(arguments, named, capsys):
+    assert cli.main(["cell", *arguments]) == 1
+    said = capsys.readouterr().err
+    assert named in said and said.count("\n") == 1
