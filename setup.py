@@ -103,6 +103,7 @@ setup(
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.5,<4",
             "ruff>=0.6,<1",
+            "setuptools>=68",
             "types-PyYAML",
             "types-pyserial",
         ],
