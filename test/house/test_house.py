@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-import stepdiag_ros
-
 ROOT = Path(__file__).parents[2]
 LONGEST_FUNCTION = 60
 LOOKED_AT = {
@@ -60,13 +58,6 @@ def long_functions():
 def test_functions_fit_a_screen():
     """A longer one is looked at: it is split, or stands in the list because it is one list."""
     assert set(long_functions()) == LOOKED_AT
-
-
-def test_the_version_is_the_same_everywhere():
-    version = stepdiag_ros.__version__
-    assert f'version="{version}"' in (ROOT / "setup.py").read_text()
-    assert f"<version>{version}</version>" in (ROOT / "package.xml").read_text()
-    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 def test_every_node_is_started_the_same_three_ways():
