@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from catkin_pkg.changelog import Changelog, populate_changelog_from_rst
 from catkin_pkg.package import parse_package
+from catkin_pkg.package_version import get_forthcoming_label, rename_section
 
 import stepdiag_ros
 
@@ -26,8 +28,8 @@ KEYS = {
 }
 """Distribution → rosdep key, where the key means a package of Ubuntu.
 
-The other distributions have no key in ros/rosdistro, or one that runs pip, with which ``rosdep install``
-fails on Ubuntu 24.04 and no package can be released.
+The other distributions have no key in ros/rosdistro, or one that runs pip: with that ``rosdep
+install`` fails on Ubuntu 24.04, and no package can be released.
 """
 REPLACED_BY_RCLPY = {"cyclonedds"}
 """What only the embedded client needs."""
@@ -66,3 +68,22 @@ def test_each_dependency_comes_from_rosdep_or_by_the_pip_command_of_the_page(man
     assert required == set(KEYS) | set(command.split()) | REPLACED_BY_RCLPY
     keys = {one.name for one in manifest.exec_depends if one.name.startswith("python3-")}
     assert keys == set(KEYS.values())
+
+
+def test_the_packages_that_colcon_test_needs_are_dependencies(manifest):
+    used = {"ament_cmake_pytest", "python3-pytest"}
+    for path in (ROOT / "test/conformance").glob("*.py"):
+        imported = r"^\s*from (\w+)\.(?:msg|srv|action) import"
+        used |= set(re.findall(imported, path.read_text(), re.MULTILINE))
+    needed = {one.name for one in (*manifest.exec_depends, *manifest.test_depends)}
+    assert "example_interfaces" in used and used - {"stepdiag_ros"} <= needed
+
+
+def test_the_changelog_can_be_released():
+    """ROS 2's tools give the forthcoming section its version, and read it (REP-132)."""
+    text = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    released = rename_section(text, get_forthcoming_label(text), "9.9.9 (2026-01-31)")
+    changelog = Changelog("stepdiag_ros")
+    populate_changelog_from_rst(changelog, released)
+    version, date, content = next(changelog.foreach_version())
+    assert (version, f"{date:%Y-%m-%d}") == ("9.9.9", "2026-01-31") and content
