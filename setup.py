@@ -105,6 +105,7 @@ setup(
             "nbclient>=0.10,<1",
             "nbformat>=5,<6",
             "playwright>=1.40,<2",
+            "py_trees>=2.3,<3",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.5,<4",

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from math import isnan, nan
 from pathlib import Path
+from signal import SIGINT
 
 import fake_launch
 import pytest
@@ -18,6 +19,7 @@ from stepdiag_ros.run.sequence import State
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs/examples"
 EXAMPLE = EXAMPLES / "supervise.py"
+TREE = EXAMPLES / "behaviour_tree.py"
 CELL_TEST = EXAMPLES / "test_cell.launch.py"
 ACTIVE_TEST = """
 import runpy, sys, unittest, fake_launch
@@ -72,6 +74,29 @@ def test_the_launch_test_starts_the_simulated_cell_with_arguments_that_it_has(mo
     launch_file = ROOT / file[1].removeprefix("/")
     arguments = set(re.findall(r'^    "(\w+)": Argument\(', launch_file.read_text(), re.MULTILINE))
     assert {name for name, _ in included.options["launch_arguments"]} < arguments
+
+
+def test_a_behaviour_tree_measures_and_acts_on_the_verdict(cell, plan):
+    behaviour = started(TREE, plan, "generic")
+    out, err = ended(cell, behaviour)
+    assert cell.state() is State.FINISHED, err
+    # Two lines determine no largest error, so the tree may neither go on nor compensate.
+    assert behaviour.returncode == 1 and "service: measure again" in out
+    last = cell.said[topics.RUN_VERDICT][-1]
+    assert last.run_id in out and statuses(out)["measure the machine"] == "✓"
+
+    behaviour = started(TREE, "quick", "generic")
+    cell.wait(lambda: cell.state() is State.RUNNING, "the second run is on")
+    behaviour.send_signal(SIGINT)
+    _, err = ended(cell, behaviour)
+    cell.wait(lambda: cell.state() is State.ABORTED, "the halted tree has cancelled its run")
+    assert behaviour.returncode == 1 and "Traceback" not in err
+
+
+def statuses(shown):
+    """Return the status signs of a printed tree by the names of its leaves."""
+    found = re.findall(r"--> (.+?) \[(.)\]", re.sub(r"\x1b\[[0-9;]*m", "", shown))
+    return dict(found)
 
 
 def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, plan):
