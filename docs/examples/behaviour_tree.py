@@ -132,10 +132,9 @@ def tree(cell: Cell, plan: str, control: str) -> Sequence:
 
 def main() -> int:
     """Tick the tree to its end, and show it."""
-    plan, control = remove_ros_args(sys.argv)[1:]
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C halts the tree
     cell = Cell()
-    root = tree(cell, plan, control)
+    root = tree(cell, *remove_ros_args(sys.argv)[1:])
     try:
         while root.status not in (Status.SUCCESS, Status.FAILURE):
             rclpy.spin_once(cell, timeout_sec=0.1)
@@ -147,4 +146,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main() if len(remove_ros_args(sys.argv)) == 3 else __doc__)

@@ -3,6 +3,7 @@
 import os
 import re
 import runpy
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -126,3 +127,9 @@ def test_a_machine_beyond_the_tolerance_is_compensated_if_the_operator_says_so(a
     tables.rename(tables.with_name("before"))
     assert acted(AGREE, NOT_WITHIN, "n") == "call service"
     assert tables.is_dir()
+
+
+def test_without_a_plan_and_a_control_the_usage_is_told():
+    command = [sys.executable, EXAMPLES / "behaviour_tree.py", "quick"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1 and "behaviour_tree.py quick linuxcnc" in done.stderr
