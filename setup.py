@@ -1,6 +1,7 @@
 """Packaging for machines without ROS 2; colcon uses CMakeLists.txt beside it."""
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -25,15 +26,19 @@ SHARED = [
     "config.security.common",
 ]
 
+MANIFEST = ElementTree.parse("package.xml")
 DOCS = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8.1,<10"]
 
 setup(
     name="stepdiag_ros",
-    version="0.1.0",
+    version=MANIFEST.findtext("version"),
     description="Laser measurement of machine tools along step diagonals and linear axes on ROS 2",
     long_description=Path("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
-    license="Apache-2.0",
+    license=MANIFEST.findtext("license"),
+    maintainer=MANIFEST.findtext("maintainer"),
+    maintainer_email=MANIFEST.find("maintainer").get("email"),
+    project_urls={url.get("type").capitalize(): url.text for url in MANIFEST.iter("url")},
     python_requires=">=3.10,<3.14",
     packages=[
         *find_packages(include=["stepdiag_ros", "stepdiag_ros.*"]),
@@ -86,6 +91,7 @@ setup(
         "test": [
             *DOCS,
             "asyncua>=1.1.5,<3",
+            "catkin_pkg>=1,<2",
             "dccXMLJSONConv>=2.3.4,<3",
             "dsiUnits>=3.1,<4",
             "foxglove-sdk>=0.30,<0.31",
@@ -99,10 +105,12 @@ setup(
             "nbclient>=0.10,<1",
             "nbformat>=5,<6",
             "playwright>=1.40,<2",
+            "py_trees>=2.3,<3",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.5,<4",
             "ruff>=0.6,<1",
+            "setuptools>=68",
             "types-PyYAML",
             "types-pyserial",
         ],

@@ -1,4 +1,4 @@
-"""What launch files use of ROS 2's ``launch`` and ``launch_ros``, to be looked at afterwards."""
+"""What launch files use of ROS 2's launch packages, to be looked at afterwards."""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -15,19 +15,28 @@ def modules():
     """Return modules to be put into ``sys.modules``; each class is one that only takes notes."""
     classes = {
         "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
+        "launch.actions": (
+            "DeclareLaunchArgument",
+            "ExecuteProcess",
+            "IncludeLaunchDescription",
+            "OpaqueFunction",
+        ),
         "launch.events": (),
         "launch.events.process": ("ProcessExited",),
         "launch_ros": (),
         "launch_ros.actions": ("LifecycleNode", "Node"),
         "launch_ros.parameter_descriptions": ("ParameterValue",),
-        "launch_ros.substitutions": ("ExecutableInPackage",),
+        "launch_ros.substitutions": ("ExecutableInPackage", "FindPackageShare"),
+        "launch_testing": (),
+        "launch_testing.actions": ("ReadyToTest",),
+        "launch_testing.asserts": ("assertExitCodes",),
     }
     made = {}
     for name, members in classes.items():
         made[name] = ModuleType(name)
         for member in members:
             setattr(made[name], member, type(member, (Noted,), {}))
+    made["launch_testing"].post_shutdown_test = lambda: lambda tests: tests
     return made
 
 

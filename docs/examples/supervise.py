@@ -40,7 +40,7 @@ class Supervisor(Node):
         self.verdict = RunVerdict()
         self._asked = (0, 0)
         self._heard = time.monotonic() + 10.0  # discovery of the nodes takes a while
-        self._measure = ActionClient(self, Measure, "sequencer/measure")
+        self.action = ActionClient(self, Measure, "sequencer/measure")
         self._services = {
             name: self.create_client(Trigger, f"sequencer/{name}") for name in ("resume", "abort")
         }
@@ -49,16 +49,24 @@ class Supervisor(Node):
 
     def measure(self, plan: str) -> Measure.Result:
         """Execute a plan and return its result; TimeoutError if the sequencer falls silent."""
-        while not self._measure.server_is_ready():
+        while not self.action.server_is_ready():
             self._spin()
-        goal = self._wait(self._measure.send_goal_async(Measure.Goal(plan=plan), self._on_feedback))
-        result = self._wait(goal.get_result_async()).result
+        result = self._wait(self._wait(self.send(plan)).get_result_async()).result
         until = time.monotonic() + VERDICT_LIMIT
-        while result.run_id and not self._decided(result.run_id) and time.monotonic() < until:
+        while result.run_id and not self.decided(result.run_id) and time.monotonic() < until:
             self._spin()
         return result
 
-    def _decided(self, run_id: str) -> bool:
+    def send(self, plan: str) -> Future:
+        """Return the future goal of a run of this plan, which is resumed after each setup."""
+        return self.action.send_goal_async(Measure.Goal(plan=plan), self._on_feedback)
+
+    def silent(self) -> bool:
+        """Return whether the sequencer is gone, which then never sends the result."""
+        return time.monotonic() - self._heard > SILENCE_LIMIT
+
+    def decided(self, run_id: str) -> bool:
+        """Return whether the verdict on the whole of this run is here."""
         return self.verdict.run_id == run_id and self.verdict.run_over
 
     def _wait(self, future: Future) -> object:
@@ -68,8 +76,7 @@ class Supervisor(Node):
 
     def _spin(self) -> None:
         rclpy.spin_once(self, timeout_sec=0.1)
-        # A sequencer that is gone never sends the result: a future alone would wait for ever.
-        if time.monotonic() - self._heard > SILENCE_LIMIT:
+        if self.silent():
             raise TimeoutError("the sequencer is silent: treat the measurement as a fault")
 
     def _on_state(self, _: RunState) -> None:

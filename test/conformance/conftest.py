@@ -1,11 +1,8 @@
 """Conformance: what any rclpy must do. These tests use its public interface and nothing else.
 
 They run on whatever client library ``import rclpy`` gives: on the embedded one by default, on a
-sourced ROS 2 with ``example_interfaces`` and this package by
-
-    cd test/conformance && PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 python3 -m pytest --confcutdir . .
-
-which leaves out pytest plugins of ROS 2 that newer pytests refuse, and needs pytest alone.
+sourced ROS 2 by ``colcon test --packages-select stepdiag_ros``. They need pytest alone, without the
+``conftest.py`` above this one: CMakeLists.txt leaves it out.
 """
 
 from __future__ import annotations
