@@ -6,7 +6,7 @@ from stepdiag_ros.metrology.effects.learned_shape import READING
 _HINTS = (
     (
         {"place", "sense"},
-        "lost motion that changes along the travel, as of a screw that is worn in one place",
+        "backlash that changes along the travel, as of a screw that is worn in one place",
     ),
     (
         {"turned"},
@@ -22,7 +22,7 @@ _HINTS = (
         "a structure that bends under a load that travels, or a guideway that is worn or distorted"
         " where two axes meet",
     ),
-    ({"sense"}, "lost motion, or a measuring system that is dragged along"),
+    ({"sense"}, "backlash, or a measuring system that is dragged along"),
 )
 """Words that stand in the drivers of a dependence → what has such a shape; the first counts."""
 

@@ -42,7 +42,7 @@ def test_every_launch_file_is_listed_with_its_arguments():
 def test_every_verdict_of_a_result_is_listed():
     verdicts = (
         *(findings.CONSISTENT, findings.NAMED, findings.AMBIGUOUS),
-        *(findings.UNEXPLAINED, findings.NOT_TESTABLE, UNKNOWN),
+        *(findings.DESCRIBED, findings.UNEXPLAINED, findings.NOT_TESTABLE, UNKNOWN),
     )
     (paragraph,) = re.findall(r"\[verdicts\].*?\n\n", PAGE, re.DOTALL)
     assert re.findall(r"\b[A-Z]{3}[A-Z ]+\b(?<! )", paragraph) == list(verdicts)

@@ -14,6 +14,7 @@ from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.metrology.discrepancy import (
     AMBIGUOUS,
     CONSISTENT,
+    DESCRIBED,
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
@@ -153,12 +154,14 @@ def test_effects_that_look_alike_are_ambiguous():
     assert 0.4 < finding.probability < 0.6
 
 
-def test_what_the_catalogue_lacks_is_unexplained():
+def test_what_the_catalogue_lacks_is_described_by_what_it_depends_on():
     run = hidden_run(creep("Y", 2.0e-6))
     diagnosis = diagnose(run, catalogue=(BACKLASH,))
-    assert diagnosis.verdict == UNEXPLAINED
-    assert diagnosis.findings == ()
-    assert diagnosis.lack_of_fit_p_after < 1e-4
+    assert diagnosis.verdict == DESCRIBED
+    (dependence,) = diagnosis.description.dependences
+    assert {*dependence.drivers} == {"the place of Y", "time"}
+    assert BACKLASH.name not in {one.candidate.effect.name for one in diagnosis.findings}
+    assert diagnosis.lack_of_fit_p_before < 1e-4 < diagnosis.lack_of_fit_p_after
 
 
 def test_a_shape_without_a_name_is_unexplained():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hidden_runs import hidden_run
 
-from stepdiag_ros.metrology.discrepancy import AMBIGUOUS, NAMED, UNEXPLAINED, diagnose
+from stepdiag_ros.metrology.discrepancy import AMBIGUOUS, DESCRIBED, NAMED, diagnose
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
 from stepdiag_ros.metrology.effects.drift import EFFECT as DRIFT
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
@@ -31,28 +31,20 @@ def faster_and_faster(stops):
 
 
 @pytest.mark.parametrize(
-    ("shape", "name", "variants"),
+    ("shape", "nearest", "drivers"),
     [
-        (three_axes, "sag along Z", ("growing along",)),
-        (faster_and_faster, "drift along Y", ("drift along Y growing with time",)),
+        (three_axes, "sag along Z", {"the place of X", "the place of Y", "the place of Z"}),
+        (faster_and_faster, "drift along Y", {"time"}),
+        (growing_backlash, "backlash of X", {"the place of Y", "the sense of X's last move"}),
     ],
 )
-def test_a_near_miss_is_no_name(shape, name, variants):
+def test_a_near_miss_is_described_and_not_named(shape, nearest, drivers):
     diagnosis = diagnose(hidden_run(shape=shape), catalogue=CATALOGUE)
-    assert diagnosis.verdict == UNEXPLAINED, diagnosis.sentence
-    assert diagnosis.findings == ()
-    assert any(name in finding.label for finding in diagnosis.partial)
-    for words in variants:
-        assert words in diagnosis.sentence
-    assert "which the catalogue does not have" in diagnosis.sentence
-
-
-def test_backlash_that_grows_along_another_axis_is_not_called_backlash():
-    diagnosis = diagnose(
-        hidden_run(shape=growing_backlash, blocks=5, orders=("XYZ",)), catalogue=CATALOGUE
-    )
-    assert diagnosis.verdict == UNEXPLAINED
-    assert [finding.label for finding in diagnosis.partial][:1] == ["backlash of X"]
+    assert diagnosis.verdict == DESCRIBED, diagnosis.sentence
+    (dependence,) = diagnosis.description.dependences
+    assert {*dependence.drivers} == drivers
+    assert diagnosis.description.nearest.startswith(nearest)
+    assert 0.0 < diagnosis.description.nearest_share < 0.95
 
 
 @pytest.mark.parametrize(

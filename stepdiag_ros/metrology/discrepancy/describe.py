@@ -98,10 +98,8 @@ class Describer:
         self._stops = stops
         self._factors = factors_of(stops)
         self._families = list(families(stops))
-        orders = Counter(len(one.drivers) for one in self._families)
-        self._prior = {
-            order: -_EACH_QUANTITY * order - float(np.log(count)) for order, count in orders.items()
-        }
+        counts = Counter(len(one.drivers) for one in self._families)
+        self._price = {number: float(np.log(count)) for number, count in counts.items()}
         # Size and memory of every draw's noise are estimated as those of the run.
         self._rng = np.random.default_rng(seed)
         self._variance = self._rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
@@ -182,7 +180,7 @@ class Describer:
         slow = np.maximum(1.0 + np.outer(self._memory, self._problem.slowness(units)), 0.0)
         draws = self._rng.standard_normal((_DRAWS, len(values))) ** 2
         draws *= slow / self._variance[:, None]
-        prior = self._prior[len(family.drivers)]
+        prior = -_EACH_QUANTITY * family.quantities - self._price[len(family.drivers)]
         evidence = _averaged(share @ (units.T @ gap)[:, None] ** 2 - cost[:, None])
         luck = _averaged(share @ draws.T - cost[:, None])
         return _Weighed(family, float(evidence[0]) + prior, luck + prior)

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
 _LEAST_WARMING = 0.05
-"""K: a temperature that changes by less is no driver of anything."""
+"""K: a temperature that changes by less is not tried as a cause."""
 _PERIODS = 80
 """Periods of a periodic change that are tried, from the duration of the run down."""
 _LEAST_STOPS = 2.5
@@ -33,12 +33,14 @@ class Family:
         drivers: on what it depends, in words, in order.
         shapes: products of factors.
         factors: of which the fine shapes are made, one group for each quantity.
+        quantities: on how many it depends; a sense that fades with time is two.
     """
 
     acts_on: str
     drivers: tuple[str, ...]
     shapes: tuple[str, ...]
     factors: tuple[tuple[str, ...], ...]
+    quantities: int = 1
 
     @property
     def fine(self) -> tuple[str, ...]:
@@ -144,6 +146,7 @@ def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
         tuple(one.words for one in drivers),
         _products([one.few if several else one.some for one in drivers]),
         tuple(one.some if several else one.many for one in drivers),
+        len(drivers) + sum(one.kind == "creep" for one in drivers),
     )
 
 

@@ -136,7 +136,7 @@ _FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]],
 
 
 def factor(text: str, stops: Stops) -> Vector:
-    """Return the value of one factor at each stop, shape (n,); NaN where the run does not tell it.
+    """Return the value of one factor at each stop, shape (n,); NaN where the run does not state it.
 
     Raises:
         ValueError: there is no such factor.
