@@ -5,6 +5,7 @@ import pytest
 from hidden_runs import NOISE, hidden_run
 from refused import refused
 
+from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.metrology.discrepancy import CONSISTENT, DESCRIBED, UNEXPLAINED, diagnose
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.describe import Describer
@@ -17,6 +18,7 @@ from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.simulation import simulate
 
 SIZE = 2e-6
 
@@ -154,3 +156,20 @@ def test_a_learned_shape_acts_along_its_axis_or_in_the_reading(acts_on):
     if acts_on != "reading":
         value = value * stops.direction[:, AXES.index(acts_on)]
     np.testing.assert_allclose(added, value, atol=1e-18)
+
+
+def test_the_gap_of_a_shipped_cell_is_described_learned_and_gone_in_the_next_run():
+    plan, cell = load_plan("demo")[0], load_cell("hidden_drag")[0]
+    made = extend(
+        ModelComparison(simulate(plan, cell, seed=1)), MachineModel(), Provenance(), again=False
+    )
+    assert made.diagnosis.verdict == DESCRIBED
+    hidden = cell.effects[0]
+    assert [(one.active.setting, one.status) for one in made.model.effects] == [
+        (hidden.setting, FITTED)
+    ]
+    (finding,) = made.diagnosis.findings
+    low, high = finding.band["amplitude"]
+    assert low < hidden.sizes["amplitude"] < high
+    assert made.held_out.before.reduced > 1.5 and made.held_out.after.reduced < 1.2
+    assert ModelComparison(simulate(plan, cell, seed=2)).under(made.model).verdict == CONSISTENT
