@@ -26,6 +26,8 @@ from stepdiag_ros.metrology.geometry import Vector
 
 _WORTH_A_LOOK = 0.2
 """Probability of the lack of fit above which what names leave has no structure to look for."""
+_LARGEST = 3_000_000
+"""Readings times free values of a run beyond which the search would take minutes."""
 _COVERAGE = 0.975
 """Quantile of Student's distribution at the upper end of a 95 % coverage interval."""
 
@@ -48,6 +50,8 @@ def described(
         noise: that ``problem`` was whitened with.
         seed: of the draws that show the influence of chance.
     """
+    if problem.span.size > _LARGEST:
+        return diagnosis
     explained = diagnosis.verdict in (CONSISTENT, NAMED, AMBIGUOUS)
     if explained and diagnosis.lack_of_fit_p_after > _WORTH_A_LOOK:
         return diagnosis
