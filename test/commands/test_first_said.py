@@ -62,6 +62,19 @@ def worn(lines):
     return made
 
 
+def wandering(lines):
+    """Return lines of a laser whose zero wanders at random, stop after stop."""
+    rng = np.random.default_rng(3)
+    return [
+        replace(
+            line,
+            displacement=line.displacement
+            + np.cumsum(np.append(0.0, 0.7e-6 * rng.standard_normal(len(line.time) - 1))),
+        )
+        for line in lines
+    ]
+
+
 def of_unknown_noise(lines):
     return [
         replace(line, standard_uncertainty=np.full(len(line.displacement), np.nan))
@@ -79,7 +92,8 @@ RUNS = {
     "NAMED, geometric": Run(change="backlash"),
     "NAMED, not geometric": Run(effects=acting("settling", {"axis": "Y"}, short_by=1e-6)),
     "AMBIGUOUS": Run(f"{HEAD}{TWICE}lines:\n{AXES}{DIAGONALS}".replace("5", "4", 1), tuple, TURNED),
-    "UNEXPLAINED": Run(change=worn),
+    "DESCRIBED": Run(change=worn),
+    "UNEXPLAINED": Run(change=wandering),
     "NOT TESTABLE": Run(f"{HEAD}lines:\n{AXES}{DIAGONALS}", change=of_unknown_noise),
     "cut short": Run(change=lambda lines: lines[:14]),
     "one pass short": Run(change=lambda lines: lines[:27]),
@@ -163,6 +177,7 @@ def test_tables_are_proposed_only_where_they_may_be_made(leads, name):
     [
         ("NAMED, not geometric", "--extend"),
         ("AMBIGUOUS", "--propose"),
+        ("DESCRIBED", "--extend"),
         ("UNEXPLAINED", "diagnose"),
         ("NOT TESTABLE", "plan"),
     ],
@@ -227,6 +242,7 @@ def compensate(bag, folder, control, *further):
 REFUSED = [
     ("NAMED, not geometric", CONTROLS),
     ("AMBIGUOUS", CONTROLS),
+    ("DESCRIBED", ("generic",)),
     ("UNEXPLAINED", CONTROLS),
     # The map corrects a target, which does not know from which side it is approached.
     ("NAMED, geometric", ("generic", "siemens", "heidenhain", "fanuc")),
