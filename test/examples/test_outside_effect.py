@@ -174,14 +174,15 @@ def test_a_model_holds_it_and_the_run_agrees_with_the_model(hidden, named):
 
 
 @pytest.mark.usefixtures("named")
-def test_without_the_package_nothing_is_named_and_its_model_is_refused(hidden):
+def test_without_the_package_it_is_only_described_and_its_model_is_refused(hidden):
     done = stepdiag(
         *("diagnose", hidden, "--json", "--pictures", "none", "--output", hidden.parent / "bare")
     )
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
-    assert document["verdict"] == "UNEXPLAINED"
-    assert document["findings"] == []
+    assert document["verdict"] == "DESCRIBED"
+    assert document["description"]["dependences"][0]["drivers"] == ["time, periodically"]
+    assert {one["effect"] for one in document["findings"]} == {"learned shape"}
     refused = stepdiag("diagnose", hidden, "--model", hidden.parent / "mine.yaml")
     assert refused.returncode == 1
     assert "cooler cycle" in refused.stderr
