@@ -38,8 +38,6 @@ _HIDDEN = 1e-3
 _NEW = 1e-2
 """Share of a column beyond chosen ones below which it adds nothing new."""
 _RANK_LIMIT = 1e-9
-_EACH_QUANTITY = float(np.log(3.0))
-"""Evidence that each further quantity costs a family, beside the number of such families."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ class Describer:
         self._factors = factors_of(stops)
         self._families = list(families(stops))
         counts = Counter(len(one.drivers) for one in self._families)
-        self._price = {number: float(np.log(count)) for number, count in counts.items()}
+        self._number = {number: float(np.log(count)) for number, count in counts.items()}
         # Size and memory of every draw's noise are estimated as those of the run.
         self._rng = np.random.default_rng(seed)
         self._variance = self._rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
@@ -180,7 +178,7 @@ class Describer:
         slow = np.maximum(1.0 + np.outer(self._memory, self._problem.slowness(units)), 0.0)
         draws = self._rng.standard_normal((_DRAWS, len(values))) ** 2
         draws *= slow / self._variance[:, None]
-        prior = -_EACH_QUANTITY * family.quantities - self._price[len(family.drivers)]
+        prior = -family.price - self._number[len(family.drivers)]
         evidence = _averaged(share @ (units.T @ gap)[:, None] ** 2 - cost[:, None])
         luck = _averaged(share @ draws.T - cost[:, None])
         return _Weighed(family, float(evidence[0]) + prior, luck + prior)

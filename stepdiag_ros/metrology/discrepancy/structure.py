@@ -20,6 +20,10 @@ _LEAST_WARMING = 0.05
 """K: a temperature that changes by less is not tried as a cause."""
 _PERIODS = 80
 """Periods of a periodic change that are tried, from the duration of the run down."""
+_EACH_QUANTITY = float(np.log(3.0))
+"""Evidence that each quantity costs a family, beside the number of such families."""
+_READING_BY_PLACE = float(np.log(20.0))
+"""Evidence that a reading costs which depends on a place otherwise than by a displacement."""
 _LEAST_STOPS = 2.5
 """Stops in the shortest period that shows."""
 
@@ -33,14 +37,14 @@ class Family:
         drivers: on what it depends, in words, in order.
         shapes: products of factors.
         factors: of which the fine shapes are made, one group for each quantity.
-        quantities: on how many it depends; a sense that fades with time is two.
+        price: evidence that it costs, since such a dependence is less common than others.
     """
 
     acts_on: str
     drivers: tuple[str, ...]
     shapes: tuple[str, ...]
     factors: tuple[tuple[str, ...], ...]
-    quantities: int = 1
+    price: float = 0.0
 
     @property
     def fine(self) -> tuple[str, ...]:
@@ -141,12 +145,15 @@ def families(stops: Stops) -> Iterator[Family]:
 
 def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
     several = len(drivers) > 2
+    # A sense that fades with time is two quantities.
+    quantities = len(drivers) + sum(one.kind == "creep" for one in drivers)
+    by_place = acts_on == READING and any(one.kind == "place" for one in drivers)
     return Family(
         acts_on,
         tuple(one.words for one in drivers),
         _products([one.few if several else one.some for one in drivers]),
         tuple(one.some if several else one.many for one in drivers),
-        len(drivers) + sum(one.kind == "creep" for one in drivers),
+        _EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place,
     )
 
 
@@ -163,7 +170,7 @@ def _periodic(acts_on: str, stops: Stops) -> Iterator[Family]:
     for waves in np.arange(2.0, highest, 0.5):
         period = f"{stops.duration / waves:.5g}"
         shapes = (f"sin t/{period}s", f"cos t/{period}s")
-        yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,))
+        yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,), _EACH_QUANTITY)
 
 
 def factors_of(stops: Stops) -> Mapping[str, Vector]:
