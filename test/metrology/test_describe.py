@@ -1,5 +1,7 @@
 """A gap without a name: on what it depends, by what formula, and what it does in a model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_runs import NOISE, hidden_run
@@ -11,6 +13,7 @@ from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.describe import Describer
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, extend
 from stepdiag_ros.metrology.discrepancy.steady import steadied
+from stepdiag_ros.metrology.discrepancy.structure import families
 from stepdiag_ros.metrology.effects.catalogue import catalogue
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import driver, factor, since_reversal
@@ -173,3 +176,10 @@ def test_the_gap_of_a_shipped_cell_is_described_learned_and_gone_in_the_next_run
     assert low < hidden.sizes["amplitude"] < high
     assert made.held_out.before.reduced > 1.5 and made.held_out.after.reduced < 1.2
     assert ModelComparison(simulate(plan, cell, seed=2)).under(made.model).verdict == CONSISTENT
+
+
+def test_a_run_that_does_not_state_its_times_is_not_searched_in_time():
+    timed = stops_of(hidden_run(blocks=3))
+    stops = replace(timed, time=np.full_like(timed.time, np.nan))
+    drivers = {words for family in families(stops) for words in family.drivers}
+    assert drivers and not any("time" in words for words in drivers)

@@ -54,7 +54,7 @@ class Family:
 
 @dataclass(frozen=True)
 class _Driver:
-    """A quantity of the machine's state with the factors that depend on it."""
+    """A quantity of the machine's state with few, some and many factors that depend on it."""
 
     kind: str
     few: tuple[str, ...]
@@ -83,34 +83,53 @@ def _constants(low: float, high: float, ratio: float) -> tuple[str, ...]:
     return tuple(f"{low * ratio**n:.4g}" for n in range(count))
 
 
+def _pause(stops: Stops) -> float:
+    """Return the usual time from stop to stop, s; NaN where the run does not state its times."""
+    if not np.all(np.isfinite(stops.time)):
+        return float("nan")
+    steps = np.diff(np.unique(stops.time))
+    return float(np.median(steps)) if steps.size else float("nan")
+
+
 def _drivers(stops: Stops) -> list[_Driver]:
     """Return what varies in a run."""
     letters = [letter.lower() for letter in stops.moving_axes]
     made = [_place(letter) for letter in letters]
-    pause = float(np.median(np.diff(np.unique(stops.time))))
-    duration = max(stops.duration, 2.0 * pause)
+    pause = _pause(stops)
+    timed = bool(np.isfinite(pause))
+    duration = max(stops.duration, 2.0 * pause) if timed else pause
     for letter in letters:
         senses = stops.last_sense[:, AXES.index(letter.upper())]
         if {-1.0, 1.0} <= {*senses.tolist()}:
             sense = (f"sense {letter}",)
             made.append(_Driver("sense", sense, sense, sense))
-            coarse, fine = (
-                tuple(f"creep {letter} {one}s" for one in _constants(pause, duration / 4, ratio))
-                for ratio in (4.0, 2.0**0.5)
-            )
-            made.append(_Driver("creep", coarse, coarse, fine))
-    few = ("t^1", "t^2")
-    starts, more = (
-        tuple(f"start {one}s" for one in _constants(duration / 30, duration, ratio))
-        for ratio in (3.0, 2.0**0.5)
-    )
-    made.append(_Driver("time", few, (*few, "t^3", *starts), (*few, "t^3", "t^4", *more)))
+            if timed:
+                made.append(_creep(letter, pause, duration))
+    if timed:
+        made.append(_time(duration))
     for of in ("material", "air"):
         values = getattr(stops, f"{of}_temperature")
         if np.all(np.isfinite(values)) and np.ptp(values) > _LEAST_WARMING:
             powers = (f"{of}^1", f"{of}^2")
             made.append(_Driver("temperature", powers[:1], powers, powers))
     return made
+
+
+def _creep(axis: str, pause: float, duration: float) -> _Driver:
+    coarse, fine = (
+        tuple(f"creep {axis} {one}s" for one in _constants(pause, duration / 4, ratio))
+        for ratio in (4.0, 2.0**0.5)
+    )
+    return _Driver("creep", coarse, coarse, fine)
+
+
+def _time(duration: float) -> _Driver:
+    few = ("t^1", "t^2")
+    starts, more = (
+        tuple(f"start {one}s" for one in _constants(duration / 30, duration, ratio))
+        for ratio in (3.0, 2.0**0.5)
+    )
+    return _Driver("time", few, (*few, "t^3", *starts), (*few, "t^3", "t^4", *more))
 
 
 _TOGETHER = (
@@ -163,8 +182,9 @@ def _products(factors: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
 
 def _periodic(acts_on: str, stops: Stops) -> Iterator[Family]:
     """Yield a family for each period, of a sine and a cosine."""
-    pause = float(np.median(np.diff(np.unique(stops.time))))
-    if stops.duration < 2.0 * _LEAST_STOPS * pause:
+    pause = _pause(stops)
+    # Written so that unknown times are no time at all.
+    if not stops.duration >= 2.0 * _LEAST_STOPS * pause:
         return
     highest = min(0.5 * _PERIODS, stops.duration / (_LEAST_STOPS * pause))
     for waves in np.arange(2.0, highest, 0.5):
