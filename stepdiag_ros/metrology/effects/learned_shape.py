@@ -185,8 +185,8 @@ def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[s
         if found := pattern.fullmatch(text.strip()):
             return value, words, found.groups()
     raise Refusal(
-        f"'{text}' is not a factor of a learned shape; expected for example x^2, x>0.5, sense x,"
-        " creep x 40s, t^1, start 600s, sin t/300s or material^1",
+        f"'{text.strip()}' is not a factor of a learned shape; expected for example x^2, x>0.5,"
+        " sense x, creep x 40s, t^1, start 600s, sin t/300s or material^1",
         fault="unknown",
         about="shape",
     )
