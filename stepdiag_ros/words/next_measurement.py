@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from stepdiag_ros.metrology.discrepancy.findings import UNEXPLAINED, Diagnosis, Pattern
+from stepdiag_ros.metrology.discrepancy.findings import UNEXPLAINED, Diagnosis, Pattern, listed
 
 _ADVICE = (
     (
@@ -92,10 +92,6 @@ def _said(advice: str, patterns: Sequence[Pattern]) -> str:
     everywhere = any(not one.lines for one in patterns)
     lines = dict.fromkeys(line for one in patterns for line in one.lines)
     named = () if everywhere else tuple(lines)
-    return advice.format(lines=_listed(named), them="it" if len(named) == 1 else "them")
-
-
-def _listed(lines: Sequence[str]) -> str:
-    if not lines:
-        return "all lines"
-    return " and ".join([", ".join(lines[:-1]), lines[-1]] if len(lines) > 1 else lines)
+    return advice.format(
+        lines=listed(named) or "all lines", them="it" if len(named) == 1 else "them"
+    )

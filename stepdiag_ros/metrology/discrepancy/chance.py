@@ -24,6 +24,17 @@ def tail(gain: Vector, columns: Vector | float, freedom: float) -> Vector:
     return chance
 
 
+def coverage_factor(freedom: float) -> float:
+    """Return the factor from a standard uncertainty to half of a 95 % coverage interval.
+
+    Args:
+        freedom: degrees of freedom of the noise (Student's distribution).
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975))
+
+
 def tail_of(luck: Vector, found: float) -> float:
     """Return the share of draws beyond a value; beyond all of them as their exponential tail.
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail_of
 from stepdiag_ros.metrology.discrepancy.findings import Dependence
+from stepdiag_ros.metrology.discrepancy.loose import unit_span
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL
 from stepdiag_ros.metrology.discrepancy.structure import Family, columns_of, factors_of, families
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -219,15 +220,6 @@ def _exchanged(left: Vector, gap: Vector, chosen: list[int]) -> list[int]:
         others = [one for number, one in enumerate(chosen) if number != place]
         chosen[place] = int(np.argmax(_gains(left, gap, others)))
     return chosen
-
-
-def unit_span(columns: Vector) -> Vector:
-    """Return orthonormal columns that span what some columns do, shape (rows, rank)."""
-    if not columns.shape[1]:
-        return columns
-    left, values, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    span: Vector = left[:, values > _RANK_LIMIT**0.5 * values[0]]
-    return span
 
 
 def _averaged(evidence: Vector) -> Vector:

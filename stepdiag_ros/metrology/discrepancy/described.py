@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
-from stepdiag_ros.metrology.discrepancy.describe import Describer, Shapes, unit_span
+from stepdiag_ros.metrology.discrepancy.chance import coverage_factor
+from stepdiag_ros.metrology.discrepancy.describe import Describer, Shapes
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -19,6 +20,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
+from stepdiag_ros.metrology.discrepancy.loose import unit_span
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
@@ -28,8 +30,6 @@ _WORTH_A_LOOK = 0.2
 """Probability of the lack of fit above which what names leave has no structure to look for."""
 _LARGEST = 3_000_000
 """Readings times free values of a run beyond which the search would take minutes."""
-_COVERAGE = 0.975
-"""Quantile of Student's distribution at the upper end of a 95 % coverage interval."""
 
 
 def described(
@@ -124,9 +124,7 @@ def _fitted(
     findings: Sequence[Finding], sizes: Vector, covariance: Vector, noise: Noise
 ) -> tuple[Finding, ...]:
     """Return findings with the sizes that were fitted together."""
-    from scipy.special import stdtrit
-
-    factor = float(stdtrit(noise.freedom, _COVERAGE))
+    factor = coverage_factor(noise.freedom)
     made = []
     place = 0
     for finding in findings:

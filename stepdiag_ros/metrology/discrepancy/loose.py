@@ -101,7 +101,8 @@ class _Problem:
         return float(0.5 * pulled @ pulled - np.sum(np.log(np.diag(factor))))
 
 
-def _span(columns: Vector) -> Vector:
+def unit_span(columns: Vector) -> Vector:
+    """Return orthonormal columns that span what some columns do, shape (rows, rank)."""
     lengths = np.linalg.norm(columns, axis=0)
     columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
     if not columns.shape[1]:
@@ -139,8 +140,8 @@ def estimate_wander(
     freedom = repeated_passes(stops)
     if freedom < 1:
         return Loose()
-    span = _span(problem.left_of(_free(stops, candidates)))
-    both = _span(np.column_stack([span, problem.left_of(shared)]))
+    span = unit_span(problem.left_of(_free(stops, candidates)))
+    both = unit_span(np.column_stack([span, problem.left_of(shared)]))
     evidence = _by_size(problem, stops, both)
     sizes = max(filter(_ordinary, evidence), key=lambda one: evidence[one])
     best = evidence[sizes]
@@ -227,7 +228,7 @@ def beyond(
     problem: Whitened, stops: Stops, candidates: Sequence[Candidate]
 ) -> tuple[Vector, Vector]:
     """Return what candidates of free sizes leave of a gap, and what they span, whitened."""
-    span = _span(problem.left_of(_free(stops, candidates)))
+    span = unit_span(problem.left_of(_free(stops, candidates)))
     return problem.gap - span @ (span.T @ problem.gap), span
 
 
@@ -268,7 +269,7 @@ def judge_rotations(
         noise_freedom: degrees of freedom of the noise.
         seed: of the draws that show the influence of chance.
     """
-    span = _span(problem.left_of(_free(stops, candidates)))
+    span = unit_span(problem.left_of(_free(stops, candidates)))
     columns = rotation_columns(stops)
     made = _Problem.of(problem, columns, span)
     values, vectors = np.linalg.eigh(made.products)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy import findings as verdicts
+from stepdiag_ros.metrology.discrepancy.chance import coverage_factor
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding, RunnerUp
 from stepdiag_ros.metrology.discrepancy.loose import RotationTest
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
@@ -15,10 +16,8 @@ def rotation_finding(
     rotations: RotationTest, diagnosis: Diagnosis, ahead: float, freedom: float
 ) -> Finding:
     """Return rotations of all axes as a finding, with the effects that they won against."""
-    from scipy.special import stdtrit
-
     size, spread = rotations.size, rotations.standard_uncertainty
-    factor = float(stdtrit(freedom, 0.975))
+    factor = coverage_factor(freedom)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(ahead, -50.0, 50.0))))
     rivals = (*diagnosis.findings, *diagnosis.partial)
     close = bool(diagnosis.findings) and (1.0 - probability) * EVIDENCE_RATIO > probability

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, alike
-from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
+from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, coverage_factor
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Finding, RunnerUp
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker, Ranking
 from stepdiag_ros.metrology.discrepancy.sizes import Sizes
@@ -236,9 +236,7 @@ class Selection:
         return sorted(self.chosen, key=gain, reverse=True)
 
     def _finding(self, index: int, sizes: Sizes) -> Finding:
-        from scipy.special import stdtrit
-
-        factor = float(stdtrit(self._luck.freedom, 0.975))
+        factor = coverage_factor(self._luck.freedom)
         rest = [other for other in self.chosen if other != index]
         ranking = self._ranker.ranking(rest)
         names, odds = self._odds(ranking)

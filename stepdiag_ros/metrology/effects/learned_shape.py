@@ -29,6 +29,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import IN_MILLI
@@ -40,8 +41,6 @@ TIMES = " * "
 SPOT = 0.1
 """Width of a spot as a share of the travel (standard deviation of its bell)."""
 HOUR, MINUTE = 3600.0, 60.0
-REFERENCE = 20.0
-"""degC, ISO 1."""
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
 
@@ -99,7 +98,7 @@ def _wave(stops: Stops, kind: str, period: str) -> Vector:
 
 def _temperature(stops: Stops, of: str, power: str) -> Vector:
     values = stops.material_temperature if of == "material" else stops.air_temperature
-    return np.asarray((values - REFERENCE) ** int(power))
+    return np.asarray((values - REFERENCE_TEMPERATURE) ** int(power))
 
 
 _FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]], ...] = tuple(
@@ -177,7 +176,7 @@ def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
         return since_reversal(stops, axis), "s"
     if words.startswith("time"):
         return stops.time / MINUTE, "min"
-    return _temperature(stops, "material" if "material" in words else "air", "1") + REFERENCE, "°C"
+    return stops.material_temperature if "material" in words else stops.air_temperature, "°C"
 
 
 def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[str, ...]]:
