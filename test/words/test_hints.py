@@ -1,0 +1,31 @@
+"""What in a machine has a shape like that of a gap without a name."""
+
+import pytest
+
+from stepdiag_ros.metrology.discrepancy.findings import Dependence
+from stepdiag_ros.words.hints import hints
+
+
+def of(acts_on, *drivers):
+    return Dependence(acts_on, drivers, ("x^1",), 1.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("dependence", "word"),
+    [
+        (of("Y", "the place of X", "the place of Z"), "bends under a load"),
+        (of("Z", "the place of X", "the sense of Y's last move"), "backlash"),
+        (of("X", "the time since X turned round"), "creeps"),
+        (of("X", "time, periodically"), "cooler"),
+        (of("Y", "the place of X", "the material temperature"), "warms up"),
+        (of("reading", "time"), "drift"),
+        (of("reading", "the place of X", "the place of Y"), "refractive index"),
+    ],
+)
+def test_each_kind_of_dependence_has_its_hint(dependence, word):
+    (hint,) = hints(dependence)
+    assert word in hint
+
+
+def test_nothing_is_said_of_what_nothing_is_known():
+    assert hints(of("X", "the phase of the moon")) == []
