@@ -148,7 +148,13 @@ def domain_of_the_module(request):
     if not is_in(request.path, LIVE):
         yield None
         return
-    with own_domain() as number, mock.patch.object(subprocess, "Popen", ForkedPopen):
+    from ros_processes import nodes_ended
+
+    with (
+        own_domain() as number,
+        nodes_ended(),
+        mock.patch.object(subprocess, "Popen", ForkedPopen),
+    ):
         yield number
 
 

@@ -10,9 +10,12 @@ import subprocess
 import sys
 import textwrap
 import time
+import weakref
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 from domains import own_domain
@@ -23,12 +26,35 @@ import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 _ROOT = Path(__file__).parents[1]
 
 
+@contextmanager
+def nodes_ended() -> Iterator[None]:
+    """Destroy at the end what nodes were made in the block and are left in this process.
+
+    A node that is only forgotten goes on speaking, to the test that gets its domain next.
+    """
+    from rclpy.node import Node
+
+    made: list[weakref.ref[Node]] = []
+    begin = Node.__init__
+
+    def noted(self: Node, *arguments: object, **options: object) -> None:
+        begin(self, *arguments, **options)
+        made.append(weakref.ref(self))
+
+    with mock.patch.object(Node, "__init__", noted):
+        yield
+    for one in made:
+        node = one()
+        if node is not None:
+            node.destroy_node()
+
+
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     # A sourced ROS 2 has its own entries there, which its processes need.
     before = os.environ.get("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (before, str(_ROOT)))))
-    with own_domain() as number:
+    with own_domain() as number, nodes_ended():
         yield number
 
 

@@ -105,6 +105,7 @@ class ByHandNode(StepdiagNode):
     def resume(self) -> str:
         """Follow from now on: the machine stands at the first stop of the present line."""
         course = self._running()
+        course.check_resumable()
         objections = self._movers() + self.watch.missing(REQUIRED)
         if objections:
             raise ValueError(f"cannot resume: {'; '.join(objections)}")

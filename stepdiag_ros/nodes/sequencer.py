@@ -158,6 +158,7 @@ class SequencerNode(StepdiagNode):
     def resume(self) -> str:
         """Go on after a pause, a setup or a fault."""
         sequence = self._running()
+        sequence.check_resumable()
         missing = self.watch.missing(self._needed) or self._unknown_of_machine()
         if missing:
             raise Refusal(f"cannot resume: {'; '.join(missing)}", fault="not_ready")

@@ -74,16 +74,24 @@ class HandCourse:
             raise Refusal("this run was started before", fault="busy")
         self._wait_for_setup()
 
+    def check_resumable(self) -> None:
+        """Say whether there is something to resume, whoever else would have to be ready for it.
+
+        Raises:
+            Refusal: nothing is waited for.
+        """
+        if self.state not in (State.FAULT, State.WAITING_FOR_SETUP):
+            raise in_wrong_state("resume", self.state)
+
     def resume(self) -> None:
         """Follow from now on: the machine stands at the first stop of the present line.
 
         Raises:
             ValueError: nothing is waited for.
         """
+        self.check_resumable()
         if self.state is State.FAULT:
             self._attempt += 1
-        elif self.state is not State.WAITING_FOR_SETUP:
-            raise in_wrong_state("resume", self.state)
         setup = self._plan.setup_of(self._plan.lines[self._line])
         self._zeros[setup] = self._zeros.get(setup, 0) + 1
         lines = [self._line]

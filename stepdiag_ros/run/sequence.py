@@ -196,9 +196,20 @@ class Sequence:
             ValueError: the run is not running.
         """
         if self.state is not State.RUNNING:
-            raise ValueError(f"cannot pause: the run is {self.state.name.lower()}")
+            raise in_wrong_state("pause", self.state)
         self._pause_wanted = True
         self.text = "pausing after this stop"
+
+    def check_resumable(self) -> None:
+        """Say whether there is something to resume, whoever else would have to be ready for it.
+
+        Raises:
+            Refusal: there is nothing to resume.
+        """
+        pausing = self.state is State.RUNNING and self._pause_wanted
+        held = (State.WAITING_FOR_SETUP, State.FAULT, State.PAUSED)
+        if not pausing and self.state not in held:
+            raise in_wrong_state("resume", self.state)
 
     def resume(self, now: int, real: float, position: tuple[float, float, float]) -> None:
         """Go on after a pause or a setup; after a fault measure the present line again.
@@ -206,7 +217,8 @@ class Sequence:
         Raises:
             ValueError: there is nothing to resume.
         """
-        if self.state is State.RUNNING and self._pause_wanted:
+        self.check_resumable()
+        if self.state is State.RUNNING:
             self._pause_wanted = False
             self.text = "measuring"
             return
@@ -217,8 +229,6 @@ class Sequence:
             self._position = np.asarray(position, dtype=np.float64)
             self._restart_line()
             self._line_tries = 1
-        elif self.state is not State.PAUSED:
-            raise in_wrong_state("resume", self.state)
         self._enter(State.RUNNING, "measuring")
         self.update(now, real)
 
@@ -229,7 +239,7 @@ class Sequence:
             ValueError: the run has ended.
         """
         if self.state in (State.FINISHED, State.ABORTED):
-            raise ValueError(f"cannot abort: the run is {self.state.name.lower()}")
+            raise in_wrong_state("abort", self.state)
         if self.state is State.FAULT:
             text = f"{text}, after the fault: {self.text}"
         self._stop_motion()

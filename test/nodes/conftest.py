@@ -1,7 +1,6 @@
 """A simulated cell of real node processes, watched by an operator in the test."""
 
 import time
-import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import pytest
 from domains import own_domain
 from patience import PATIENCE
+from ros_processes import nodes_ended
 from running_cell import RunningCell
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
@@ -17,27 +17,10 @@ from stepdiag_ros.run.sequence import State
 
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Give each test a ROS domain of its own, and leave nothing there.
-
-    A node that is only forgotten goes on speaking, to the test that gets its domain next.
-    """
-    from rclpy.node import Node
-
-    made: list[weakref.ref[Node]] = []
-    begin = Node.__init__
-
-    def noted(self: Node, *arguments: object, **options: object) -> None:
-        begin(self, *arguments, **options)
-        made.append(weakref.ref(self))
-
-    monkeypatch.setattr(Node, "__init__", noted)
-    with own_domain() as number:
+def domain() -> Iterator[int]:
+    """Give each test a ROS domain of its own, and leave nothing there."""
+    with own_domain() as number, nodes_ended():
         yield number
-    for one in made:
-        node = one()
-        if node is not None:
-            node.destroy_node()
 
 
 class CellUnderTest(RunningCell):
