@@ -126,7 +126,13 @@ def _draw_effects(rng, kind, plan, seed):
     def seen(hidden):
         if hidden is None or (hidden.kind == "nonlinearity" and plan.noise > FINE_NOISE):
             return False
-        return yardstick.visible(machine.signature(run, hidden)) > LEAST_VISIBLE
+        change = machine.signature(run, hidden)
+        if hidden.kind == "interpolation":
+            size = OUTSIDE_LEVEL * SEEN * plan.noise / np.linalg.norm(yardstick.signature(change))
+            # An interpolation that is off by more does not go forward any more as the axis does.
+            if size > hidden.setting["period"] / (2.0 * np.pi):
+                return False
+        return yardstick.visible(change) > LEAST_VISIBLE
 
     if kind == "pair":
         return _draw_pair(rng, machine, run, yardstick)

@@ -11,6 +11,8 @@ word                quantity
 ``time``            time since the run began
 ``period``          time, to and fro
 ``material``        material temperature; ``air`` likewise
+``path``            length of the beam's path up to the mirror
+``line``            which line is measured: where the beam runs
 ==================  ============================================================================
 """
 
@@ -81,6 +83,9 @@ def drivers_of(hidden, run):
         "quadrant_bend": lambda: Drivers((component,), _places(axis, other)),
         "creep": lambda: Drivers((axis,), (f"reversal {axis}", f"sense {axis}")),
         "load_hysteresis": lambda: Drivers((component,), (*_places(other), f"sense {axis}")),
+        "vibration": lambda: Drivers((component,), _places(axis, other)),
+        "warm_spot": lambda: Drivers((READING,), ("path", "line"), in_box=False),
+        "interpolation": lambda: Drivers((axis,), _places(axis, other)),
         "loose_mirror": lambda: Drivers((READING,), ("time",), lasting=False, in_box=False),
     }
     return told[hidden.kind]()

@@ -150,6 +150,8 @@ _QUANTITIES = (
     (r"time", ("time",)),
     (r"time, periodically", ("period",)),
     (r"the (air|material) temperature", ("{}",)),
+    (r"the length of the (?:beam's )?path", ("path",)),
+    (r"the line", ("line",)),
 )
 """Words of a description → the generator's (``blind_drivers``). What creeps has a sense."""
 
