@@ -4,13 +4,14 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from blind_drivers import READING, arms_of
 from blind_machine import Machine
 from blind_plans import box_places
 from blind_words import Entry, is_one_of, quantities_of
 from blind_yardstick import Yardstick
 
-LEARNED = "learned shape"
-"""Name of a finding that is a shape and no effect of the catalogue."""
+LEARNED = ("learned shape", "learned rotation")
+"""Names of findings that are shapes and no effects of the catalogue."""
 MOST_RIVALS = 3
 """Rivals of a dependence that a report states."""
 
@@ -32,7 +33,7 @@ def outside_outcome(truth, verdict):
 
 def _described_outcome(truth, verdict):
     """Judge a description: all drivers right and none wrong, alone or with a stated rival."""
-    if any(one["effect"] != LEARNED for one in verdict["findings"]):
+    if any(one["effect"] not in LEARNED for one in verdict["findings"]):
         return "wrong name"
     dependences = verdict["description"]["dependences"]
     own = [[one["acts_on"], one["drivers"]] for one in dependences]
@@ -54,20 +55,33 @@ def described_rightly(one):
     return _is_right(one["truth"], [[each["acts_on"], each["drivers"]] for each in dependences])
 
 
-def _is_part(truth, dependence):
+def _moved(truth, dependence):
+    """Return a dependence as displacements: what a rotation moves by the arms of later axes."""
     acts_on, drivers = dependence
+    if not acts_on.startswith("E_"):
+        return [dependence]
+    arms = arms_of(acts_on, truth["chain"]).items()
+    moved = [[axis, [*drivers, f"the place of {arm}"]] for axis, arm in arms]
+    return moved or [[READING, drivers]]
+
+
+def _is_part(truth, dependence):
     told = truth["drivers"]
-    meant = quantities_of(drivers, truth["one_temperature"])
-    return acts_on in told["acts_on"] and meant <= set(told["quantities"])
+    return all(
+        acts_on in told["acts_on"]
+        and quantities_of(drivers, truth["one_temperature"]) <= set(told["quantities"])
+        for acts_on, drivers in _moved(truth, dependence)
+    )
 
 
 def _is_right(truth, dependences):
     """Tell whether dependences together say all that drives the hidden effect, and no more."""
     told = truth["drivers"]
-    meant = [quantities_of(drivers, truth["one_temperature"]) for _, drivers in dependences]
+    moved = [each for one in dependences for each in _moved(truth, one)]
+    meant = [quantities_of(drivers, truth["one_temperature"]) for _, drivers in moved]
     return (
         all(_is_part(truth, one) for one in dependences)
-        and {acts_on for acts_on, _ in dependences} == set(told["acts_on"])
+        and {acts_on for acts_on, _ in moved} == set(told["acts_on"])
         and set().union(*meant) == set(told["quantities"])
     )
 

@@ -95,6 +95,7 @@ def facts_of(hidden, run):
     """Return what is sealed of a hidden effect: its drivers, and what the run makes one.
 
     ``one_temperature``: the run's table has the same numbers for air and material.
+    ``chain``: of the axes from workpiece to tool; by it a rotation moves the tool.
     ``jumps``: where a mirror jumped and jumped back: direction, repeat and stop of each.
     """
     jumps = []
@@ -106,5 +107,6 @@ def facts_of(hidden, run):
     return {
         "drivers": asdict(drivers_of(hidden, run)),
         "one_temperature": bool(np.allclose(run.air, run.material)),
+        "chain": run.plan.chain,
         "jumps": jumps,
     }

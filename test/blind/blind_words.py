@@ -144,7 +144,7 @@ def is_one_of(entry, setup, jumps):
 
 
 _QUANTITIES = (
-    (r"the place of ([XYZ])", ("place {}",)),
+    (r"the place of ([XYZ])(?:, periodically)?", ("place {}",)),
     (r"the sense of ([XYZ])'s last move", ("sense {}",)),
     (r"the time since ([XYZ]) turned round", ("reversal {}", "sense {}")),
     (r"time", ("time",)),

@@ -71,6 +71,19 @@ def jumping(stops):
     return shift
 
 
+def warm_spot(stops):
+    """Two beams pass a warm spot, which the path holds from its middle on."""
+    warm = np.all(stops.direction[:, 1:] > 0.1, axis=1)
+    beyond = np.maximum(stops.along / np.max(stops.along) - 0.4, 0.0)
+    return -SIZE * warm * np.minimum(beyond, 0.2) / 0.2
+
+
+def swinging(stops):
+    """The scale of X swings within 45 mm, the more the farther out Y is."""
+    swing = np.sin(2.0 * np.pi * stops.position[:, 0] / 0.045)
+    return stops.direction[:, 0] * 0.5 * SIZE * swing * stops.share[:, 1]
+
+
 @pytest.mark.parametrize(
     ("shape", "acts_on", "drivers"),
     [
@@ -80,8 +93,10 @@ def jumping(stops):
         (cooled, "X", {"time, periodically"}),
         (turning_with_time, "E_AX", {"the place of X", "time"}),
         (jumping, "reading", {"time"}),
+        (warm_spot, "reading", {"the line", "the length of the beam's path"}),
+        (swinging, "X", {"the place of X, periodically", "the place of Y"}),
     ],
-    ids=["quadrant", "creep", "drag", "cooler", "turn", "jump"],
+    ids=["quadrant", "creep", "drag", "cooler", "turn", "jump", "warm spot", "swing"],
 )
 def test_a_gap_without_a_name_is_described_by_what_it_depends_on(shape, acts_on, drivers):
     diagnosis = diagnose(hidden_run(shape=shape))
@@ -155,6 +170,21 @@ def test_noise_is_hardly_ever_described(machines):
         ("y>0.5", lambda stops: 2.0 * np.maximum(stops.share[:, 1] - 0.5, 0.0), "the place of Y"),
         ("z<0.2", lambda stops: 5.0 * np.maximum(0.2 - stops.share[:, 2], 0.0), "the place of Z"),
         ("sense z", lambda stops: stops.last_sense[:, 2], "the sense of Z's last move"),
+        (
+            "cos y/40mm",
+            lambda stops: np.cos(2.0 * np.pi * stops.position[:, 1] / 0.04),
+            "the place of Y, periodically",
+        ),
+        (
+            "path^2",
+            lambda stops: (stops.along / np.max(stops.along)) ** 2,
+            "the length of the beam's path",
+        ),
+        (
+            "line ppp",
+            lambda stops: np.all(stops.direction > 0.1, axis=1).astype(float),
+            "the line",
+        ),
         ("t^1", lambda stops: stops.time / 3600.0, "time"),
         (
             "from 60s to 90.5s",

@@ -12,9 +12,18 @@ from itertools import combinations, product
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.learned_shape import READING, TIMES, driver, factor
+from stepdiag_ros.metrology.effects.learned_shape import (
+    PATH,
+    READING,
+    TIMES,
+    driver,
+    factor,
+    since_reversal,
+)
+from stepdiag_ros.metrology.effects.passes import line_name
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.units import IN_MILLI
 
 _LEAST_WARMING = 0.05
 """K: a temperature that changes by less is not tried as a cause."""
@@ -116,7 +125,7 @@ def _drivers(stops: Stops) -> list[_Driver]:
             sense = (f"sense {letter}",)
             made.append(_Driver("sense", sense, sense, sense))
             if timed:
-                made.append(_creep(letter, pause, duration))
+                made.append(_creep(letter, pause, stops))
     if timed:
         made.append(_time(duration))
     for of in ("material", "air"):
@@ -127,9 +136,11 @@ def _drivers(stops: Stops) -> list[_Driver]:
     return made
 
 
-def _creep(axis: str, pause: float, duration: float) -> _Driver:
+def _creep(axis: str, pause: float, stops: Stops) -> _Driver:
+    # What hardly fades before the axis turns round again depends on nothing but the sense.
+    longest = max(2.0 * float(np.max(since_reversal(stops, axis))), pause)
     coarse, fine = (
-        tuple(f"creep {axis} {one}s" for one in _constants(pause, duration / 4, ratio))
+        tuple(f"creep {axis} {one}s" for one in _constants(pause, longest, ratio))
         for ratio in (4.0, 2.0**0.5)
     )
     return _Driver("creep", coarse, coarse, fine)
@@ -174,6 +185,8 @@ def families(stops: Stops) -> Iterator[Family]:
                 if tuple(one.kind for one in some) in _TOGETHER:
                     yield _family(acts_on, some)
         yield from _periodic(acts_on, stops)
+        yield from _swings(acts_on, stops)
+    yield from _paths(stops)
     for error in ROTATIONS if stops.chain else ():
         yield from _turns(error, drivers)
 
@@ -190,6 +203,35 @@ def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
         tuple(one.some if several else one.many for one in drivers),
         _EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place,
     )
+
+
+def _swings(acts_on: str, stops: Stops) -> Iterator[Family]:
+    """Yield families of an axis whose scale swings within a period, the more by another place.
+
+    Stops show a period longer than two steps, or how a shorter one beats with the steps.
+    """
+    for other in stops.moving_axes if acts_on in stops.moving_axes else ():
+        if other == acts_on:
+            continue
+        letter, axis = acts_on.lower(), AXES.index(acts_on)
+        travel = float(np.ptp(stops.position[:, axis]))
+        steps = len(np.unique(np.round(stops.position[:, axis], 6))) - 1
+        for waves in np.arange(1.0, 0.5 * steps + 0.25, 0.5):
+            period = _plain(travel / waves * IN_MILLI)
+            waving = tuple(f"{kind} {letter}/{period}mm" for kind in ("sin", "cos"))
+            shapes = _products((waving, (f"{other.lower()}^1",)))
+            names = (driver(waving[0]), driver(f"{other.lower()}^1"))
+            factors = (waving, _place(other.lower()).some)
+            yield Family(acts_on, names, shapes, factors, 2.0 * _EACH_QUANTITY)
+
+
+def _paths(stops: Stops) -> Iterator[Family]:
+    """Yield the family of a reading that is changed by what the beam passes on one line or more."""
+    lines = tuple(dict.fromkeys(f"line {line_name(line)}" for line in stops.lines))
+    path = _place(PATH)
+    names = (driver(lines[0]), path.words)
+    shapes = _products((lines, path.some))
+    yield Family(READING, names, shapes, (lines, path.many), 2.0 * _EACH_QUANTITY)
 
 
 def _turns(error: str, drivers: Sequence[_Driver]) -> Iterator[Family]:

@@ -12,6 +12,9 @@ factor               value, with u the share of the travel of the axis, 0 to 1
 ``x>0.5``            (u - 0.5)/0.5 beyond 0.5 and 0 below
 ``x<0.5``            (0.5 - u)/0.5 below 0.5 and 0 beyond
 ``x~0.5``            a spot: exp(-(u - 0.5)²/(2·0.1²))
+``sin x/2.5mm``        sin(2π·position/2.5 mm), here of X; ``cos x/2.5mm`` its cosine
+``path>0.5``           as ``x>0.5``, with u the length of the path, the longest of the run being 1
+``line ppp``           1 on this line, and 0 on all others
 ``sense x``          sense of the last move of X, -1 or 1
 ``creep x 40s``      that sense, fading from the first stop after X turned round: exp(-t/40 s)
 ``t^2``              (hours since the start of the run)²
@@ -29,6 +32,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
+from stepdiag_ros.metrology.effects.passes import line_name
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -42,12 +46,26 @@ TIMES = " * "
 SPOT = 0.1
 """Width of a spot as a share of the travel (standard deviation of its bell)."""
 HOUR, MINUTE = 3600.0, 60.0
+PATH = "path"
+_OF = rf"([xyz]|{PATH})"
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
 
-def _place(stops: Stops, axis: str) -> Vector:
-    share: Vector = stops.share[:, AXES.index(axis.upper())]
+def _place(stops: Stops, of: str) -> Vector:
+    if of == PATH:
+        return np.asarray(stops.along / np.max(np.abs(stops.along)))
+    share: Vector = stops.share[:, AXES.index(of.upper())]
     return share
+
+
+def _place_words(of: str, *_: str) -> str:
+    return "the length of the beam's path" if of == PATH else f"the place of {of.upper()}"
+
+
+def _line(stops: Stops, name: str) -> Vector:
+    names = np.array([line_name(line) == name for line in stops.lines], dtype=np.float64)
+    on: Vector = names[stops.pass_index]
+    return on
 
 
 def _sense(stops: Stops, axis: str) -> Vector:
@@ -97,8 +115,15 @@ def _window(stops: Stops, begin: str, end: str) -> Vector:
 
 
 def _wave(stops: Stops, kind: str, period: str) -> Vector:
-    angle = 2.0 * np.pi * stops.time / float(period)
-    wave: Vector = np.sin(angle) if kind == "sin" else np.cos(angle)
+    return _turn(kind, stops.time / float(period))
+
+
+def _swing(stops: Stops, kind: str, axis: str, period: str) -> Vector:
+    return _turn(kind, stops.position[:, AXES.index(axis.upper())] * IN_MILLI / float(period))
+
+
+def _turn(kind: str, periods: Vector) -> Vector:
+    wave: Vector = (np.sin if kind == "sin" else np.cos)(2.0 * np.pi * periods)
     return wave
 
 
@@ -111,13 +136,19 @@ _FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]],
     (re.compile(pattern), value, words)
     for pattern, value, words in (
         (
-            r"([xyz])\^(\d)",
-            lambda stops, axis, power: _place(stops, axis) ** int(power),
-            lambda axis, *_: f"the place of {axis.upper()}",
+            rf"{_OF}\^(\d)",
+            lambda stops, of, power: _place(stops, of) ** int(power),
+            _place_words,
         ),
-        (rf"([xyz])>{_NUMBER}", _above, lambda axis, *_: f"the place of {axis.upper()}"),
-        (rf"([xyz])<{_NUMBER}", _below, lambda axis, *_: f"the place of {axis.upper()}"),
-        (rf"([xyz])~{_NUMBER}", _spot, lambda axis, *_: f"the place of {axis.upper()}"),
+        (rf"{_OF}>{_NUMBER}", _above, _place_words),
+        (rf"{_OF}<{_NUMBER}", _below, _place_words),
+        (rf"{_OF}~{_NUMBER}", _spot, _place_words),
+        (
+            rf"(sin|cos) ([xyz])/{_NUMBER}mm",
+            _swing,
+            lambda _, axis, *__: f"the place of {axis.upper()}, periodically",
+        ),
+        (r"line (\S+)", _line, lambda *_: "the line"),
         (r"sense ([xyz])", _sense, lambda axis: f"the sense of {axis.upper()}'s last move"),
         (
             rf"creep ([xyz]) {_NUMBER}s",
@@ -184,6 +215,10 @@ def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
     """
     text = shape.split(TIMES)[place]
     words = driver(text)
+    if words.startswith("the length"):
+        return stops.along * IN_MILLI, "mm"
+    if words == "the line":
+        return stops.pass_index.astype(np.float64), "number of the pass"
     axis = next((letter for letter in AXES if f" {letter}" in words), "")
     if words.startswith("the place"):
         return stops.position[:, AXES.index(axis)] * IN_MILLI, "mm"

@@ -27,7 +27,7 @@ def pass_setting(line: Line, from_stop: int) -> dict[str, Any]:
     the line move at once.
     """
     return {
-        "line": _line_name(line),
+        "line": line_name(line),
         "order": line.order,
         "repeat": line.repeat,
         "direction": line.direction,
@@ -52,7 +52,7 @@ def pass_rows(setting: Mapping[str, Any], stops: Stops) -> NDArray[np.bool_]:
             line.order == setting["order"]
             and line.repeat == setting["repeat"]
             and line.direction == setting["direction"]
-            and _line_name(line) == setting["line"]
+            and line_name(line) == setting["line"]
         ):
             rows: NDArray[np.bool_] = stops.pass_index == index
             if not setting["from_stop"] < np.count_nonzero(rows):
@@ -77,5 +77,6 @@ def setup_index(setting: Mapping[str, Any], stops: Stops) -> int:
     return stops.setups.index(setting["setup"])
 
 
-def _line_name(line: Line) -> str:
+def line_name(line: Line) -> str:
+    """Return the name of a line with its offset and without its order, such as ``ppp``."""
     return line.setup.replace(f" {line.order}", "") if line.order else line.setup
