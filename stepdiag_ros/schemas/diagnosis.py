@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
-from stepdiag_ros.metrology.geometry import CURVES
+from stepdiag_ros.metrology.geometry import CURVES, ROTATIONS
 from stepdiag_ros.schemas.parts import (
     Chance,
     Count,
@@ -252,8 +252,8 @@ class Dependence:
 
     acts_on: Annotated[
         str,
-        one_of("X", "Y", "Z", "reading"),
-        means("Axis along which the tool is displaced, or the reading itself."),
+        one_of("X", "Y", "Z", *ROTATIONS, "reading"),
+        means("Axis along which the tool is displaced, rotation of an axis, or the reading itself."),
     ]
     drivers: Annotated[Words, means("The quantities on whose product it depends.")]
     shapes: Annotated[Words, means("Products of factors by which it is written.")]

@@ -12,8 +12,20 @@ _HINTS = (
         {"turned"},
         "friction or a drive that creeps after each reversal, such as a preload that relaxes",
     ),
+    (
+        {"jumps"},
+        "a mirror or a clamp that is loose, a counter that slips and slips back, or a shock",
+    ),
+    (
+        {"path"},
+        "air that is warmer or colder at one place of the beam's path, such as above a motor",
+    ),
     ({"place", "temperature"}, "a part that expands and bends as the machine warms up"),
     ({"place", "time"}, "a part that warms up away from every sensor and bends as it does"),
+    (
+        {"place", "periodically"},
+        "a scale or a screw with an error within its period, to which another axis adds",
+    ),
     ({"periodically"}, "a cooler, a pump or an air conditioning that switches on and off"),
     ({"temperature"}, "a part that expands, or air on the path of the beam"),
     ({"time"}, "a drift of the laser, or a part that warms up away from every sensor"),

@@ -148,6 +148,7 @@ _QUANTITIES = (
     (r"the sense of ([XYZ])'s last move", ("sense {}",)),
     (r"the time since ([XYZ]) turned round", ("reversal {}", "sense {}")),
     (r"time", ("time",)),
+    (r"time, between two jumps", ("time",)),
     (r"time, periodically", ("period",)),
     (r"the (air|material) temperature", ("{}",)),
     (r"the length of the (?:beam's )?path", ("path",)),

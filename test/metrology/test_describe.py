@@ -92,7 +92,7 @@ def swinging(stops):
         (dragged, "Z", {"the place of X", "the sense of Y's last move"}),
         (cooled, "X", {"time, periodically"}),
         (turning_with_time, "E_AX", {"the place of X", "time"}),
-        (jumping, "reading", {"time"}),
+        (jumping, "reading", {"time, between two jumps"}),
         (warm_spot, "reading", {"the line", "the length of the beam's path"}),
         (swinging, "X", {"the place of X, periodically", "the place of Y"}),
     ],
@@ -189,7 +189,7 @@ def test_noise_is_hardly_ever_described(machines):
         (
             "from 60s to 90.5s",
             lambda stops: (stops.time >= 60.0) & (stops.time <= 90.5),
-            "time",
+            "time, between two jumps",
         ),
         ("material^1", lambda stops: stops.material_temperature - 20.0, "the material temperature"),
     ],

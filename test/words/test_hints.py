@@ -19,6 +19,10 @@ def of(acts_on, *drivers):
         (of("X", "time, periodically"), "cooler"),
         (of("Y", "the place of X", "the material temperature"), "warms up"),
         (of("reading", "time"), "drift"),
+        (of("reading", "time, between two jumps"), "loose"),
+        (of("reading", "the line", "the length of the beam's path"), "warmer"),
+        (of("X", "the place of X, periodically", "the place of Y"), "within its period"),
+        (of("E_CX", "the place of X", "the material temperature"), "warms up"),
         (of("reading", "the place of X", "the place of Y"), "refractive index"),
     ],
 )

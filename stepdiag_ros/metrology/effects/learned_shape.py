@@ -161,7 +161,7 @@ _FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]],
             lambda *_: "time",
         ),
         (rf"start {_NUMBER}s", _start, lambda *_: "time"),
-        (rf"from {_NUMBER}s to {_NUMBER}s", _window, lambda *_: "time"),
+        (rf"from {_NUMBER}s to {_NUMBER}s", _window, lambda *_: "time, between two jumps"),
         (rf"(sin|cos) t/{_NUMBER}s", _wave, lambda *_: "time, periodically"),
         (
             r"(material|air)\^(\d)",
