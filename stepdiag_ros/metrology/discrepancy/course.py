@@ -273,12 +273,11 @@ class _Judge:
         told = {*having, *lacking}
         one_size = kind in (IN_ALL, NOT_TOLD) or (kind == COMES_AND_GOES and self._kept(known))
         common = self._common if kind == IN_ALL else known
+        figure = self._functional
         return Course(
             kind,
-            tuple(self._figure(one.sizes, one.information, self._functional) for one in self._runs),
-            self._figure(common.values, common.information, self._functional)
-            if one_size
-            else Figure(),
+            tuple(self._figure(one.sizes, one.information, figure) for one in self._runs),
+            self._figure(common.values, common.information, figure) if one_size else Figure(),
             self._rate(),
             having,
             () if kind == IN_ALL else lacking,

@@ -1,0 +1,88 @@
+"""Effects over the dates of the runs: the size of each, with its band, and what explains it."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure as Picture
+
+from stepdiag_ros.evaluation.history import MONTH, HistoryReport
+from stepdiag_ros.metrology.discrepancy.course import GROWS, IN_ALL
+from stepdiag_ros.metrology.discrepancy.history import EffectHistory
+from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.plots.style import (
+    AFTER,
+    GREY,
+    Sheet,
+    Style,
+    panel_title,
+    say_unknown,
+    scales,
+    zero_line,
+)
+from stepdiag_ros.words.diagnosis import readable
+
+_EXPLAINS = Style(GREY, "", "-")
+_WHOLE_TITLE = 60
+"""Letters of a label that fit above a panel."""
+
+
+def sizes_over_dates(
+    report: HistoryReport, *, title: str | None = None, stamp: str = "", axes: Any = None
+) -> Picture | None:
+    """Draw the size of each effect over the date, with its 95 % coverage interval.
+
+    A line shows the size that all runs have in common, or the steady change. None where no run
+    names or describes an effect.
+
+    Args:
+        report: of runs at several times.
+        title: heading; None: one that says what is shown; empty: none.
+        stamp: what the figure was made from.
+        axes: one for each effect instead of a new figure.
+    """
+    if not report.effects:
+        return None
+    first = report.runs[0].start
+    months = np.array([(run.start - first) / MONTH for run in report.runs])
+    sheet = Sheet(len(report.effects), 2, 1.6, axes=axes, gap=(0.7, 0.75))
+    for panel, effect in zip(sheet.panels, report.effects, strict=True):
+        _draw(panel, effect, months)
+        label = effect.label
+        short = label if len(label) <= _WHOLE_TITLE else f"{label[: _WHOLE_TITLE - 1]}…"
+        panel_title(panel, f"{short}\n{effect.course.kind}")
+        unit, _ = readable(effect.figure)
+        scales(panel, f"months since {first:%Y-%m-%d}", f"size / ({unit})" if unit else "size")
+    heading = "Effects from run to run" if title is None else title
+    prints = ["Bars are 95 % coverage intervals; grey: one size in all runs, or a steady change."]
+    return sheet.finish(heading, legend=False, small_print=prints, stamp=stamp)
+
+
+def _draw(panel: Any, effect: EffectHistory, months: Vector) -> None:
+    _, factor = readable(effect.figure)
+    course = effect.course
+    values = np.array([one.value for one in course.sizes]) * factor
+    known = np.isfinite(values)
+    if not np.any(known):
+        say_unknown(panel)
+        return
+    half = np.array([0.5 * (one.band[1] - one.band[0]) for one in course.sizes]) * factor
+    zero_line(panel)
+    ends = np.array([months[0], months[-1]])
+    if course.kind == IN_ALL:
+        panel.plot(ends, np.full(2, course.common.value) * factor, color=_EXPLAINS.colour)
+    if course.kind == GROWS:
+        weight = 1.0 / half[known] ** 2
+        middle = np.sum(weight * months[known]) / np.sum(weight)
+        level = np.sum(weight * values[known]) / np.sum(weight)
+        line = level + course.rate.value * factor * (ends - middle)
+        panel.plot(ends, line, color=_EXPLAINS.colour)
+    panel.errorbar(
+        months[known],
+        values[known],
+        yerr=half[known],
+        fmt=AFTER.marker,
+        color=AFTER.colour,
+        markersize=3.0,
+        linewidth=1.0,
+        capsize=2.0,
+    )
