@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
 from itertools import combinations
 
+from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.evaluation.compensation import ANY_DATE
 from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, RunFile
 from stepdiag_ros.evaluation.solving import one_thread
@@ -17,8 +18,9 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.refusal import Refusal
 
-TOGETHER_DAYS = 7.0
-"""Runs that start within this time of one another are one measurement."""
+_UNNAMED = "unnamed"
+"""Name of a machine whose file states none."""
+_SERIAL = "machine_serial_number"
 MONTH = timedelta(days=365.2425 / 12.0)
 
 
@@ -79,7 +81,14 @@ class HistoryReport:
     remarks: tuple[str, ...] = ()
 
 
-def apart(runs: Sequence[ReadRun], days: float = TOGETHER_DAYS) -> list[list[ReadRun]]:
+def machine_facts(recorded: RecordedRun) -> dict[str, str]:
+    """Return what a recorded run states of its machine in words: what → text."""
+    name = recorded.told_by_source.get("machine") or str(recorded.machine.get("name", _UNNAMED))
+    stated = {"name": name, "serial number": recorded.told_by_source.get(_SERIAL, "")}
+    return {what: text for what, text in stated.items() if text not in ("", _UNNAMED)}
+
+
+def apart(runs: Sequence[ReadRun], days: float) -> list[list[ReadRun]]:
     """Sort runs by their dates and part those that were not made together.
 
     Args:

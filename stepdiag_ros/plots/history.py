@@ -6,14 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from stepdiag_ros.evaluation.history import MONTH, HistoryReport
-from stepdiag_ros.metrology.discrepancy.course import GROWS, IN_ALL
 from stepdiag_ros.metrology.discrepancy.history import EffectHistory
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.plots.style import (
     AFTER,
     GREY,
     Sheet,
-    Style,
     panel_title,
     say_unknown,
     scales,
@@ -21,7 +19,7 @@ from stepdiag_ros.plots.style import (
 )
 from stepdiag_ros.words.diagnosis import readable
 
-_EXPLAINS = Style(GREY, "", "-")
+_EXPLAINS = {"color": GREY, "linestyle": "--", "marker": "_", "linewidth": 0.8}
 _WHOLE_TITLE = 60
 """Letters of a label that fit above a panel."""
 
@@ -31,8 +29,8 @@ def sizes_over_dates(
 ) -> Picture | None:
     """Draw the size of each effect over the date, with its 95 % coverage interval.
 
-    A line shows the size that all runs have in common, or the steady change. None where no run
-    names or describes an effect.
+    A line shows what explains them: one size, one size in some runs, or a steady change. None where
+    no run names or describes an effect.
 
     Args:
         report: of runs at several times.
@@ -53,7 +51,7 @@ def sizes_over_dates(
         unit, _ = readable(effect.figure)
         scales(panel, f"months since {first:%Y-%m-%d}", f"size / ({unit})" if unit else "size")
     heading = "Effects from run to run" if title is None else title
-    prints = ["Bars are 95 % coverage intervals; grey: one size in all runs, or a steady change."]
+    prints = ["Bars are 95 % coverage intervals; grey: what explains the sizes."]
     return sheet.finish(heading, legend=False, small_print=prints, stamp=stamp)
 
 
@@ -67,15 +65,7 @@ def _draw(panel: Any, effect: EffectHistory, months: Vector) -> None:
         return
     half = np.array([0.5 * (one.band[1] - one.band[0]) for one in course.sizes]) * factor
     zero_line(panel)
-    ends = np.array([months[0], months[-1]])
-    if course.kind == IN_ALL:
-        panel.plot(ends, np.full(2, course.common.value) * factor, color=_EXPLAINS.colour)
-    if course.kind == GROWS:
-        weight = 1.0 / half[known] ** 2
-        middle = np.sum(weight * months[known]) / np.sum(weight)
-        level = np.sum(weight * values[known]) / np.sum(weight)
-        line = level + course.rate.value * factor * (ends - middle)
-        panel.plot(ends, line, color=_EXPLAINS.colour)
+    panel.plot(months, np.array(course.explained) * factor, **_EXPLAINS)
     panel.errorbar(
         months[known],
         values[known],

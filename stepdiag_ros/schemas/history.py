@@ -80,6 +80,9 @@ class Effect:
     sentence: Annotated[str, means("The same in words.")]
     size: Followed
     sizes: Annotated[Sequence[Value], means("In each run; null where it does not show the effect.")]
+    explained: Annotated[
+        Numbers, means("Size of each run by what explains all; null where nothing does.")
+    ]
     common: Annotated[Value, means("Of all runs, or of those that have it; null without one size.")]
     rate: Annotated[Value, means("Change per month by a straight line; null if there is none.")]
     having: Annotated[RunNumbers, means("Numbers of runs in which the effect is beyond chance.")]

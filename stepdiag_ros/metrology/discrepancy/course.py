@@ -113,6 +113,7 @@ class Course:
     Attributes:
         kind: IN_ALL, GROWS, COMES_AND_GOES, CHANGES or NOT_TOLD.
         sizes: figure of each run; unknown where the run does not show it.
+        explained: figure of each run by what is not refuted; NaN where nothing explains it.
         common: figure that all runs, or those that have the effect, have in common; unknown where
             one size does not explain them.
         rate: change per month by a straight line; unknown with less than three runs.
@@ -127,6 +128,7 @@ class Course:
 
     kind: str
     sizes: tuple[Figure, ...]
+    explained: tuple[float, ...]
     common: Figure
     rate: Figure
     having: tuple[int, ...]
@@ -277,6 +279,7 @@ class _Judge:
         return Course(
             kind,
             tuple(self._figure(one.sizes, one.information, figure) for one in self._runs),
+            self._explained(kind, common.values if one_size else None, having),
             self._figure(common.values, common.information, figure) if one_size else Figure(),
             self._rate(),
             having,
@@ -284,6 +287,21 @@ class _Judge:
             tuple(i for i in range(len(self._runs)) if i not in told and self._is_blind(i, size)),
             *chances,
         )
+
+    def _explained(
+        self, kind: str, size: Vector | None, having: Sequence[int]
+    ) -> tuple[float, ...]:
+        """Return the figure of each run by the model that is kept."""
+        count, w = len(self._runs), self._functional
+        if kind == GROWS:
+            start, slope = np.split(self._line.values, 2)
+            away = self._months - np.mean(self._months)
+            return tuple(float(w @ start + w @ slope * month) for month in away)
+        if kind == IN_ALL and size is not None:
+            return (float(w @ size),) * count
+        if kind == COMES_AND_GOES and size is not None:
+            return tuple(float(w @ size) if index in having else 0.0 for index in range(count))
+        return (float("nan"),) * count
 
     def _is_blind(self, index: int, size: Vector) -> bool:
         return not self._could_show(index, size)

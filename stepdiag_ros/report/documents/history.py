@@ -49,6 +49,7 @@ def _effect(effect: EffectHistory) -> Effect:
         sentence=effect_sentence(effect),
         size=part_of(Followed, effect.figure),
         sizes=[_value(one) for one in course.sizes],
+        explained=course.explained,
         common=_value(course.common),
         rate=_value(course.rate),
         having=_numbers(course.having),

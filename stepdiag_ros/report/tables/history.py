@@ -22,6 +22,7 @@ def print_history(report: HistoryReport, console: PlainConsole) -> None:
     console.print(_runs_table(report))
     for effect in sorted(report.effects, key=lambda one: ORDER.index(one.course.kind)):
         console.print()
+        console.sentence(f"{effect.course.kind.upper()}: {effect.label} ({effect.figure.meaning})")
         console.print(_sizes_table(report, effect))
         console.sentence(effect_sentence(effect))
     console.print()
@@ -48,7 +49,7 @@ def _runs_table(report: HistoryReport) -> Table:
 def _sizes_table(report: HistoryReport, effect: EffectHistory) -> Table:
     course = effect.course
     table = new_table(
-        f"{effect.label}: {course.kind} ({effect.figure.meaning})",
+        "",
         "run",
         "date",
         "size ± U (95 %)",
