@@ -103,10 +103,10 @@ def apart(runs: Sequence[ReadRun], days: float) -> list[list[ReadRun]]:
         ValueError: runs are of different machines or boxes, one is given twice, or one without a
             date is among runs that were not made together; names the files.
     """
-    _require_different(runs)
     require_one_machine([one.measurement for one in runs], [str(one.file.path) for one in runs])
     for one, other in combinations(runs, 2):
         _require_same_machine(one, other)
+        _require_different(one, other)
     dated = [one for one in runs if one.date is not None]
     groups = list(_groups(sorted(dated, key=lambda one: one.start), timedelta(days=days)))
     undated = [one for one in runs if one.date is None]
@@ -131,14 +131,14 @@ def _groups(runs: Sequence[ReadRun], within: timedelta) -> Iterator[list[ReadRun
         yield group
 
 
-def _require_different(runs: Sequence[ReadRun]) -> None:
-    for one, other in combinations(runs, 2):
-        if one.file.sha256 == other.file.sha256:
-            raise Refusal(
-                f"{other.file.path} is the same recording as {one.file.path}: give each run once",
-                fault="twice",
-                aspect="run",
-            )
+def _require_different(one: ReadRun, other: ReadRun) -> None:
+    again = one.file.run_id == other.file.run_id != "" and one.start == other.start
+    if one.file.sha256 == other.file.sha256 or (again and one.date is not None):
+        raise Refusal(
+            f"{other.file.path} is the same run as {one.file.path}: give each run once",
+            fault="twice",
+            aspect="run",
+        )
 
 
 def _require_same_machine(one: ReadRun, other: ReadRun) -> None:

@@ -49,7 +49,8 @@ def sizes_over_dates(
         short = label if len(label) <= _WHOLE_TITLE else f"{label[: _WHOLE_TITLE - 1]}…"
         panel_title(panel, f"{short}\n{effect.course.kind}")
         unit, _ = readable(effect.figure)
-        scales(panel, f"months since {first:%Y-%m-%d}", f"size / ({unit})" if unit else "size")
+        shown = f"({unit})" if "/" in unit else unit
+        scales(panel, f"months since {first:%Y-%m-%d}", f"size / {shown}" if unit else "size")
     heading = "Effects from run to run" if title is None else title
     prints = ["Bars are 95 % coverage intervals; grey: what explains the sizes."]
     return sheet.finish(heading, legend=False, small_print=prints, stamp=stamp)

@@ -125,7 +125,9 @@ def test_the_same_run_twice_is_refused(bag, tmp_path, capsys):
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(first.read_bytes())
     error = refused(capsys, first, bag("b", 40), copy)
-    assert "same recording" in error and "copy.mcap" in error
+    assert "the same run" in error and "copy.mcap" in error
+    again = bag("d", 0, run_id="run-a")
+    assert "the same run" in refused(capsys, first, again)
 
 
 def test_a_run_without_a_date_among_those_of_months_is_refused(bag, capsys):

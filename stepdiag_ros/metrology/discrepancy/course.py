@@ -16,6 +16,7 @@ only if one size in all runs is refuted; what kind of change, only if the other 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -190,11 +191,14 @@ class _Judge:
         self._functional = functional
         self._level = level
         self._renewed = renewed
-        told = [one for one in runs if one.shown]
+        self._informations = np.stack([one.information for one in runs])
+        self._scores = np.stack([one.score for one in runs])
+        self._shown = [one.shown for one in runs]
+        told = [one for one, shown in zip(runs, self._shown, strict=True) if shown]
         self._freedom = min((one.freedom for one in told), default=np.inf)
         self._factor = coverage_factor(self._freedom) if told else np.nan
         self._total = sum(one.gain for one in told)
-        self._count = sum(one.shown for one in told)
+        self._count = sum(self._shown)
         every = np.ones((len(runs), 1))
         self._common = self._fitted(every)
         self._line = self._fitted(np.column_stack([every[:, 0], months - np.mean(months)]))
@@ -202,12 +206,10 @@ class _Judge:
 
     def _fitted(self, design: Vector) -> _Fit:
         """Fit sizes that are a sum of columns of the design, shape (runs, m), times free values."""
-        size, columns = len(self._functional), design.shape[1]
-        information = np.zeros((columns * size, columns * size))
-        score = np.zeros(columns * size)
-        for row, run in zip(design, self._runs, strict=True):
-            information += np.kron(np.outer(row, row), run.information)
-            score += np.kron(row, run.score)
+        free = design.shape[1] * len(self._functional)
+        information = np.einsum("ra,rb,rij->aibj", design, design, self._informations)
+        information = information.reshape(free, free)
+        score = np.einsum("ra,ri->ai", design, self._scores).reshape(free)
         values = _inverse(information) @ score
         left = max(self._total - float(score @ values), 0.0)
         return _Fit(values, information, left, self._count - _rank(information))
@@ -216,23 +218,19 @@ class _Judge:
         """Return which runs have the effect, if they have it in one size and others not at all."""
         best = tuple(range(len(self._runs))), self._common
         for start, run in enumerate(self._runs):
-            if not run.shown:
+            if not self._shown[start]:
                 continue
-            having, size = {start}, run.sizes
+            having, size = np.arange(len(self._runs)) == start, run.sizes
             for _ in range(len(self._runs)):
-                again = {
-                    index
-                    for index, one in enumerate(self._runs)
-                    if 2.0 * float(size @ one.score) > float(size @ one.information @ size)
-                }
-                design = np.array([[float(index in again)] for index in range(len(self._runs))])
-                fit = self._fitted(design)
+                squares = np.einsum("i,rij,j->r", size, self._informations, size)
+                again = 2.0 * self._scores @ size > squares
+                fit = self._fitted(again[:, None].astype(np.float64))
                 size = fit.values
-                if again == having:
+                if np.array_equal(again, having):
                     break
                 having = again
-            if having and fit.left < best[1].left:
-                best = tuple(sorted(having)), fit
+            if np.any(having) and fit.left < best[1].left:
+                best = tuple(np.flatnonzero(having).tolist()), fit
         return best
 
     def _chance(self, fit: _Fit) -> float:
@@ -242,21 +240,14 @@ class _Judge:
         return chance_of(fit.left, fit.freedom, self._freedom)
 
     def _has(self, index: int) -> bool:
-        run = self._runs[index]
-        if not run.shown:
-            return False
-        return run.p_value < _RUN_LEVEL / len(self._runs)
+        return self._runs[index].p_value < _RUN_LEVEL / len(self._runs)
 
     def _could_show(self, index: int, size: Vector) -> bool:
         """Say whether a run with sizes like these would show them."""
-        from scipy.special import chdtri, chndtrinc
-
-        run = self._runs[index]
-        if not run.shown:
+        shown = self._shown[index]
+        if not shown:
             return False
-        beyond = float(chdtri(run.shown, _RUN_LEVEL / len(self._runs)))
-        needed = float(chndtrinc(beyond, run.shown, _MISSED))
-        return float(size @ run.information @ size) >= needed
+        return float(size @ self._informations[index] @ size) >= _needed(shown, len(self._runs))
 
     def course(self) -> Course:
         """Judge; see ``course_of``."""
@@ -317,7 +308,7 @@ class _Judge:
     def _kind(self, having: tuple[int, ...], chances: Sequence[float]) -> str:
         size = self._common.values
         able = [i for i in range(len(self._runs)) if self._could_show(i, size) or i in having]
-        shown = [i for i, one in enumerate(self._runs) if one.shown]
+        shown = [i for i, count in enumerate(self._shown) if count]
         if len(shown) < _FEWEST or not chances[0] < NEARLY:
             return IN_ALL if len(able) >= _FEWEST else NOT_TOLD
         if chances[0] >= self._level:
@@ -369,6 +360,14 @@ class _Judge:
             return Figure()
         value, u = float(functional @ values), variance**0.5
         return Figure(value, u, (value - self._factor * u, value + self._factor * u))
+
+
+@lru_cache
+def _needed(count: int, runs: int) -> float:
+    """Return the χ² of so many sizes from which on a run shows them, 19 times in 20."""
+    from scipy.special import chdtri, chndtrinc
+
+    return float(chndtrinc(float(chdtri(count, _RUN_LEVEL / runs)), count, _MISSED))
 
 
 def chance_of(squares: float, columns: int, freedom: float) -> float:
