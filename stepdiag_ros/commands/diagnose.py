@@ -317,7 +317,7 @@ def _show_history(groups: "Sequence[Sequence[ReadRun]]", arguments: Namespace, f
             catalogue(),
             model_source=source,
             seed=arguments.seed,
-            tell=progress,
+            progress=progress,
         )
 
     def draw() -> "Mapping[str, Picture]":

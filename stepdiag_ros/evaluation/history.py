@@ -160,7 +160,7 @@ def build_history(
     *,
     model_source: str = "",
     seed: int = 0,
-    tell: Callable[[float, str], None] | None = None,
+    progress: Callable[[float, str], None] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> HistoryReport:
     """Diagnose the runs of each time and say what becomes of every effect.
@@ -171,7 +171,7 @@ def build_history(
         catalogue: effects to try, by name.
         model_source: file of the model; empty if none was given.
         seed: of the draws that show the influence of chance.
-        tell: called with the part that is done (0..1), and what is being done.
+        progress: called with the part that is done (0..1), and what is being done.
         remarks: about the runs as a whole.
 
     Raises:
@@ -187,8 +187,8 @@ def build_history(
         for number, group in enumerate(groups):
             start = group[0].date
             assert start is not None
-            if tell is not None:
-                tell(number / len(groups), f"run {number + 1}: {start:%Y-%m-%d}")
+            if progress is not None:
+                progress(number / len(groups), f"run {number + 1}: {start:%Y-%m-%d}")
             measurement = with_chain(joined([one.measurement for one in group]), model)
             diagnosis = ModelComparison(measurement, effects, seed).under(model)
             files = tuple(one.file for one in group)

@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.discrepancy.course import (
     COMES_AND_GOES,
     GROWS,
     IN_ALL,
-    NOT_TOLD,
+    UNDETERMINED,
 )
 from stepdiag_ros.schemas.diagnosis import FurtherRun
 from stepdiag_ros.schemas.parts import (
@@ -70,11 +70,11 @@ class Effect:
     shapes: Annotated[Words, means("Labels of what was fitted: the effect, or the shapes.")]
     kind: Annotated[
         str,
-        one_of(IN_ALL, GROWS, COMES_AND_GOES, CHANGES, NOT_TOLD),
+        one_of(IN_ALL, GROWS, COMES_AND_GOES, CHANGES, UNDETERMINED),
         means(
             "in all runs: one size explains all runs; grows: in proportion to the date; comes and"
             " goes: some runs have it, others do not; changes: in another way, or the runs do not"
-            " show in which; not told: the runs show neither that it stays nor that it changes."
+            " show in which; undetermined: the runs show neither that it stays nor that it changes."
         ),
     ]
     sentence: Annotated[str, means("The same in words.")]
@@ -84,7 +84,7 @@ class Effect:
         Numbers, means("Size of each run by what explains all; null where nothing does.")
     ]
     common: Annotated[Value, means("Of all runs, or of those that have it; null without one size.")]
-    rate: Annotated[Value, means("Change per month by a straight line; null if there is none.")]
+    rate: Annotated[Value, means("Change per month by a straight line; null if unknown.")]
     having: Annotated[RunNumbers, means("Numbers of runs in which the effect is beyond chance.")]
     lacking: Annotated[RunNumbers, means("Of runs that would show it and do not.")]
     cannot_show: Annotated[RunNumbers, means("Of runs that could not show it.")]
@@ -107,7 +107,7 @@ class Document:
     effects: Annotated[Sequence[Effect], means("That any run names or describes, clearest first.")]
     change_level: Annotated[
         float,
-        means("Chance that any effect of a machine without change is said to change, at most."),
+        means("Chance that any effect of a machine without change is reported to change, at most."),
     ]
     name_level: Annotated[
         float, means("Chance that any effect is listed that no run has, at most.")

@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.discrepancy.course import (
     COMES_AND_GOES,
     GROWS,
     IN_ALL,
-    NOT_TOLD,
+    UNDETERMINED,
     Figure,
 )
 from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE, UNEXPLAINED
@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.effects.effect import Size
 from stepdiag_ros.text.numbers import UNKNOWN, with_uncertainty
 from stepdiag_ros.words.diagnosis import chance, readable
 
-ORDER = (GROWS, COMES_AND_GOES, CHANGES, IN_ALL, NOT_TOLD)
+ORDER = (GROWS, COMES_AND_GOES, CHANGES, IN_ALL, UNDETERMINED)
 """Kinds in the order in which a reader wants to know of them."""
 _MOST_RIVALS = 4
 
@@ -75,7 +75,7 @@ def _main(effect: EffectHistory) -> str:
         why = f"only {runs_words(course.having)} shows it"
     elif not course.having:
         why = "no run shows it by itself"
-    return f"Whether it stays or changes cannot be told: {why} (p {chance(course.p_common)})."
+    return f"Whether it stays or changes is undetermined: {why} (p {chance(course.p_common)})."
 
 
 def _why_open(effect: EffectHistory) -> str:
@@ -97,13 +97,13 @@ def summary_sentence(report: HistoryReport) -> str:
         (COMES_AND_GOES, "comes and goes"),
         (CHANGES, "changes"),
         (IN_ALL, "in all runs"),
-        (NOT_TOLD, "cannot be told"),
+        (UNDETERMINED, "undetermined"),
     ):
         labels = [one.label for one in report.effects if one.course.kind == kind]
         if labels:
             parts.append(f"{words}: {'; '.join(labels)}")
     if not parts:
-        return "No run names or describes an effect, so that there is none to be followed."
+        return "No run names or describes an effect: nothing can be followed from run to run."
     text = ". ".join(f"{part[0].upper()}{part[1:]}" for part in parts)
     return f"{text}."
 

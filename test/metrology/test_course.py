@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.discrepancy.course import (
     COMES_AND_GOES,
     GROWS,
     IN_ALL,
-    NOT_TOLD,
+    UNDETERMINED,
     SizesInRun,
     course_of,
 )
@@ -50,7 +50,7 @@ def drawn(rng, truth, freedom, count=1):
         ((20, 30, 15, 40), CHANGES, (0, 1, 2, 3), (), ()),
         ((0, 2, 20, 80), CHANGES, (2, 3), (0, 1), ()),
         ((0, 20), CHANGES, (1,), (0,), ()),
-        ((20, None, None), NOT_TOLD, (0,), (), (1, 2)),
+        ((20, None, None), UNDETERMINED, (0,), (), (1, 2)),
     ],
 )
 def test_what_is_said_of_clear_sizes(sizes, kind, having, lacking, blind):

@@ -32,7 +32,7 @@ COMES_AND_GOES = "comes and goes"
 """Some runs have it and others, which would show it, do not."""
 CHANGES = "changes"
 """One size is refuted, but the runs do not show what kind of change it is."""
-NOT_TOLD = "not told"
+UNDETERMINED = "undetermined"
 """The runs show neither that it stays nor that it changes."""
 
 CHANGE_LEVEL = 0.04
@@ -42,11 +42,11 @@ NEARLY = 0.05
 _KIND_LEVEL = 0.01
 """Probability below which a kind of change is refuted."""
 _RUN_LEVEL = 0.05
-"""Chance that any run without the effect is said to have it, all runs together."""
+"""Chance that any run without the effect seems to have it, all runs together."""
 _MISSED = 0.05
 """Chance that a run that has the effect does not show it, up to which it could show it."""
 _FEWEST = 2
-"""Runs that must be able to show an effect before anything is said of all."""
+"""Runs that must be able to show an effect before a statement on all runs."""
 _RANK = 1e-9
 _HARDLY = 1e-6
 
@@ -112,7 +112,7 @@ class Course:
     """What becomes of an effect from run to run.
 
     Attributes:
-        kind: IN_ALL, GROWS, COMES_AND_GOES, CHANGES or NOT_TOLD.
+        kind: IN_ALL, GROWS, COMES_AND_GOES, CHANGES or UNDETERMINED.
         sizes: figure of each run; unknown where the run does not show it.
         explained: figure of each run by what is not refuted; NaN where nothing explains it.
         common: figure that all runs, or those that have the effect, have in common; unknown where
@@ -171,8 +171,8 @@ def course_of(
         months: date of each run, in months, shape (runs,).
         functional: the figure that is shown is this times the sizes, shape (k,).
         level: probability below which one size in all runs is refuted.
-        renewed: the effect belongs to an alignment or a pass, which each run has anew; it does not
-            grow from run to run.
+        renewed: the effect belongs to an alignment or a pass, which is another in each run; it does
+            not grow from run to run.
     """
     return _Judge(runs, months, functional, level, renewed).course()
 
@@ -264,7 +264,7 @@ class _Judge:
             if index not in having and self._could_show(index, size)
         )
         told = {*having, *lacking}
-        one_size = kind in (IN_ALL, NOT_TOLD) or (kind == COMES_AND_GOES and self._kept(known))
+        one_size = kind in (IN_ALL, UNDETERMINED) or (kind == COMES_AND_GOES and self._kept(known))
         common = self._common if kind == IN_ALL else known
         figure = self._functional
         return Course(
@@ -310,9 +310,9 @@ class _Judge:
         able = [i for i in range(len(self._runs)) if self._could_show(i, size) or i in having]
         shown = [i for i, count in enumerate(self._shown) if count]
         if len(shown) < _FEWEST or not chances[0] < NEARLY:
-            return IN_ALL if len(able) >= _FEWEST else NOT_TOLD
+            return IN_ALL if len(able) >= _FEWEST else UNDETERMINED
         if chances[0] >= self._level:
-            return NOT_TOLD
+            return UNDETERMINED
         if self._renewed:
             return COMES_AND_GOES if self._absent(having) else CHANGES
         line = self._line.freedom > 0 and self._kept(self._line)

@@ -40,7 +40,7 @@ NAME_LEVEL = 0.01
 OVER_TRAVEL = "change over the measured travel"
 ON_READINGS = "rms of what it changes in the readings, in the sense of its shape"
 _RENEWED = {"setup", "repeat"}
-"""Keys of a setting that ties an effect to an alignment or a pass, which every run has anew."""
+"""Keys of a setting that ties an effect to an alignment or a pass, another in every run."""
 
 
 @dataclass(frozen=True)
