@@ -275,7 +275,9 @@ class _Judge:
             self._rate(),
             having,
             () if kind == IN_ALL else lacking,
-            tuple(i for i in range(len(self._runs)) if i not in told and self._is_blind(i, size)),
+            tuple(
+                i for i in range(len(self._runs)) if i not in told and not self._could_show(i, size)
+            ),
             *chances,
         )
 
@@ -293,9 +295,6 @@ class _Judge:
         if kind == COMES_AND_GOES and size is not None:
             return tuple(float(w @ size) if index in having else 0.0 for index in range(count))
         return (float("nan"),) * count
-
-    def _is_blind(self, index: int, size: Vector) -> bool:
-        return not self._could_show(index, size)
 
     def _marked(self, chosen: Sequence[int]) -> Vector:
         return np.array([[float(index in chosen)] for index in range(len(self._runs))])
