@@ -2,8 +2,8 @@
 
 import io
 import sys
-from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -18,7 +18,7 @@ from stepdiag_ros.commands.arguments import (
     results_folder,
 )
 from stepdiag_ros.commands.output import Progress, progress_bar, say, warn, warn_of_replaced
-from stepdiag_ros.commands.standard_tests import add_output_options, is_bag
+from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
 from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -26,10 +26,15 @@ if TYPE_CHECKING:
 
     from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
+    from stepdiag_ros.evaluation.history import ReadRun
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.measurement import Measurement
+    from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.metrology.plan import Plan
 
+TOGETHER_DAYS = 7.0
+"""Runs that start within this time of one another are one measurement."""
+_MOST_DAYS = 3650.0
 _EXAMPLES = """\
 verdicts:
   CONSISTENT    the model explains the run to within its noise
@@ -46,7 +51,8 @@ examples:
   stepdiag diagnose later.mcap --model mill.yaml does it still hold?
   stepdiag diagnose run.mcap --propose more.yaml writes a short extra plan
   stepdiag run --plan more.yaml                  measures it
-  stepdiag diagnose run.mcap more.mcap           both runs together"""
+  stepdiag diagnose run.mcap more.mcap           both runs together
+  stepdiag diagnose may.mcap june.mcap july.mcap what stays, grows, comes and goes"""
 
 
 def _add_options(parser: ArgumentParser) -> None:
@@ -57,9 +63,19 @@ def _add_options(parser: ArgumentParser) -> None:
         type=Path,
         nargs="*",
         metavar="FURTHER",
-        help="further runs of the same machine over the same box, diagnosed together with the"
-        " first: error curves and effects are shared, alignments, zeros and the lengths of the axes"
-        " are not; times count from the start of each run",
+        help="further runs of the same machine over the same box, in any order. Runs that start"
+        " within --together of one another are diagnosed as one: error curves and effects are"
+        " shared, alignments, zeros and the lengths of the axes are not; times count from the start"
+        " of each run. Of runs at different times, each keeps curves of its own, and the command"
+        " reports which effects are in all runs, grow, or come and go",
+    )
+    parser.add_argument(
+        "--together",
+        type=_days,
+        default=TOGETHER_DAYS,
+        metavar="DAYS",
+        help="time within which runs are one measurement (default: %(default)g; 0: each run is"
+        " one of its own)",
     )
     parser.add_argument(
         "--model",
@@ -93,6 +109,13 @@ def _add_options(parser: ArgumentParser) -> None:
     add_output_options(parser, "NAME_diagnosis beside the bag")
 
 
+def _days(text: str) -> float:
+    days = float(text)
+    if not 0.0 <= days <= _MOST_DAYS:
+        raise ArgumentTypeError(f"{text} is not a number of days from 0 to {_MOST_DAYS:g}")
+    return days
+
+
 def run(arguments: Namespace) -> int:
     """Diagnose; see the module."""
     from stepdiag_ros.report.documents.diagnosis import diagnosis_json
@@ -109,7 +132,11 @@ def run(arguments: Namespace) -> int:
     folder = arguments.output or results_folder(arguments.bag, "diagnosis")
     if recorded is not None and recorded.plan.tracker is not None:
         return _show_tracker(recorded, arguments, folder)
-    report = report_of(arguments, recorded)
+    runs = _runs(arguments, recorded)
+    groups = _apart(arguments, runs)
+    if len(groups) > 1:
+        return _show_history(groups, arguments, folder)
+    report = report_of(arguments, runs)
     if arguments.extend is not None:
         report = _written(report, arguments.extend)
     if arguments.propose is not None:
@@ -176,41 +203,27 @@ def _show_tracker(recorded: "RecordedRun", arguments: Namespace, folder: Path) -
     return show_run(recorded, arguments, folder)
 
 
-def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "DiagnosisReport":
-    """Compare the run with the model.
+def report_of(arguments: Namespace, runs: "Sequence[_Run] | None" = None) -> "DiagnosisReport":
+    """Compare one run, or several that were made together, with the model.
 
     Args:
         arguments: parsed.
-        recorded: the first run, if it is loaded already.
+        runs: that the arguments name, if they are read already.
 
     Raises:
         ValueError: run or model cannot be read, or they contradict each other; one sentence.
     """
     from stepdiag_ros.evaluation.diagnosis import Ask, build_diagnosis
+    from stepdiag_ros.metrology.discrepancy.joint import joined
     from stepdiag_ros.metrology.effects import catalogue
-    from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.text.intake import refusals_of
 
-    model, source = MachineModel(), ""
-    if arguments.model is not None:
-        from stepdiag_ros.configuration import load_model
-
-        model, _ = load_model(arguments.model)
-        source = str(arguments.model)
-    runs: list[_Run] = []
-    paths = [arguments.bag, *arguments.further]
-    for path, run_id in zip(paths, (arguments.run_id, *(None for _ in paths)), strict=False):
-        loaded = recorded if recorded is not None and not runs else _loaded(path, run_id)
-        with progress_bar(f"reading {path.name}") as progress:
-            runs.append(_run_of(path, loaded, progress))
-        if loaded is not None and len(paths) > 1:
-            _warn_if_incomplete(path, loaded, runs[-1].measurement)
+    model, source = _model(arguments)
+    runs = _runs(arguments) if runs is None else runs
     first = runs[0]
     measurement = first.measurement
     if len(runs) > 1:
-        from stepdiag_ros.metrology.discrepancy.joint import joined
-
-        measurement = joined([run.measurement for run in runs], [str(path) for path in paths])
+        measurement = joined([run.measurement for run in runs], [str(run.path) for run in runs])
     with progress_bar("comparing") as progress, refusals_of(arguments.bag):
         return build_diagnosis(
             measurement,
@@ -225,24 +238,123 @@ def report_of(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "D
             seed=arguments.seed,
             tell=lambda text: progress(0.5, text),
             remarks=tuple(remark for run in runs for remark in run.remarks),
-            further=[(path, run.run_id) for path, run in zip(paths[1:], runs[1:], strict=True)],
+            further=[(run.path, run.run_id) for run in runs[1:]],
             ask=Ask(first.conditions, first.machine) if arguments.propose is not None else None,
         )
+
+
+def _model(arguments: Namespace) -> "tuple[MachineModel, str]":
+    """Return the model that the user named, and its name; without one all curves are free."""
+    from stepdiag_ros.metrology.model import MachineModel
+
+    if arguments.model is None:
+        return MachineModel(), ""
+    from stepdiag_ros.configuration import load_model
+
+    return load_model(arguments.model)[0], str(arguments.model)
+
+
+def _runs(arguments: Namespace, recorded: "RecordedRun | None" = None) -> "list[_Run]":
+    """Read all runs that the user named.
+
+    Args:
+        arguments: parsed.
+        recorded: the first run, if it is loaded already.
+    """
+    runs: list[_Run] = []
+    paths = [arguments.bag, *arguments.further]
+    for path, run_id in zip(paths, (arguments.run_id, *(None for _ in paths)), strict=False):
+        loaded = recorded if recorded is not None and not runs else _loaded(path, run_id)
+        with progress_bar(f"reading {path.name}") as progress:
+            runs.append(_run_of(path, loaded, progress))
+        if loaded is not None and len(paths) > 1:
+            _warn_if_incomplete(path, loaded, runs[-1].measurement)
+    return runs
+
+
+def _apart(arguments: Namespace, runs: "Sequence[_Run]") -> "list[list[ReadRun]]":
+    """Part runs that were not made together; see ``evaluation.history.apart``."""
+    if len(runs) == 1:
+        return []
+    from stepdiag_ros.bags.digest import sha256_of
+    from stepdiag_ros.evaluation.diagnosis import RunFile
+    from stepdiag_ros.evaluation.history import ReadRun, apart
+
+    read = [
+        ReadRun(
+            RunFile(run.path, sha256_of(run.path), run.run_id),
+            run.measurement,
+            run.start,
+            run.facts,
+        )
+        for run in runs
+    ]
+    return apart(read, arguments.together)
+
+
+def _show_history(groups: "Sequence[Sequence[ReadRun]]", arguments: Namespace, folder: Path) -> int:
+    """Show what becomes of every effect from run to run.
+
+    Raises:
+        ValueError: an option was given that belongs to a diagnosis of runs as one.
+    """
+    from stepdiag_ros.evaluation.history import build_history
+    from stepdiag_ros.metrology.effects import catalogue
+    from stepdiag_ros.report.documents.history import history_json
+    from stepdiag_ros.report.tables.history import print_history
+
+    for option in ("extend", "propose"):
+        if getattr(arguments, option) is not None:
+            raise ValueError(
+                f"--{option} belongs to runs that were made together, and these were made at"
+                f" {len(groups)} different times: leave it out, or name the runs of one time"
+            )
+    model, source = _model(arguments)
+    with progress_bar("comparing") as progress:
+        report = build_history(
+            groups,
+            model,
+            catalogue(),
+            model_source=source,
+            seed=arguments.seed,
+            progress=progress,
+        )
+
+    def draw() -> "Mapping[str, Picture]":
+        from stepdiag_ros.plots.history import sizes_over_dates
+
+        drawn = sizes_over_dates(report)
+        return {} if drawn is None else {"history": drawn}
+
+    return show(
+        "history",
+        history_json(report),
+        lambda console: print_history(report, console),
+        draw,
+        arguments,
+        folder,
+    )
 
 
 class _Run(NamedTuple):
     """A run as it was read.
 
     Attributes:
+        path: of the file.
         measurement: its lines.
         run_id: its identity; empty if it has none.
+        start: when it began, ns since 1970; 0 if not known.
+        facts: what is stated of the machine in words, such as its name: what → text.
         remarks: where the lines come from, in words.
         conditions: its plan, if the plan states the feed.
         machine: that measured it; None if unknown.
     """
 
+    path: Path
     measurement: "Measurement"
     run_id: str = ""
+    start: int = 0
+    facts: Mapping[str, str] = {}  # never changed
     remarks: tuple[str, ...] = ()
     conditions: "Plan | None" = None
     machine: "Machine | None" = None
@@ -253,8 +365,9 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
     if recorded is None:
         from stepdiag_ros.bags.table import load_table
 
-        return _Run(load_table(path).measurement)
+        return _Run(path, load_table(path).measurement)
     from stepdiag_ros.configuration import machine_from_text
+    from stepdiag_ros.evaluation.history import machine_facts
     from stepdiag_ros.evaluation.recorded_run import measurement_of, require_standing_beam
 
     require_standing_beam(recorded)
@@ -267,7 +380,16 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
         )
     known = recorded.plan.feed > 0.0
     machine = machine_from_text(recorded.machine_text, f"{path}: machine") if known else None
-    return _Run(measurement, recorded.run_id, (remark,), recorded.plan if known else None, machine)
+    return _Run(
+        path,
+        measurement,
+        recorded.run_id,
+        recorded.start_time,
+        machine_facts(recorded),
+        (remark,),
+        recorded.plan if known else None,
+        machine,
+    )
 
 
 def _warn_if_incomplete(path: Path, recorded: "RecordedRun", measurement: "Measurement") -> None:

@@ -12,7 +12,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
 
-_ANY_DATE = 1e8
+ANY_DATE = 1e8
 """s since 1970: no run that was recorded is older."""
 
 
@@ -62,7 +62,7 @@ def identified_of(
     result = results[method or require_to_rely_on(results, str(path))]
     start = start_time * 1e-9
     # A table of stops tells no date; its times count from zero.
-    begun = datetime.fromtimestamp(start, timezone.utc) if start > _ANY_DATE else None
+    begun = datetime.fromtimestamp(start, timezone.utc) if start > ANY_DATE else None
     if sha256 is None:
         sha256 = sha256_of(path) if path is not None and path.is_file() else ""
     origin = Origin(

@@ -24,6 +24,7 @@ from stepdiag_ros import __version__
 VERSIONS = {
     "result": 1,
     "diagnosis": 1,
+    "history": 1,
     "budget": 1,
     "comparison": 1,
     "iso230": 1,

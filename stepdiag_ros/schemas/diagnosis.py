@@ -253,7 +253,9 @@ class Dependence:
     acts_on: Annotated[
         str,
         one_of("X", "Y", "Z", *ROTATIONS, "reading"),
-        means("Axis along which the tool is displaced, rotation of an axis, or the reading itself."),
+        means(
+            "Axis along which the tool is displaced, rotation of an axis, or the reading itself."
+        ),
     ]
     drivers: Annotated[Words, means("The quantities on whose product it depends.")]
     shapes: Annotated[Words, means("Products of factors by which it is written.")]

@@ -29,7 +29,7 @@ LARGEST_ANYWHERE = 0.2e-3
 is taken for a mistaken unit."""
 MOST_TARGETS = 1001
 LONGEST = 100.0
-OVERRUN_NOT_TOLD = (
+OVERRUN_UNDETERMINED = (
     "the file does not state whether runs along an axis began beyond their first target, so the"
     " first stop of each run does not count for the reversal error (state the distance with"
     " --overrun M; 0: they did not)"
@@ -124,7 +124,7 @@ def axis_test(
     directions = list(dict.fromkeys(run.direction for run in runs))
     said = [*remarks, *where.remarks]
     if math.isnan(options.overrun) and len(directions) > 1:
-        said.append(OVERRUN_NOT_TOLD)
+        said.append(OVERRUN_UNDETERMINED)
     group: dict[str, object] = {"kind": where.line.kind, "names": [where.line.name]}
     if any(where.line.offset):
         group["offset_m"] = list(where.line.offset)

@@ -11,7 +11,7 @@ import numpy as np
 
 from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.imports.axis_test import OVERRUN_NOT_TOLD, AxisRow, axis_name, axis_test
+from stepdiag_ros.bags.imports.axis_test import OVERRUN_UNDETERMINED, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.mapping import AXIS, DELIMITERS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
@@ -332,7 +332,7 @@ def _lines(
         lines=found.lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
-        remarks=(OVERRUN_NOT_TOLD,) if untold else (),
+        remarks=(OVERRUN_UNDETERMINED,) if untold else (),
         chain=mapping.chain,
         further=further,
     )

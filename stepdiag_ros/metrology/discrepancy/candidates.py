@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
-_HIDDEN = 1e-3
+HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
 _NEW = 1e-2
 """Share of a further size's column beyond the first sizes' below which it adds nothing new."""
@@ -166,7 +166,7 @@ def _left_by_baseline(
     for index, candidate in enumerate(candidates):
         here = np.arange(place, place + len(changes[index].counts))
         place += len(here)
-        if np.all(after[here] <= _HIDDEN * before[here]):
+        if np.all(after[here] <= HIDDEN * before[here]):
             buried.append((candidate.label, int(here[0])))
             continue
         kept.append(index)
@@ -176,7 +176,7 @@ def _left_by_baseline(
     first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(count)])[:-1]
     places = np.concatenate([np.zeros(0, dtype=np.int64), *columns])
     # A size that nothing is left of must not pass its rounding off as a signature.
-    shown = after[places] > _HIDDEN * before[places]
+    shown = after[places] > HIDDEN * before[places]
     left = whole.chosen(places).turned(sparse.csc_array(sparse.diags_array(shown * 1.0)))
     lengths = np.where(shown, after[places], 0.0)
     effects = [candidates[index].effect.name for index in kept]

@@ -29,7 +29,7 @@ noise.
 CONSISTENT_LEVEL = 0.002
 """Probability of a lack of fit below which it counts as a gap, all shapes of the test together."""
 
-_LINE_AND_PARABOLA = ("linear", "quadratic")
+LINE_AND_PARABOLA = ("linear", "quadratic")
 """Names of sizes that a share of the travel, and its square, are multiplied by."""
 
 
@@ -138,10 +138,10 @@ class Finding:
         a short travel or few levers determine neither part by itself. None for effects of other
         shapes, and where a part is unknown.
         """
-        if tuple(self.sizes) != _LINE_AND_PARABOLA or self.covariance.shape != (2, 2):
+        if tuple(self.sizes) != LINE_AND_PARABOLA or self.covariance.shape != (2, 2):
             return None
         variance = float(np.sum(self.covariance))
-        name = _LINE_AND_PARABOLA[0]
+        name = LINE_AND_PARABOLA[0]
         low, high = self.band[name]
         if not variance >= 0.0 or not self.standard_uncertainty[name] > 0.0:
             return None

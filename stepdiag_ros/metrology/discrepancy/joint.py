@@ -54,20 +54,41 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
         raise Refusal(
             "there is no run to be diagnosed; give at least one", fault="too_few", aspect="run"
         )
+    chain = require_one_machine(measurements, names)
+    lines: list[MeasuredLine] = []
+    before = 0
+    for measurement in measurements:
+        place = 1 + max((line.line_index for line in lines), default=-1)
+        lines += [_moved(line, before, place) for line in measurement.lines]
+        before = max(line.line.run for line in lines)
+    return Measurement(measurements[0].volume, tuple(lines), chain)
+
+
+def require_one_machine(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> str:
+    """Refuse runs that cannot be of one machine over one box; return its chain.
+
+    Args:
+        measurements: the runs, at least one.
+        names: of the runs, for the text of a refusal; their numbers if empty.
+
+    Returns:
+        order of the axes from workpiece to tool; empty if no run states it.
+
+    Raises:
+        ValueError: a run without lines, or one of another volume or chain; names the run and what
+            differs.
+    """
     words = [
         names[index] if index < len(names) else f"run {index + 1}"
         for index in range(len(measurements))
     ]
-    lines: list[MeasuredLine] = []
     chain, chain_from = "", ""
-    first = measurements[0]
-    before = 0
     for name, measurement in zip(words, measurements, strict=True):
         if not measurement.lines:
             raise Refusal(
                 f"{name} has no measured line; leave it out", fault="too_few", aspect="line"
             )
-        _check_volume(first.volume, measurement.volume, words[0], name)
+        _check_volume(measurements[0].volume, measurement.volume, words[0], name)
         if measurement.chain and chain and measurement.chain != chain:
             raise Refusal(
                 f"{name} is of a machine with the chain {measurement.chain}, {chain_from} of one"
@@ -76,10 +97,7 @@ def joined(measurements: Sequence[Measurement], names: Sequence[str] = ()) -> Me
             )
         if measurement.chain and not chain:
             chain, chain_from = measurement.chain, name
-        place = 1 + max((line.line_index for line in lines), default=-1)
-        lines += [_moved(line, before, place) for line in measurement.lines]
-        before = max(line.line.run for line in lines)
-    return Measurement(first.volume, tuple(lines), chain)
+    return chain
 
 
 def _moved(line: MeasuredLine, runs: int, place: int) -> MeasuredLine:
