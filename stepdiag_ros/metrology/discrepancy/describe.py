@@ -42,6 +42,8 @@ MOST_SHAPES = 6
 _SIZES = np.geomspace(0.01e-6, 30e-6, 14)
 """Typical amplitudes over which the evidence is averaged, m of the largest change of a reading."""
 _DRAWS = 300
+_LEAST_EVIDENCE = 0.0
+"""A dependence that is no likelier than none is not looked at closely."""
 _HIDDEN = 1e-3
 """Share of a column beyond what is free below which nothing but rounding is left of it."""
 _NEW = 1e-2
@@ -51,11 +53,11 @@ _RANK_LIMIT = 1e-9
 
 @dataclass(frozen=True)
 class _Weighed:
-    """A family with its evidence, and that which noise gives it in each draw."""
+    """A family with its evidence; of windows, the best of some that were tried."""
 
     family: Family
     evidence: float
-    luck: Vector
+    tried: int = 1
 
     @property
     def dependence(self) -> tuple[str, tuple[str, ...]]:
@@ -142,7 +144,12 @@ class Describer:
             return None, None
         weighed.sort(key=lambda one: -one.evidence)
         best = weighed[0]
-        p_value = tail_of(np.max([one.luck for one in weighed], axis=0), best.evidence)
+        if best.evidence < _LEAST_EVIDENCE:
+            return None, None
+        luck = np.full(_DRAWS, -np.inf)
+        for one in weighed:
+            luck = np.maximum(luck, self._luck(one, span))
+        p_value = tail_of(luck, best.evidence)
         if p_value > FALSE_NAME_LEVEL:
             return None, None
         written = self._write(best.family, gap, span)
@@ -162,35 +169,43 @@ class Describer:
         )
         return dependence, written
 
-    def _left(
-        self, acts_on: str, shapes: Sequence[str], span: Vector
-    ) -> tuple[Vector, NDArray[np.bool_]]:
-        """Return columns beyond what is free and a span, those that show, and which these are.
+    def _columns(self, acts_on: str, shapes: Sequence[str]) -> Vector:
+        """Return columns, each of such a size that it changes no reading by more than 1 m, (n, k).
 
-        Each is of such a size that it changes no reading by more than 1 m: whether a shape is per
-        hour, per kelvin or a rotation, its typical amplitudes are those of the displacements.
+        Whether a shape is per hour, per kelvin or a rotation, its typical amplitudes are then those
+        of the displacements.
         """
         raw = columns_of(acts_on, shapes, self._stops, self._factors)
         largest = np.max(np.abs(raw), axis=0)
         raw /= np.where(largest > 0.0, largest, 1.0)
+        return raw
+
+    def _left(
+        self, acts_on: str, shapes: Sequence[str], span: Vector
+    ) -> tuple[Vector, NDArray[np.bool_]]:
+        """Return columns beyond what is free and a span, those that show, and which these are."""
+        raw = self._columns(acts_on, shapes)
         left = self._problem.left_of(raw)
         left -= span @ (span.T @ left)
         before = np.linalg.norm(raw, axis=0) / self._problem.noise
         real = np.linalg.norm(left, axis=0) > _HIDDEN * before
         return left[:, real], real
 
-    def _weigh(self, family: Family, gap: Vector, span: Vector) -> _Weighed | None:
-        left, real = self._left(family.acts_on, family.shapes, span)
-        if not np.any(real):
+    def _weigh(self, family: Family, gap: Vector, span: Vector, tried: int = 1) -> _Weighed | None:
+        """Weigh a family by the products of its columns alone: most families are weighed once."""
+        raw = self._columns(family.acts_on, family.shapes)
+        columns = self._problem.of(raw[self._problem.baseline.good])
+        free = np.vstack([self._problem.span.T @ columns, span.T @ columns])
+        product = columns.T @ columns
+        left = product - free.T @ free
+        real = np.diag(left) > _HIDDEN**2 * np.diag(product)
+        count = np.count_nonzero(real)
+        if not count:
             return None
-        left /= np.sqrt(left.shape[1])
-        values, vectors = np.linalg.eigh(left.T @ left)
-        seen = values > _RANK_LIMIT * values[-1]
-        values = values[seen]
-        units = left @ (vectors[:, seen] / np.sqrt(values))
-        slow = np.maximum(1.0 + np.outer(self._memory, self._problem.slowness(units)), 0.0)
-        draws = self._rng.standard_normal((_DRAWS, len(values))) ** 2 * slow
-        return self._judged(family, values, (units.T @ gap) ** 2, draws, 0.0)
+        values, vectors = _axes(left[np.ix_(real, real)] / count)
+        parts = vectors.T @ (columns[:, real].T @ gap) / np.sqrt(count)
+        (evidence,) = self._evidence(family, tried, values, parts[:, None] ** 2 / values[:, None])
+        return _Weighed(family, float(evidence), tried)
 
     def _window(self, gap: Vector, span: Vector) -> list[_Weighed]:
         """Weigh the window of time that fits best, as one of all that were tried."""
@@ -199,35 +214,42 @@ class Describer:
         best = best_window(self._problem, self._stops, gap, span)
         if best is None:
             return []
-        family = window(best.begin, best.end)
+        weighed = self._weigh(window(best.begin, best.end), gap, span, best.tried)
+        return [weighed] if weighed else []
+
+    def _luck(self, weighed: _Weighed, span: Vector) -> Vector:
+        """Return the evidence that noise gives a family in each draw, shape (draws,)."""
+        family = weighed.family
         left, real = self._left(family.acts_on, family.shapes, span)
         if not np.any(real):
-            return []
-        value = np.sum(left**2, axis=0)
-        # Of as many windows, as if none shared a stop: chance is overrated rather than underrated.
-        chance = -np.expm1(np.log(self._rng.random(_DRAWS)) / best.tried)
-        draws = chi2.isf(chance, 1)[:, None]
-        return [self._judged(family, value, (left.T @ gap) ** 2 / value, draws, np.log(best.tried))]
+            return np.full(_DRAWS, -np.inf)
+        left /= np.sqrt(left.shape[1])
+        values, vectors = _axes(left.T @ left)
+        units = left @ (vectors / np.sqrt(values))
+        slow = np.maximum(1.0 + np.outer(self._problem.slowness(units), self._memory), 0.0)
+        if weighed.tried > 1:
+            # As if no two windows shared a stop: chance is overrated rather than underrated.
+            chance = -np.expm1(np.log(self._rng.random((1, _DRAWS))) / weighed.tried)
+            draws = chi2.isf(chance, 1)
+        else:
+            draws = self._rng.standard_normal((len(values), _DRAWS)) ** 2
+        return self._evidence(family, weighed.tried, values, draws * slow / self._variance)
 
-    def _judged(
-        self, family: Family, values: Vector, squares: Vector, draws: Vector, price: float
-    ) -> _Weighed:
-        """Return the evidence of a family and of noise.
+    def _evidence(self, family: Family, tried: int, values: Vector, squares: Vector) -> Vector:
+        """Return the evidence of a family, averaged over its size, shape (cases,).
 
         Args:
-            family: to judge.
+            family: to weigh.
+            tried: number of families of which it is the best.
             values: squared lengths of its independent columns, shape (k,).
-            squares: what χ² loses by each, shape (k,).
-            draws: the same for unit noise, shape (draws, k).
-            price: evidence that it costs beside the price of the family.
+            squares: what χ² loses by each column in each case, shape (k, cases).
         """
         spread = 1.0 + _SIZES[:, None] ** 2 * values
-        share = 0.5 - 0.5 / spread
-        cost = 0.5 * np.sum(np.log(spread), axis=1)
-        prior = -price - family.price - self._number[len(family.drivers)]
-        evidence = _averaged(share @ squares[:, None] - cost[:, None])
-        luck = _averaged(share @ (draws / self._variance[:, None]).T - cost[:, None])
-        return _Weighed(family, float(evidence[0]) + prior, luck + prior)
+        evidence = (0.5 - 0.5 / spread) @ squares - 0.5 * np.sum(np.log(spread), axis=1)[:, None]
+        largest = np.max(evidence, axis=0)
+        mean: Vector = largest + np.log(np.mean(np.exp(evidence - largest), axis=0))
+        price = family.price + self._number[len(family.drivers)] + float(np.log(tried))
+        return mean - price
 
     def _write(self, family: Family, gap: Vector, span: Vector) -> _Written | None:
         """Write a family by few of its shapes, one after another; None if none is worth it."""
@@ -267,8 +289,8 @@ def _exchanged(left: Vector, gap: Vector, chosen: list[int]) -> list[int]:
     return chosen
 
 
-def _averaged(evidence: Vector) -> Vector:
-    """Return the evidence averaged over the sizes, which are the first axis."""
-    largest = np.max(evidence, axis=0)
-    mean: Vector = largest + np.log(np.mean(np.exp(evidence - largest), axis=0))
-    return mean
+def _axes(gram: Vector) -> tuple[Vector, Vector]:
+    """Return squared lengths of independent columns, and their directions, from products."""
+    values, vectors = np.linalg.eigh(gram)
+    seen = values > _RANK_LIMIT * values[-1]
+    return values[seen], vectors[:, seen]

@@ -178,12 +178,10 @@ def families(stops: Stops) -> Iterator[Family]:
     seen = [axis for axis in range(len(AXES)) if np.any(stops.direction[:, axis])]
     drivers = _drivers(stops)
     for acts_on in (*(AXES[axis] for axis in seen), READING):
-        for one in drivers:
-            yield _family(acts_on, (one,))
-        for count in (2, 3):
+        for count in (1, 2, 3):
             for some in combinations(drivers, count):
-                if tuple(one.kind for one in some) in _TOGETHER:
-                    yield _family(acts_on, some)
+                if count == 1 or tuple(one.kind for one in some) in _TOGETHER:
+                    yield from _of(acts_on, some)
         yield from _periodic(acts_on, stops)
         yield from _swings(acts_on, stops)
     yield from _paths(stops)
@@ -191,18 +189,24 @@ def families(stops: Stops) -> Iterator[Family]:
         yield from _turns(error, drivers)
 
 
-def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
+def _of(acts_on: str, drivers: tuple[_Driver, ...]) -> Iterator[Family]:
+    """Yield the families of a product of quantities: plain, and of one or two also less plain.
+
+    What is plain is likelier for less. Without it, a product with a third quantity that hardly
+    changes would stand for the plain one of two.
+    """
     several = len(drivers) > 2
     # A sense that fades with time is two quantities.
     quantities = len(drivers) + sum(one.kind == "creep" for one in drivers)
     by_place = acts_on == READING and any(one.kind == "place" for one in drivers)
-    return Family(
-        acts_on,
-        tuple(one.words for one in drivers),
-        _products([one.few if several else one.some for one in drivers]),
-        tuple(one.some if several else one.many for one in drivers),
-        _EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place,
-    )
+    price = _EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place
+    words = tuple(one.words for one in drivers)
+    finer = tuple(one.some if several else one.many for one in drivers)
+    plain = _products([one.few for one in drivers])
+    yield Family(acts_on, words, plain, finer, price)
+    less_plain = _products([one.some for one in drivers])
+    if not several and less_plain != plain:
+        yield Family(acts_on, words, less_plain, finer, price)
 
 
 def _swings(acts_on: str, stops: Stops) -> Iterator[Family]:
