@@ -22,7 +22,7 @@ from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, Provenance
+from stepdiag_ros.metrology.model import FITTED, FIXED, TOGETHER, MachineModel, Provenance
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
@@ -162,10 +162,10 @@ def build_diagnosis(
             ModelComparison(measured, tuple(catalogue.values()), seed, tell),
             model,
             Provenance(
-                bag=" + ".join(
+                bag=TOGETHER.join(
                     [*([] if bag is None else [bag.name]), *(one.path.name for one in others)]
                 ),
-                sha256=" + ".join([sha256, *(one.sha256 for one in others)]),
+                sha256=TOGETHER.join([sha256, *(one.sha256 for one in others)]),
                 date=date,
             ),
             status,

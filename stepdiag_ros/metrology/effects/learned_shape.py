@@ -24,9 +24,11 @@ factor              value, with u the share of the travel of the axis, 0 to 1
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.metrology.effects.domain import Domain, since_reversal
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
@@ -44,7 +46,18 @@ HOUR, MINUTE = 3600.0, 60.0
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
 
-def _place(stops: Stops, axis: str) -> Vector:
+@dataclass(frozen=True)
+class Places:
+    """Places alone, for factors that depend on nothing else.
+
+    Attributes:
+        share: position over travel of each axis, shape (n, 3).
+    """
+
+    share: Vector
+
+
+def _place(stops: Stops | Places, axis: str) -> Vector:
     share: Vector = stops.share[:, AXES.index(axis.upper())]
     return share
 
@@ -54,30 +67,17 @@ def _sense(stops: Stops, axis: str) -> Vector:
     return sense
 
 
-def _above(stops: Stops, axis: str, bound: str) -> Vector:
+def _above(stops: Stops | Places, axis: str, bound: str) -> Vector:
     return np.maximum(_place(stops, axis) - float(bound), 0.0) / (1.0 - float(bound))
 
 
-def _below(stops: Stops, axis: str, bound: str) -> Vector:
+def _below(stops: Stops | Places, axis: str, bound: str) -> Vector:
     return np.maximum(float(bound) - _place(stops, axis), 0.0) / float(bound)
 
 
-def _spot(stops: Stops, axis: str, middle: str) -> Vector:
+def _spot(stops: Stops | Places, axis: str, middle: str) -> Vector:
     spot: Vector = np.exp(-0.5 * ((_place(stops, axis) - float(middle)) / SPOT) ** 2)
     return spot
-
-
-def since_reversal(stops: Stops, axis: str) -> Vector:
-    """Return s since the first stop after the last reversal of an axis in its setup, shape (n,)."""
-    since: Vector = np.zeros(len(stops.time))
-    sense = _sense(stops, axis)
-    for setup in range(len(stops.setups)):
-        rows = np.flatnonzero(stops.setup == setup)
-        rows = rows[np.argsort(stops.time[rows], kind="stable")]
-        turned = np.diff(sense[rows], prepend=np.inf) != 0.0
-        last = np.maximum.accumulate(np.where(turned, np.arange(len(rows)), 0))
-        since[rows] = stops.time[rows] - stops.time[rows[last]]
-    return since
 
 
 def _creep(stops: Stops, axis: str, constant: str) -> Vector:
@@ -101,46 +101,76 @@ def _temperature(stops: Stops, of: str, power: str) -> Vector:
     return np.asarray((values - REFERENCE_TEMPERATURE) ** int(power))
 
 
-_FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]], ...] = tuple(
-    (re.compile(pattern), value, words)
-    for pattern, value, words in (
-        (
-            r"([xyz])\^(\d)",
-            lambda stops, axis, power: _place(stops, axis) ** int(power),
-            lambda axis, *_: f"the place of {axis.upper()}",
-        ),
-        (rf"([xyz])>{_NUMBER}", _above, lambda axis, *_: f"the place of {axis.upper()}"),
-        (rf"([xyz])<{_NUMBER}", _below, lambda axis, *_: f"the place of {axis.upper()}"),
-        (rf"([xyz])~{_NUMBER}", _spot, lambda axis, *_: f"the place of {axis.upper()}"),
-        (r"sense ([xyz])", _sense, lambda axis: f"the sense of {axis.upper()}'s last move"),
-        (
-            rf"creep ([xyz]) {_NUMBER}s",
-            _creep,
-            lambda axis, *_: f"the time since {axis.upper()} turned round",
-        ),
-        (
-            r"t\^(\d)",
-            lambda stops, power: (stops.time / HOUR) ** int(power),
-            lambda *_: "time",
-        ),
-        (rf"start {_NUMBER}s", _start, lambda *_: "time"),
-        (rf"(sin|cos) t/{_NUMBER}s", _wave, lambda *_: "time, periodically"),
-        (
-            r"(material|air)\^(\d)",
-            _temperature,
-            lambda of, *_: f"the {of} temperature",
-        ),
+_Names = tuple[str, ...]
+_Form = tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str], Callable[..., _Names]]
+
+
+def _forms() -> Iterator[_Form]:
+    """Yield of each factor its pattern, value, words and the quantities of ``domain``."""
+
+    def of_place(axis: str, *_: str) -> str:
+        return f"the place of {axis.upper()}"
+
+    def place(axis: str, *_: str) -> _Names:
+        return (f"{axis.upper()}_m",)
+
+    def time(*_: str) -> _Names:
+        return ("time_s",)
+
+    for pattern, value in (
+        (r"([xyz])\^(\d)", lambda at, axis, power: _place(at, axis) ** int(power)),
+        (rf"([xyz])>{_NUMBER}", _above),
+        (rf"([xyz])<{_NUMBER}", _below),
+        (rf"([xyz])~{_NUMBER}", _spot),
+    ):
+        yield re.compile(pattern), value, of_place, place
+    yield (
+        re.compile(r"sense ([xyz])"),
+        _sense,
+        lambda axis: f"the sense of {axis.upper()}'s last move",
+        lambda axis: (f"sense_{axis.upper()}",),
     )
-)
+    yield (
+        re.compile(rf"creep ([xyz]) {_NUMBER}s"),
+        _creep,
+        lambda axis, *_: f"the time since {axis.upper()} turned round",
+        lambda axis, *_: (f"sense_{axis.upper()}", f"since_reversal_{axis.upper()}_s"),
+    )
+    yield (
+        re.compile(r"t\^(\d)"),
+        lambda stops, power: (stops.time / HOUR) ** int(power),
+        lambda *_: "time",
+        time,
+    )
+    yield re.compile(rf"start {_NUMBER}s"), _start, lambda *_: "time", time
+    yield (
+        re.compile(rf"(sin|cos) t/{_NUMBER}s"),
+        _wave,
+        lambda *_: "time, periodically",
+        time,
+    )
+    yield (
+        re.compile(r"(material|air)\^(\d)"),
+        _temperature,
+        lambda of, *_: f"the {of} temperature",
+        lambda of, *_: (f"{of}_temperature_degC",),
+    )
 
 
-def factor(text: str, stops: Stops) -> Vector:
+_FORMS = tuple(_forms())
+
+
+def factor(text: str, stops: Stops | Places) -> Vector:
     """Return the value of one factor at each stop, shape (n,); NaN where the run does not state it.
+
+    Args:
+        text: of the factor.
+        stops: of a run; places are enough for a factor that depends on nothing else.
 
     Raises:
         ValueError: there is no such factor.
     """
-    value, _, groups = _form(text)
+    value, _, _, groups = _form(text)
     return np.asarray(value(stops, *groups), dtype=np.float64)
 
 
@@ -150,8 +180,26 @@ def driver(text: str) -> str:
     Raises:
         ValueError: there is no such factor.
     """
-    _, words, groups = _form(text)
+    _, words, _, groups = _form(text)
     return words(*groups)
+
+
+def factors(shape: str) -> list[str]:
+    """Return the factors of a shape."""
+    return [text.strip() for text in shape.split(TIMES.strip())]
+
+
+def quantities(shape: str) -> tuple[str, ...]:
+    """Return the quantities on which a shape depends, by their names in ``domain.QUANTITIES``.
+
+    Raises:
+        ValueError: a factor does not exist.
+    """
+    found: dict[str, None] = {}
+    for text in factors(shape):
+        _, _, names, groups = _form(text)
+        found |= dict.fromkeys(names(*groups))
+    return tuple(found)
 
 
 def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
@@ -179,10 +227,12 @@ def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
     return stops.material_temperature if "material" in words else stops.air_temperature, "°C"
 
 
-def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[str, ...]]:
-    for pattern, value, words in _FORMS:
+def _form(
+    text: str,
+) -> tuple[Callable[..., Vector], Callable[..., str], Callable[..., _Names], _Names]:
+    for pattern, value, words, names in _FORMS:
         if found := pattern.fullmatch(text.strip()):
-            return value, words, found.groups()
+            return value, words, names, found.groups()
     raise Refusal(
         f"'{text.strip()}' is not a factor of a learned shape; expected for example x^2, x>0.5,"
         " sense x, creep x 40s, t^1, start 600s, sin t/300s or material^1",
@@ -191,8 +241,16 @@ def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[s
     )
 
 
+@dataclass(frozen=True)
 class LearnedShape(Effect):
-    """A displacement of the tool, or a change of the reading, by a product of plain shapes."""
+    """A displacement of the tool, or a change of the reading, by a product of plain shapes.
+
+    Attributes:
+        domain: where it was seen; the shapes of places count over its box. None if not known:
+            they then count over the box of each run.
+    """
+
+    domain: Domain | None = None
 
     name = "learned shape"
     sentence = "Something acts that has no name yet; it was described by what it depends on."
@@ -212,9 +270,10 @@ class LearnedShape(Effect):
         Raises:
             ValueError: a factor does not exist.
         """
+        seen = stops if self.domain is None else self.domain.counted(stops)
         product = np.full(len(stops.time), sizes["amplitude"])
-        for text in str(setting["shape"]).split(TIMES.strip()):
-            product = product * factor(text, stops)
+        for text in factors(str(setting["shape"])):
+            product = product * factor(text, seen)
         if setting["acts_on"] == READING:
             return Change(reading=product)
         return Change.along(setting["acts_on"], product)
