@@ -20,6 +20,24 @@ class Nodes:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedPart:
+    """A displacement of the tool that depends on places, beside the curves."""
+
+    acts_on: Annotated[str, one_of("X", "Y", "Z"), means("Axis along which the tool is displaced.")]
+    shape: Annotated[
+        str, means("Product of factors, as the factors of a learned shape (`docs/diagnose.md`).")
+    ]
+    amplitude: Annotated[float, means("Displacement where the product is 1, m.")]
+    box: Annotated[
+        Mapping[Annotated[str, one_of("X", "Y", "Z")], Sequence[float]],
+        means(
+            "Axis to the two machine coordinates, m, between which its factors count from 0 to 1;"
+            " axes on which the displacement does not depend are not there."
+        ),
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Document:
     """Volumetric error map.
 
@@ -62,6 +80,17 @@ class Document:
             "Axis to its reversal error of positioning at the nodes (forward less backward, ISO"
             " 230-2), m; an axis whose reversal is not known is not there."
         ),
+    ]
+    learned: Annotated[
+        Sequence[LearnedPart],
+        means(
+            "What was learned of the machine and is in no curve; each counts from the first corner"
+            " of the box, where the error is zero."
+        ),
+    ]
+    learned_covariance: Annotated[
+        Sequence[Numbers],
+        means("Covariance of the amplitudes of `learned`, m², row by row; null where not known."),
     ]
     not_estimated: Annotated[
         Words, means("Rotations that the method did not estimate; they are not in the map.")

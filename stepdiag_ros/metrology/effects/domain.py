@@ -13,14 +13,12 @@ import numpy as np
 
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.geometry import AXES, EDGE, Vector
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import IN_MILLI
 
 SLACK = 0.02
 """Share of a range by which other quantities than places may exceed it."""
-EDGE = 1e-9
-"""m: a place so little beyond a range is in it; coordinates in files are rounded."""
 
 
 def since_reversal(stops: Stops, axis: str) -> Vector:
