@@ -102,8 +102,13 @@ def test_a_model_learns_what_was_described_and_then_agrees():
     assert made.rounds[-1].verdict == CONSISTENT
     again = MachineModel.from_mapping(made.model.to_mapping(), "model", catalogue())
     assert again == made.model
+    labels = {effect.label: effect for effect in made.model.effects}
     for effect in made.model.effects:
         assert effect.standard_uncertainty["amplitude"] > 0.0
+        assert {"X_m", "sense_Y"} == {one.name for one in effect.active.effect.domain.ranges}
+        assert effect.covariance.keys() == labels.keys() - {effect.label}
+        for label, value in effect.covariance.items():
+            assert value == labels[label].covariance[effect.label]
     assert made.held_out is None or made.held_out.after.reduced < made.held_out.before.reduced
 
 
