@@ -15,11 +15,12 @@ from stepdiag_ros.metrology.effects.domain import PLACES
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import (
     READING,
+    TIMES,
     LearnedShape,
     Places,
     driver,
-    factor,
     factors,
+    product,
     quantities,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -78,11 +79,7 @@ class LearnedDisplacement:
 
     def product(self, positions: Vector) -> Vector:
         """Return the product of the shapes at machine coordinates (m, shape (n, 3)), shape (n,)."""
-        product: Vector = np.ones(len(positions))
-        share = self._share(positions)
-        for text in factors(self.shape):
-            product = product * factor(text, Places(share))
-        return product
+        return product(self.shape, Places(self._share(positions)))
 
     def along(self, axis: int, positions: Vector) -> Vector:
         """Return what curves can hold of it by the place of one axis alone.
@@ -116,8 +113,7 @@ class LearnedDisplacement:
         places[:, axis] = positions
         share = Places(self._share(places))
         own = [text for text in factors(self.shape) if quantities(text) == (PLACES[axis],)]
-        product: Vector = np.prod([factor(text, share) for text in own], axis=0)
-        return product
+        return product(TIMES.join(own), share)
 
     @cached_property
     def _means(self) -> dict[int, float]:

@@ -174,6 +174,20 @@ def factor(text: str, stops: Stops | Places) -> Vector:
     return np.asarray(value(stops, *groups), dtype=np.float64)
 
 
+def product(shape: str, stops: Stops | Places) -> Vector:
+    """Return the product of the factors of a shape at each stop, shape (n,).
+
+    Args:
+        shape: factors with `` * `` between.
+        stops: see ``factor``.
+
+    Raises:
+        ValueError: a factor does not exist.
+    """
+    value: Vector = np.prod([factor(text, stops) for text in factors(shape)], axis=0)
+    return value
+
+
 def driver(text: str) -> str:
     """Say on what a factor depends, for example ``the place of X``.
 
@@ -271,12 +285,10 @@ class LearnedShape(Effect):
             ValueError: a factor does not exist.
         """
         seen = stops if self.domain is None else self.domain.counted(stops)
-        product = np.full(len(stops.time), sizes["amplitude"])
-        for text in factors(str(setting["shape"])):
-            product = product * factor(text, seen)
+        change = sizes["amplitude"] * product(str(setting["shape"]), seen)
         if setting["acts_on"] == READING:
-            return Change(reading=product)
-        return Change.along(setting["acts_on"], product)
+            return Change(reading=change)
+        return Change.along(setting["acts_on"], change)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``learned shape along Y: x>0.5 * z>0.5``."""
