@@ -63,6 +63,21 @@ def _add_options(parser: ArgumentParser) -> None:
         help="model of the machine (YAML), by path or name: its learned displacements are"
         " compensated too, as far as the control can hold them",
     )
+    _add_table_options(parser)
+    parser.add_argument(
+        "--on-top-of",
+        type=Path,
+        metavar="FOLDER",
+        help="tables that were active during the run: the new ones contain them",
+    )
+    add_seal_option(parser)
+    add_despite_option(parser)
+    add_common(parser, "json")
+    add_common(parser, "pictures", help="format of the picture, or none (default: png)")
+
+
+def _add_table_options(parser: ArgumentParser) -> None:
+    """Add the options that say how the tables of a control are made."""
     parser.add_argument(
         "--spacing",
         type=float,
@@ -90,16 +105,6 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--settings", dest="list_settings", action="store_true", help="list the control's settings"
     )
-    parser.add_argument(
-        "--on-top-of",
-        type=Path,
-        metavar="FOLDER",
-        help="tables that were active during the run: the new ones contain them",
-    )
-    add_seal_option(parser)
-    add_despite_option(parser)
-    add_common(parser, "json")
-    add_common(parser, "pictures", help="format of the picture, or none (default: png)")
 
 
 def add_seal_option(parser: ArgumentParser) -> None:

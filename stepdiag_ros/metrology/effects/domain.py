@@ -140,7 +140,7 @@ class Domain:
         """Read a domain: a list of two numbers for each quantity.
 
         Raises:
-            ValueError: another quantity than those named is there, or a range is none.
+            ValueError: another quantity than those named is there, or a range is not one.
         """
         made = []
         for name in names:
