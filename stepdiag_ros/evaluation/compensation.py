@@ -15,7 +15,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import with_chain, without_effects
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
-from stepdiag_ros.metrology.effects.learned_shape import LearnedShape
+from stepdiag_ros.metrology.effects.learned_shape import LearnedShape, without_domain
 from stepdiag_ros.metrology.learned_displacement import depends_on, displacements, is_geometric
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel, ModelEffect
@@ -66,23 +66,13 @@ class Learned:
 
     def warnings(self) -> list[str]:
         """Say which learned effects are not compensated, and where a domain is not known."""
-        said = []
-        for one in self.model.effects:
-            effect = one.active.effect
-            if not isinstance(effect, LearnedShape):
-                continue
-            if not is_geometric(one):
-                said.append(
-                    f"'{one.label}' is not compensated: it depends on"
-                    f" {' and '.join(depends_on(one))}, and tables hold displacements by places"
-                    " alone"
-                )
-            elif effect.domain is None:
-                said.append(
-                    f"'{one.label}' states no domain: it counts over the box of this run, and"
-                    " whether it was learned there is not known"
-                )
-        return said
+        others = [
+            f"'{one.label}' is not compensated: it depends on {' and '.join(depends_on(one))}, and"
+            " tables hold displacements by places alone."
+            for one in self.model.effects
+            if isinstance(one.active.effect, LearnedShape) and not is_geometric(one)
+        ]
+        return [*others, *without_domain(one.active for one in self.effects)]
 
     def taken_off(self, measurement: Measurement) -> tuple[Measurement, tuple[str, ...]]:
         """Return lines without the learned displacements, and in words what was done.

@@ -1,5 +1,7 @@
 """Where a learned effect was seen: its ranges, what leaves them, and how files hold them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells_for_tests import make_cell, make_plan
@@ -9,8 +11,15 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.effects.catalogue import catalogue
 from stepdiag_ros.metrology.effects.description import active_effect, as_mapping
 from stepdiag_ros.metrology.effects.domain import Domain, Range
-from stepdiag_ros.metrology.effects.learned_shape import LearnedShape, quantities
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.effects.learned_shape import (
+    LearnedShape,
+    outside,
+    quantities,
+    without_domain,
+)
 from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.live_effects import check_measurable
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import planned_run
 
@@ -67,6 +76,20 @@ def test_what_leaves_a_domain_is_named():
     ((seen, here),) = BOX.left_by(stops(origin=(0.0, 0.0, -0.03)))
     assert seen.name == here.name == "Z_m" and here.low == pytest.approx(-0.03)
     assert "-20 to 40 mm" in seen.words
+
+
+def test_a_run_outside_a_domain_is_told_of_for_models_and_cells():
+    bent = ActiveEffect(LearnedShape(BOX), entry()["setting"], {"amplitude": 1e-6})
+    bare = replace(bent, effect=LearnedShape())
+    farther = stops(origin=(0.0, 0.0, -0.03))
+    (said,) = outside([bent, bare], farther)
+    assert "x^1 * z^1" in said and "-30 to 30 mm" in said and "X" not in said.split("over")[1]
+    assert outside([bent, bare], stops()) == ()
+    (unknown,) = without_domain([bent, bare])
+    assert "no domain" in unknown
+    cell = replace(make_cell(low=(-0.1, -0.1, -0.1), high=(0.2, 0.2, 0.2)), effects=(bent,))
+    assert check_measurable(make_plan(origin=(0.0, 0.0, -0.03)), cell) == (said,)
+    assert check_measurable(make_plan(origin=(0.0, 0.0, -0.02)), cell) == ()
 
 
 def entry(**more):

@@ -23,13 +23,13 @@ factor              value, with u the share of the travel of the axis, 0 to 1
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from stepdiag_ros.metrology.effects.domain import Domain, since_reversal
-from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -294,6 +294,37 @@ class LearnedShape(Effect):
         """Say for example ``learned shape along Y: x>0.5 * z>0.5``."""
         where = "in the reading" if setting["acts_on"] == READING else f"along {setting['acts_on']}"
         return f"{self.name} {where}: {setting['shape']}"
+
+
+def outside(effects: Iterable[ActiveEffect], stops: Stops) -> tuple[str, ...]:
+    """Say which learned effects a run takes beyond the domain in which they were learned.
+
+    Args:
+        effects: of a model or a cell; those that were not learned are passed over.
+        stops: of the run.
+    """
+    said = []
+    for one in effects:
+        domain = one.effect.domain if isinstance(one.effect, LearnedShape) else None
+        beyond = () if domain is None else domain.left_by(stops)
+        if beyond:
+            learned = ", ".join(seen.words for seen, _ in beyond)
+            here = ", ".join(run.words for _, run in beyond)
+            said.append(
+                f"'{one.effect.label(one.setting)}' is used outside its domain: it was learned over"
+                f" {learned}, and this run covers {here}."
+            )
+    return tuple(said)
+
+
+def without_domain(effects: Iterable[ActiveEffect]) -> tuple[str, ...]:
+    """Say of which learned effects it is not known where they were learned."""
+    return tuple(
+        f"'{one.effect.label(one.setting)}' states no domain: it counts over the box of this run,"
+        " and whether it was learned there is not known."
+        for one in effects
+        if isinstance(one.effect, LearnedShape) and one.effect.domain is None
+    )
 
 
 EFFECT = LearnedShape()
