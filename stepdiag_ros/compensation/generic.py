@@ -146,20 +146,27 @@ def content(identified: Identified) -> Document:
             name: spread.tolist() for name, spread in error_map.standard_uncertainty.items()
         },
         reversal={AXES[axis]: values.tolist() for axis, values in identified.reversal.items()},
-        learned=[
-            LearnedPart(
-                acts_on=one.acts_on,
-                shape=one.shape,
-                amplitude=one.amplitude,
-                box={AXES[axis]: ends for axis, ends in one.box.items()},
-            )
-            for one in error_map.learned
-        ],
-        learned_covariance=error_map.learned_covariance.tolist(),
         not_estimated=error_map.left_out,
         not_determined=error_map.not_determined,
         remarks=identified.remarks,
+        **_learned_content(error_map),
     )
+
+
+def _learned_content(error_map: VolumetricMap) -> dict[str, Any]:
+    """Return what a map has beside its curves, as fields of its document."""
+    if not error_map.learned:
+        return {}
+    parts = [
+        LearnedPart(
+            acts_on=one.acts_on,
+            shape=one.shape,
+            amplitude=one.amplitude,
+            box={AXES[axis]: ends for axis, ends in one.box.items()},
+        )
+        for one in error_map.learned
+    ]
+    return {"learned": parts, "learned_covariance": error_map.learned_covariance.tolist()}
 
 
 def map_from_text(text: str, source: str) -> Identified:

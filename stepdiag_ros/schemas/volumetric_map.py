@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from stepdiag_ros.schemas.origin import Origin
 from stepdiag_ros.schemas.parts import Numbers, Words, means, one_of
@@ -81,19 +81,27 @@ class Document:
             " 230-2), m; an axis whose reversal is not known is not there."
         ),
     ]
-    learned: Annotated[
-        Sequence[LearnedPart],
-        means(
-            "What was learned of the machine and is in no curve; each counts from the first corner"
-            " of the box, where the error is zero."
-        ),
-    ]
-    learned_covariance: Annotated[
-        Sequence[Numbers],
-        means("Covariance of the amplitudes of `learned`, m², row by row; null where not known."),
-    ]
     not_estimated: Annotated[
         Words, means("Rotations that the method did not estimate; they are not in the map.")
     ]
     not_determined: Annotated[Words, means("What the measured lines do not determine, in words.")]
     remarks: Annotated[Words, means("Remarks for the reader, in words.")]
+    learned: (
+        Annotated[
+            Sequence[LearnedPart],
+            means(
+                "What was learned of the machine and is in no curve; each counts from the first"
+                " corner of the box, where the error is zero."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    learned_covariance: (
+        Annotated[
+            Sequence[Numbers],
+            means(
+                "Covariance of the amplitudes of `learned`, m², row by row; null where not known."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET

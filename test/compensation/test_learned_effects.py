@@ -169,6 +169,17 @@ def test_the_map_holds_the_bend_and_its_uncertainty(learned, correction):
     assert wider == pytest.approx(np.array([[0.0, spread, 0.0]]))
 
 
+@pytest.mark.usefixtures("correction")
+def test_the_documents_fit_their_schemas(learned, validators):
+    bag, _ = learned
+    made = (bag.parent / "first_diagnosis" / "diagnosis.json", bag.parent / "map" / MAP)
+    for path in made:
+        document = json.loads(path.read_text())
+        assert not [error.message for error in validators[document["schema"]].iter_errors(document)]
+    extended = json.loads(made[0].read_text())["extended_model"]["effects"]
+    assert extended[0]["domain"].keys() == {"X_m", "Z_m"}
+
+
 @pytest.mark.parametrize(("name", "gains"), [("siemens", True), ("linuxcnc", False)])
 def test_tables_hold_the_part_that_depends_on_one_axis_and_say_so(learned, tmp_path, name, gains):
     bag, model = learned
