@@ -4,6 +4,7 @@ An error curve depends on the place of one axis. What depends on the places of s
 together, such as a bend in one quadrant, is beside the curves in a map (``volumetric_map``).
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -100,6 +101,15 @@ class LearnedDisplacement:
         own = self._of_axis(axis, np.asarray(positions, dtype=np.float64)) - self._means[axis]
         part: Vector = self.amplitude * float(np.prod(others)) * own
         return part
+
+    def kinks(self, axis: int) -> list[float]:
+        """Return the machine coordinates of an axis at which its slope changes at once, m."""
+        if axis not in self.box:
+            return []
+        low, high = self.box[axis]
+        bounds = re.compile(f"{AXES[axis].lower()}[<>](.+)")
+        found = (bounds.fullmatch(text) for text in factors(self.shape))
+        return [low + float(one[1]) * (high - low) for one in found if one]
 
     def _share(self, positions: Vector) -> Vector:
         share = np.zeros((len(positions), len(AXES)))

@@ -363,6 +363,11 @@ class VolumetricMap(CurveSet):
         """
         return places_of([_refined(nodes, between) for nodes in self.nodes])
 
+    def planes(self, axis: int) -> Vector:
+        """Return the places of an axis at which the slope of the errors may change at once, m."""
+        kinks = [place for one in self.learned for place in one.kinks(axis)]
+        return np.unique(np.concatenate([self.nodes[axis], kinks]))
+
     def some_nodes(self, most: int) -> Vector:
         """Return the nodes as places, m, shape (n, 3): of too many every second or third."""
         every = 1

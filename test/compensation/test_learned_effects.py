@@ -16,6 +16,8 @@ from refused import refused
 from stepdiag_ros import cli
 from stepdiag_ros.compensation import control
 from stepdiag_ros.compensation.generic import MAP, correction_from_file, map_from_text
+from stepdiag_ros.compensation.nc_division import Division
+from stepdiag_ros.compensation.nc_motion import LINE, Motion
 from stepdiag_ros.configuration import load_machine, load_model, plan_from_text
 from stepdiag_ros.evaluation.compensation import Learned
 from stepdiag_ros.metrology.discrepancy import CONSISTENT
@@ -195,6 +197,18 @@ def test_tables_hold_the_part_that_depends_on_one_axis_and_say_so(learned, tmp_p
     print(f"{name}: {1e6 * left['without']:.3f} µm, with the model {1e6 * left['with']:.3f} µm")
     # What the curves take up of the bend where it is not in the model is fitted to lines alone.
     assert left["with"] < left["without"] if gains else left["with"] < 1.05 * left["without"]
+
+
+def test_a_program_is_divided_at_the_kinks_of_a_shape(correction):
+    error_map = correction.error_map
+    middle = 0.5 * (LOW + HIGH)
+    bound = LearnedDisplacement("Y", "x>0.25 * z^2", 4e-6, {0: (LOW[0], HIGH[0]), 2: (0.0, 1.0)})
+    bent = replace(error_map, learned=(bound,), learned_covariance=np.zeros((1, 1)))
+    assert bent.planes(0) == pytest.approx(sorted([*error_map.nodes[0], 0.04]))
+    assert bent.planes(2) == pytest.approx(error_map.nodes[2])
+    ends = (np.array([end, *middle[1:]]) for end in (LOW[0], HIGH[0]))
+    kinks = Division(bent, 1e-6).kinks(Motion(LINE, *ends))
+    assert np.min(np.abs(kinks - 0.25)) < 1e-9
 
 
 def test_beyond_its_domain_nothing_is_compensated(learned, tmp_path, capsys):
