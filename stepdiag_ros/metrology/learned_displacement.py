@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.effects.learned_shape import (
     Places,
     driver,
     factors,
-    product,
+    product_of,
     quantities,
 )
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -80,7 +80,7 @@ class LearnedDisplacement:
 
     def product(self, positions: Vector) -> Vector:
         """Return the product of the shapes at machine coordinates (m, shape (n, 3)), shape (n,)."""
-        return product(self.shape, Places(self._share(positions)))
+        return product_of(self.shape, Places(self._share(positions)))
 
     def along(self, axis: int, positions: Vector) -> Vector:
         """Return what curves can hold of it by the place of one axis alone.
@@ -123,7 +123,7 @@ class LearnedDisplacement:
         places[:, axis] = positions
         share = Places(self._share(places))
         own = [text for text in factors(self.shape) if quantities(text) == (PLACES[axis],)]
-        return product(TIMES.join(own), share)
+        return product_of(TIMES.join(own), share)
 
     @cached_property
     def _means(self) -> dict[int, float]:

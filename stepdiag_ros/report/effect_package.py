@@ -287,7 +287,7 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
     imports = [
         *([f"{package}.domain import Domain, Range"] if box else []),
         f"{package}.effect import Change, Effect, Setting, Size",
-        f"{package}.learned_shape import product",
+        f"{package}.learned_shape import product_of",
         f"{package}.stops import Stops",
     ]
     made = [*(["stops = BOX.counted(stops)"] if box else []), *_change(terms)]
@@ -316,7 +316,7 @@ def _change(terms: Sequence[_Term]) -> list[str]:
         if own:
             made.append(f"{name} = np.zeros({zeros})")
             made += [
-                f'{_target(one)} += {_weight(one)}product("{one.shape}", stops)' for one in own
+                f'{_target(one)} += {_weight(one)}product_of("{one.shape}", stops)' for one in own
             ]
             parts.append(f'{part}=sizes["amplitude"] * {name}')
     return [*made, f"return Change({', '.join(parts)})"]

@@ -174,7 +174,7 @@ def factor(text: str, stops: Stops | Places) -> Vector:
     return np.asarray(value(stops, *groups), dtype=np.float64)
 
 
-def product(shape: str, stops: Stops | Places) -> Vector:
+def product_of(shape: str, stops: Stops | Places) -> Vector:
     """Return the product of the factors of a shape at each stop, shape (n,).
 
     Args:
@@ -285,7 +285,7 @@ class LearnedShape(Effect):
             ValueError: a factor does not exist.
         """
         seen = stops if self.domain is None else self.domain.counted(stops)
-        change = sizes["amplitude"] * product(str(setting["shape"]), seen)
+        change = sizes["amplitude"] * product_of(str(setting["shape"]), seen)
         if setting["acts_on"] == READING:
             return Change(reading=change)
         return Change.along(setting["acts_on"], change)
