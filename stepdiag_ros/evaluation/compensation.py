@@ -15,7 +15,8 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import with_chain, without_effects
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
-from stepdiag_ros.metrology.effects.learned_shape import LearnedShape, without_domain
+from stepdiag_ros.metrology.effects.learned_shape import Learned as LearnedEffect
+from stepdiag_ros.metrology.effects.learned_shape import without_domain
 from stepdiag_ros.metrology.learned_displacement import depends_on, displacements, is_geometric
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel, ModelEffect
@@ -67,10 +68,11 @@ class Learned:
     def warnings(self) -> list[str]:
         """Say which learned effects are not compensated, and where a domain is not known."""
         others = [
-            f"'{one.label}' is not compensated: it depends on {' and '.join(depends_on(one))}, and"
-            " tables hold displacements by places alone."
+            f"'{one.label}' is not compensated: it acts on {one.active.setting['acts_on']} and"
+            f" depends on {' and '.join(depends_on(one))}, and only displacements along X, Y or Z"
+            " by places alone are."
             for one in self.model.effects
-            if isinstance(one.active.effect, LearnedShape) and not is_geometric(one)
+            if isinstance(one.active.effect, LearnedEffect) and not is_geometric(one)
         ]
         return [*others, *without_domain(one.active for one in self.effects)]
 

@@ -129,6 +129,10 @@ _BY_HAND: tuple[tuple[str, str], ...] = (
     (r"creep ([xyz]) (.+)s", r'sense_\1 * np.exp(-since_reversal(stops, "\1") / \2)'),
     (r"t\^(\d)", r"(stops.time / 3600.0) ** \1"),
     (r"start (.+)s", r"np.exp(-stops.time / \1)"),
+    (
+        r"from (.+)s to (.+)s",
+        r"((stops.time >= \1) & (stops.time <= \2))",
+    ),
     (r"(sin|cos) t/(.+)s", r"np.\1(2.0 * np.pi * stops.time / \2)"),
     (
         r"(material|air)\^(\d)",
@@ -170,6 +174,13 @@ def package_of(
                 f"{source} holds no learned shape: 'stepdiag diagnose --extend' writes one for what"
                 " it has DESCRIBED",
                 fault="missing",
+            )
+    for one in effects:
+        if not isinstance(one.active.effect, LearnedShape):
+            raise Refusal(
+                f"'{one.label}' turns an axis: write such an effect by hand, as docs/effects.md"
+                " shows",
+                fault="unsupported",
             )
     terms = _terms(effects)
     domain = _domain(effects)

@@ -82,7 +82,7 @@ class Effect:
             Mapping[str, float],
             means(
                 "Of a learned shape: label of each that was learned together with it to the"
-                " covariance of both amplitudes, m²."
+                " covariance of both amplitudes, SI."
             ),
         ]
         | UnsetType

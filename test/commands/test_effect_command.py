@@ -22,6 +22,7 @@ EVERY = (
     ("Z", "z~0.4", {"Z_m": BOX["Z_m"]}),
     ("X", "creep x 40s", TURNED),
     ("Y", "t^2 * start 600s", {"time_s": [0.0, 900.0]}),
+    ("Y", "from 20s to 60s * x^1", {"time_s": [0.0, 900.0], "X_m": BOX["X_m"]}),
     ("Z", "sin t/300s * cos t/200s", {"time_s": [0.0, 900.0]}),
     (
         "reading",
@@ -126,6 +127,13 @@ def test_a_name_that_cannot_be_one_is_refused(tmp_path, name, fault):
 def test_a_model_that_has_learned_nothing_is_refused(tmp_path):
     path = tmp_path / "model.yaml"
     path.write_text("curves: free\n")
+    assert new("bend", "--model", path, "--output", tmp_path / "none") == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_rotation_is_left_to_be_written_by_hand(tmp_path):
+    path = model_of(tmp_path, (("E_AX", "x^1 * t^1", None),))
+    path.write_text(path.read_text().replace("learned shape", "learned rotation"))
     assert new("bend", "--model", path, "--output", tmp_path / "none") == 1
     assert not (tmp_path / "none").exists()
 

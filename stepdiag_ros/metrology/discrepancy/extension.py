@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, prove
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.effects.domain import Domain
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
-from stepdiag_ros.metrology.effects.learned_shape import LearnedShape, quantities
+from stepdiag_ros.metrology.effects.learned_shape import Learned, quantities
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
@@ -169,16 +169,16 @@ def named_effects(
 
 
 def _learned_here(candidate: Candidate, stops: Stops) -> Effect:
-    """Return the effect of a candidate; a learned shape with the domain in which it was seen."""
+    """Return the effect of a candidate; what is learned with its domain."""
     effect = candidate.effect
-    if not isinstance(effect, LearnedShape):
+    if not isinstance(effect, Learned):
         return effect
     names = quantities(str(candidate.setting["shape"]))
     return replace(effect, domain=Domain.of(names, stops))
 
 
 def _covariances(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
-    """Return the covariances of the first sizes of each two learned shapes, by their labels."""
+    """Return the covariances of the amplitudes that were learned together, by their labels."""
     rows = np.cumsum([0, *(len(one.candidate.effect.sizes) for one in diagnosis.findings)])
     learned = [
         (one.label, row)

@@ -1,6 +1,6 @@
 """Effects in configuration files: ``{effect: name, setting: {…}, sizes: {…}}``, SI units.
 
-A learned shape may state its ``domain`` besides (``domain``).
+What was learned may state its ``domain`` besides (``domain``).
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from typing import Any
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.effects.domain import Domain
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
-from stepdiag_ros.metrology.effects.learned_shape import LearnedShape, quantities
+from stepdiag_ros.metrology.effects.learned_shape import Learned, quantities
 from stepdiag_ros.metrology.refusal import Refusal
 
 
@@ -29,7 +29,7 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
     part = section.section("setting")
     setting = {key.name: _setting_value(part, key.name, key.kind) for key in effect.keys}
     part.finish()
-    if isinstance(effect, LearnedShape):
+    if isinstance(effect, Learned):
         effect = _within(effect, setting, section)
     part = section.section("sizes")
     given = part.keys()
@@ -55,8 +55,8 @@ def as_mapping(active: ActiveEffect) -> dict[str, Any]:
     }
 
 
-def _within(effect: LearnedShape, setting: Setting, section: Section) -> LearnedShape:
-    """Return a learned shape with the domain that its entry states, if it states one."""
+def _within(effect: Learned, setting: Setting, section: Section) -> Learned:
+    """Return what was learned with the domain that its entry states, if it states one."""
     names = quantities(str(setting["shape"]))
     if section.unknown("domain"):
         return effect
@@ -64,7 +64,7 @@ def _within(effect: LearnedShape, setting: Setting, section: Section) -> Learned
 
 
 def _domain_of(effect: Effect) -> dict[str, Any]:
-    if not isinstance(effect, LearnedShape) or effect.domain is None:
+    if not isinstance(effect, Learned) or effect.domain is None:
         return {}
     return {"domain": effect.domain.to_mapping()}
 

@@ -5,21 +5,22 @@ such products (``discrepancy.describe``): a displacement of the tool, or a chang
 that depends on a few quantities of the machine's state. Each factor is one word or two, so that a
 model file that holds the description can be read:
 
-==================  ==============================================================================
-factor              value, with u the share of the travel of the axis, 0 to 1
-==================  ==============================================================================
-``x^2``             u², here of X
-``x>0.5``           (u - 0.5)/0.5 beyond 0.5 and 0 below
-``x<0.5``           (0.5 - u)/0.5 below 0.5 and 0 beyond
-``x~0.5``           a spot: exp(-(u - 0.5)²/(2·0.1²))
-``sense x``         sense of the last move of X, -1 or 1
-``creep x 40s``     that sense, fading from the first stop after X turned round: exp(-t/40 s)
-``t^2``             (hours since the start of the run)²
-``start 600s``      exp(-t/600 s), t since the start of the run
-``sin t/300s``      sin(2π t/300 s); ``cos t/300s`` its cosine
-``material^1``      material temperature minus 20 °C, K
-``air^1``           air temperature minus 20 °C, K
-==================  ==============================================================================
+===================  =============================================================================
+factor               value, with u the share of the travel of the axis, 0 to 1
+===================  =============================================================================
+``x^2``              u², here of X
+``x>0.5``            (u - 0.5)/0.5 beyond 0.5 and 0 below
+``x<0.5``            (0.5 - u)/0.5 below 0.5 and 0 beyond
+``x~0.5``            a spot: exp(-(u - 0.5)²/(2·0.1²))
+``sense x``          sense of the last move of X, -1 or 1
+``creep x 40s``      that sense, fading from the first stop after X turned round: exp(-t/40 s)
+``t^2``              (hours since the start of the run)²
+``start 600s``       exp(-t/600 s), t since the start of the run
+``from 60s to 90s``  1 from 60 s to 90 s after the start of the run, and 0 before and after
+``sin t/300s``       sin(2π t/300 s); ``cos t/300s`` its cosine
+``material^1``       material temperature minus 20 °C, K
+``air^1``            air temperature minus 20 °C, K
+===================  =============================================================================
 """
 
 import re
@@ -90,6 +91,11 @@ def _start(stops: Stops, constant: str) -> Vector:
     return fading
 
 
+def _window(stops: Stops, begin: str, end: str) -> Vector:
+    inside: Vector = ((stops.time >= float(begin)) & (stops.time <= float(end))).astype(np.float64)
+    return inside
+
+
 def _wave(stops: Stops, kind: str, period: str) -> Vector:
     angle = 2.0 * np.pi * stops.time / float(period)
     wave: Vector = np.sin(angle) if kind == "sin" else np.cos(angle)
@@ -143,6 +149,7 @@ def _forms() -> Iterator[_Form]:
         time,
     )
     yield re.compile(rf"start {_NUMBER}s"), _start, lambda *_: "time", time
+    yield re.compile(rf"from {_NUMBER}s to {_NUMBER}s"), _window, lambda *_: "time", time
     yield (
         re.compile(rf"(sin|cos) t/{_NUMBER}s"),
         _wave,
@@ -256,8 +263,8 @@ def _form(
 
 
 @dataclass(frozen=True)
-class LearnedShape(Effect):
-    """A displacement of the tool, or a change of the reading, by a product of plain shapes.
+class Learned(Effect):
+    """Something that was described by a product of plain shapes, with one amplitude.
 
     Attributes:
         domain: where it was seen; the shapes of places count over its box. None if not known:
@@ -266,26 +273,40 @@ class LearnedShape(Effect):
 
     domain: Domain | None = None
 
-    name = "learned shape"
-    sentence = "Something acts that has no name yet; it was described by what it depends on."
     source = "learned from runs of the machine (docs/diagnose.md)"
-    keys = (Key("acts_on", (*AXES, READING)), Key("shape", str))
-    sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the product of the shapes is 1"),)
     learned = True
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
-        """Yield nothing: a learned shape is described, not tried."""
+        """Yield nothing: what is learned is described, not tried."""
         del stops
         return iter(())
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
-        """Return amplitude times the product of the factors, along an axis or in the reading.
+    def amount(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Vector:
+        """Return amplitude times the product of the factors at each stop, shape (n,).
 
         Raises:
             ValueError: a factor does not exist.
         """
         seen = stops if self.domain is None else self.domain.counted(stops)
-        change = sizes["amplitude"] * product_of(str(setting["shape"]), seen)
+        amount: Vector = sizes["amplitude"] * product_of(str(setting["shape"]), seen)
+        return amount
+
+
+class LearnedShape(Learned):
+    """A displacement of the tool, or a change of the reading, by a product of plain shapes."""
+
+    name = "learned shape"
+    sentence = "Something acts that has no name yet; it was described by what it depends on."
+    keys = (Key("acts_on", (*AXES, READING)), Key("shape", str))
+    sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the product of the shapes is 1"),)
+
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
+        """Return the displacement along an axis, or the change of the reading.
+
+        Raises:
+            ValueError: a factor does not exist.
+        """
+        change = self.amount(setting, sizes, stops)
         if setting["acts_on"] == READING:
             return Change(reading=change)
         return Change.along(setting["acts_on"], change)
@@ -305,7 +326,7 @@ def outside(effects: Iterable[ActiveEffect], stops: Stops) -> tuple[str, ...]:
     """
     said = []
     for one in effects:
-        domain = one.effect.domain if isinstance(one.effect, LearnedShape) else None
+        domain = one.effect.domain if isinstance(one.effect, Learned) else None
         beyond = () if domain is None else domain.left_by(stops)
         if beyond:
             learned = ", ".join(seen.words for seen, _ in beyond)
@@ -323,7 +344,7 @@ def without_domain(effects: Iterable[ActiveEffect]) -> tuple[str, ...]:
         f"'{one.effect.label(one.setting)}' states no domain: it counts over the box of this run,"
         " and whether it was learned there is not known."
         for one in effects
-        if isinstance(one.effect, LearnedShape) and one.effect.domain is None
+        if isinstance(one.effect, Learned) and one.effect.domain is None
     )
 
 
