@@ -6,6 +6,7 @@ from is judged, not repeated.
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,17 +85,22 @@ def twin() -> str:
 
 @dataclass(frozen=True)
 class Stood:
-    """Where the motors stood at the stops of a run, where they should have, and what was told."""
+    """Where the motors stood at the stops of a run, where they should have, and what was told.
+
+    ``beyond``: displacement of the tool that is not in the cell's error curves, of places; m.
+    """
 
     run: RecordedRun
     target: np.ndarray
     motors: np.ndarray
     linear: np.ndarray
     told: np.ndarray
+    beyond: Callable[[np.ndarray], np.ndarray] | None = None
 
     def tool_errors(self) -> np.ndarray:
         cell = cell_from_text(self.run.cell_text, "cell")
-        return tool_point(self.motors, cell.errors, cell.chain)[0] - self.target
+        moved = 0.0 if self.beyond is None else self.beyond(self.motors)
+        return tool_point(self.motors, cell.errors, cell.chain)[0] + moved - self.target
 
     def positioning(self) -> list[float]:
         """Return the range of the true positioning error of each axis along its linear line."""

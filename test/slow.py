@@ -71,6 +71,7 @@ SLOW: dict[str, tuple[str, ...]] = {
     "metrology/tracker/test_pass_agreement.py::test_machines_with_every_kind*": (),
     "metrology/tracker/test_tracker_coverage.py::test_bands_are_not_so_wide*": (),
     "nodes/test_fast_stream.py*": CELL,
+    "nodes/test_learned_effect_live.py*": (*CELL, "compensation", "metrology"),
     "nodes/test_target_correction_live.py*": (*CELL, "compensation", "metrology"),
     "nodes/test_tracker_run.py*": (*CELL, "metrology"),
     "nodes/test_faults.py::test_a_killed_node_stops*": CELL,

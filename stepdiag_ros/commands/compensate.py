@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.compensation.applied import TableSet
     from stepdiag_ros.compensation.control import Control, Files
     from stepdiag_ros.compensation.identified import Identified
-    from stepdiag_ros.evaluation.compensation import CompensationReport
+    from stepdiag_ros.evaluation.compensation import CompensationReport, Learned
 
 _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
@@ -31,6 +31,7 @@ examples:
   stepdiag compensate run.mcap --for siemens --set axes=MX1,MY1,MZ1 --set tables=12 --output tables
   stepdiag compensate run_results/results.json --for fanuc --spacing 10 --reference 500 0 300
   stepdiag compensate run.mcap --for generic     the error map, for target correction by the bridge
+  stepdiag compensate run.mcap --for generic --model mill.yaml    with what was learned beside it
   stepdiag compensate second.mcap --for linuxcnc --on-top-of first_for_linuxcnc"""
 
 
@@ -56,6 +57,27 @@ def _add_options(parser: ArgumentParser) -> None:
     )
     add_common(parser, "method")
     add_common(parser, "run")
+    parser.add_argument(
+        "--model",
+        metavar="MODEL",
+        help="model of the machine (YAML), by path or name: its learned displacements are"
+        " compensated too, as far as the control can hold them",
+    )
+    _add_table_options(parser)
+    parser.add_argument(
+        "--on-top-of",
+        type=Path,
+        metavar="FOLDER",
+        help="tables that were active during the run: the new ones contain them",
+    )
+    add_seal_option(parser)
+    add_despite_option(parser)
+    add_common(parser, "json")
+    add_common(parser, "pictures", help="format of the picture, or none (default: png)")
+
+
+def _add_table_options(parser: ArgumentParser) -> None:
+    """Add the options that say how the tables of a control are made."""
     parser.add_argument(
         "--spacing",
         type=float,
@@ -83,16 +105,6 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--settings", dest="list_settings", action="store_true", help="list the control's settings"
     )
-    parser.add_argument(
-        "--on-top-of",
-        type=Path,
-        metavar="FOLDER",
-        help="tables that were active during the run: the new ones contain them",
-    )
-    add_seal_option(parser)
-    add_despite_option(parser)
-    add_common(parser, "json")
-    add_common(parser, "pictures", help="format of the picture, or none (default: png)")
 
 
 def add_seal_option(parser: ArgumentParser) -> None:
@@ -227,8 +239,9 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
     x, y, z = (value * MILLI for value in arguments.reference)
     before = _tables_before(chosen, arguments.on_top_of)
     refuse_unsealed(arguments, arguments.result)
+    learned = _learned(arguments.model)
     identified = permitted(
-        load_identified(arguments.result, arguments.method, arguments.run_id),
+        load_identified(arguments.result, arguments.method, arguments.run_id, learned),
         *(arguments.result, arguments.despite_verdict, chosen, settings),
     )
     layout = Layout(
@@ -242,13 +255,36 @@ def report_of(chosen: "Control", arguments: Namespace) -> "CompensationReport":
         return compensation_of(chosen, identified, layout, str(arguments.on_top_of or ""))
 
 
-def load_identified(path: Path, method: str = "", run_id: str | None = None) -> "Identified":
+def _learned(model: str | None) -> "Learned | None":
+    """Return what a model adds to the curves; None without a model."""
+    from hashlib import sha256
+
+    from stepdiag_ros.configuration import load_model
+    from stepdiag_ros.evaluation.compensation import Learned
+
+    if model is None:
+        return None
+    loaded, text = load_model(model)
+    digest = sha256(text.encode()).hexdigest()
+    learned = Learned(loaded, f"the model {Path(model).name} (SHA-256 {digest})")
+    for said in learned.warnings():
+        warn(f"{model}: {said}")
+    return learned
+
+
+def load_identified(
+    path: Path,
+    method: str = "",
+    run_id: str | None = None,
+    learned: "Learned | None" = None,
+) -> "Identified":
     """Return the errors in a bag or in a ``results.json``.
 
     Args:
         path: of the file.
         method: of the solver; empty: the one to rely on.
         run_id: which run, where a bag holds several.
+        learned: what a model adds to the curves; needs the lines in a bag.
 
     Raises:
         ValueError: it cannot be read or solved, or does not have the method; one sentence.
@@ -258,14 +294,21 @@ def load_identified(path: Path, method: str = "", run_id: str | None = None) -> 
     from stepdiag_ros.evaluation.compensation import identified_of
 
     if not is_bag(path):
+        if learned is not None:
+            raise ValueError(
+                f"{path} holds no lines, which --model needs to take its effects off: give the bag"
+                " (.mcap) instead"
+            )
         return from_results_file(path, method, sha256_of(path))
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
 
     with progress_bar(f"reading {path.name}") as progress:
         recorded = load_run(path, run_id)
-        report = report_of_run(recorded, progress, warn=warn, with_verdict=True)
-    return identified_of(report, recorded.start_time, method)
+        correct = None if learned is None else learned.taken_off
+        report = report_of_run(recorded, progress, warn=warn, correct=correct, with_verdict=True)
+    added = () if learned is None else learned.effects
+    return identified_of(report, recorded.start_time, method, learned=added)
 
 
 def _header(identified: "Identified") -> tuple[str, ...]:

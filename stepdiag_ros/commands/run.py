@@ -12,6 +12,7 @@ from stepdiag_ros.commands.output import (
     number,
     progress_bar,
     say,
+    warn,
     warn_of_undetermined,
 )
 from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
@@ -141,7 +142,8 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
     beyond = beyond_machine(test_plan, model)
     if beyond:
         raise ValueError(f"{plan} cannot be executed on {machine}: {beyond}")
-    check_measurable(test_plan, truth)
+    for text in check_measurable(test_plan, truth):
+        warn(f"{cell}: {text}")
     warn_of_undetermined(test_plan)
     correction = ""
     if arguments.correction is not None:

@@ -21,11 +21,12 @@ from stepdiag_ros.compensation.control import ControlSetting, Files, Layout
 from stepdiag_ros.compensation.identified import Identified, Origin, known_numbers
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.learned_displacement import LearnedDisplacement
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.schemas.origin import origin_of
-from stepdiag_ros.schemas.volumetric_map import Document, Nodes
+from stepdiag_ros.schemas.volumetric_map import Document, LearnedPart, Nodes
 from stepdiag_ros.text.controls import Comment
 from stepdiag_ros.text.intake import parse_json
 
@@ -117,7 +118,7 @@ class _Generic:
         notes = "".join(f"{line}\n" for line in layout.comments(COMMENT))
         files = {
             MAP: schemas.json_text(schemas.document("volumetric_map", content(identified))) + "\n",
-            CURVES_TABLE: notes + _curves(error_map),
+            CURVES_TABLE: notes + _beside_curves(error_map) + _curves(error_map),
         }
         if np.prod([len(nodes) for nodes in error_map.nodes]) <= MOST_ROWS:
             files[GRID_TABLE] = notes + _grid(error_map)
@@ -148,7 +149,24 @@ def content(identified: Identified) -> Document:
         not_estimated=error_map.left_out,
         not_determined=error_map.not_determined,
         remarks=identified.remarks,
+        **_learned_content(error_map),
     )
+
+
+def _learned_content(error_map: VolumetricMap) -> dict[str, Any]:
+    """Return what a map has beside its curves, as fields of its document."""
+    if not error_map.learned:
+        return {}
+    parts = [
+        LearnedPart(
+            acts_on=one.acts_on,
+            shape=one.shape,
+            amplitude=one.amplitude,
+            box={AXES[axis]: ends for axis, ends in one.box.items()},
+        )
+        for one in error_map.learned
+    ]
+    return {"learned": parts, "learned_covariance": error_map.learned_covariance.tolist()}
 
 
 def map_from_text(text: str, source: str) -> Identified:
@@ -181,6 +199,7 @@ def map_from_text(text: str, source: str) -> Identified:
             chain=document["chain"] or "",
             frame=document["frame"],
             not_determined=tuple(document["not_determined"]),
+            **_learned(document),
         )
         reversal = {
             AXES.index(letter): known_numbers(values)
@@ -201,6 +220,24 @@ def map_from_text(text: str, source: str) -> Identified:
         raise Refusal(f"{source}: {missing} is missing", fault="missing") from None
     except (TypeError, AttributeError, ValueError) as error:
         raise Refusal(f"{source}: {error}", **fields_of(error)) from None
+
+
+def _learned(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a map has beside its curves; maps of earlier versions have nothing there."""
+    parts = document.get("learned", ())
+    if not parts:
+        return {}
+    made = tuple(
+        LearnedDisplacement(
+            part["acts_on"],
+            part["shape"],
+            float(part["amplitude"]),
+            {AXES.index(letter): (low, high) for letter, (low, high) in part["box"].items()},
+        )
+        for part in parts
+    )
+    rows = [known_numbers(row) for row in document["learned_covariance"]]
+    return {"learned": made, "learned_covariance": np.array(rows)}
 
 
 def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
@@ -238,6 +275,14 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
         sha256=hashlib.sha256(data).hexdigest(),
         made_from=" ".join(part for part in (origin.file, origin.run_id) if part),
     )
+
+
+def _beside_curves(error_map: VolumetricMap) -> str:
+    """Say in the table of curves what the map has beside them."""
+    if not error_map.learned:
+        return ""
+    told = f"learned displacements beside these curves: {len(error_map.learned)}, see {MAP}"
+    return "".join(f"{line}\n" for line in COMMENT.lines(told))
 
 
 def _curves(error_map: VolumetricMap) -> str:

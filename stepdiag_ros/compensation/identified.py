@@ -13,7 +13,9 @@ from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
 from stepdiag_ros.metrology.geometry import AXES, FRAME, Vector
+from stepdiag_ros.metrology.learned_displacement import covariance_of, displacements
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.model import ModelEffect
 from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
@@ -139,6 +141,7 @@ def identify(
     remarks: Sequence[str] = (),
     verdict: Verdict | None = None,
     passes: Completeness | None = None,
+    learned: Sequence[ModelEffect] = (),
 ) -> Identified:
     """Return what a result says, with the reversal errors of the lines that it was solved from.
 
@@ -150,11 +153,12 @@ def identify(
         remarks: about the run.
         verdict: on the run, of a diagnosis; None if it was not diagnosed.
         passes: how much of the run is there; None if that is not known.
+        learned: displacements that were taken off the lines before they were solved.
 
     Raises:
         ValueError: the result is not enough for a map; the text says what is missing.
     """
-    error_map = VolumetricMap.of_result(result, chain)
+    error_map = with_learned(VolumetricMap.of_result(result, chain), learned)
     reversal: dict[int, Vector] = {}
     said = [*remarks, *result.remarks]
     for runs in () if measurement is None else all_runs(measurement):
@@ -177,6 +181,19 @@ def identify(
         origin = replace(origin, verdict=known.words)
     told = tuple(dict.fromkeys(said))
     return Identified(error_map, reversal, origin, told, warning, known, passes)
+
+
+def with_learned(error_map: VolumetricMap, learned: Sequence[ModelEffect]) -> VolumetricMap:
+    """Return a map with learned displacements beside its curves.
+
+    Raises:
+        ValueError: the map reaches beyond the domain in which one was learned.
+    """
+    return replace(
+        error_map,
+        learned=displacements(learned, error_map.low, error_map.high),
+        learned_covariance=covariance_of(learned),
+    )
 
 
 def _disagreement(result: VolumetricErrors, agreement: Misfit) -> str:
@@ -342,13 +359,11 @@ def known_numbers(values: Sequence[float | None]) -> Vector:
 
 
 def curve_at(identified: Identified, name: str, positions: Vector) -> Vector:
-    """Return an error curve at positions of its axis, straight between nodes, constant beyond.
+    """Return an error curve, with what it can hold of learned errors, at positions of its axis.
 
     Args:
         identified: the errors.
         name: of the curve, such as E_YX.
         positions: m, shape (n,).
     """
-    nodes = identified.error_map.nodes_of(name)
-    values: Vector = np.interp(positions, nodes, identified.error_map.curves[name])
-    return values
+    return identified.error_map.held_by_curves(name, positions)

@@ -3,10 +3,10 @@
 A control moves its axes straight from one corrected place to the next. The tool is then at
 q + e(q), and what remains of the error at a part t of the way is q(t) + e(q(t)) - w(t), with w the
 wanted way (line or arc). The map is made of curves that are straight between nodes, times levers
-that change evenly along a line: between two planes of nodes the remaining error is a low
-polynomial of t. It is looked at in ``POINTS`` places of every piece and at the planes of nodes; of
-a parabola over a piece these miss 1 / POINTS² of its height at most, less than 2 %, and a
-reserve of 5 % is kept.
+that change evenly along a line, and of learned shapes that are smooth between their kinks: between
+two planes of nodes or kinks the remaining error is a low polynomial of t, or nearly so. It is
+looked at in ``POINTS`` places of every piece and at these planes; of a parabola over a piece these
+miss 1 / POINTS² of its height at most, less than 2 %, and a reserve of 5 % is kept.
 """
 
 from collections.abc import Callable
@@ -95,11 +95,12 @@ class Division:
         return float(np.max(np.linalg.norm(errors, axis=1)))
 
     def kinks(self, motion: Motion) -> Vector:
-        """Return the parts of a way at which it crosses planes of nodes, shape (n,)."""
+        """Return the parts of a way at which it crosses planes of nodes or kinks, shape (n,)."""
         if motion.arc is not None:
             return self._kinks_of_arc(motion)
         found = []
-        for axis, nodes in enumerate(self.error_map.nodes):
+        for axis in range(3):
+            nodes = self.error_map.planes(axis)
             way = motion.end[axis] - motion.start[axis]
             if way != 0.0:
                 part = (nodes - motion.start[axis]) / way
@@ -111,7 +112,8 @@ class Division:
         part = np.linspace(0.0, 1.0, 721)
         places = motion.at(part)
         found = []
-        for axis, nodes in enumerate(self.error_map.nodes):
+        for axis in range(3):
+            nodes = self.error_map.planes(axis)
             cell = np.searchsorted(nodes, places[:, axis])
             for step in np.flatnonzero(np.diff(cell)):
                 node = nodes[min(cell[step], cell[step + 1])]

@@ -22,6 +22,10 @@ from stepdiag_ros.metrology.effects.squareness import EFFECT as SQUARENESS_ERROR
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS
 
 DESPITE = "--despite-verdict"
+LEARN_FIRST = (
+    "What depends on places alone is compensated if a model holds it ('stepdiag diagnose"
+    " --extend MODEL', then --model MODEL)"
+)
 _ANGULAR = "angular error"
 
 
@@ -64,7 +68,10 @@ def permission(
     if overruled:
         return TablePermission(f"these errors were taken over despite the verdict {overruled}")
     if verdict.name in (UNEXPLAINED, DESCRIBED):
-        return TablePermission(f"the verdict on the run is {verdict.name}: {verdict.sentence}")
+        how = f". {LEARN_FIRST}" if verdict.name == DESCRIBED else ""
+        return TablePermission(
+            f"the verdict on the run is {verdict.name}: {verdict.sentence.rstrip('.')}{how}"
+        )
     reversal = control is not None and control.holds_reversal(settings or {})
     left = not_held(verdict, identified, reversal)
     if left:

@@ -1,7 +1,10 @@
 """From a solved run to what is compensated, and from that to tables and what these leave."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
+
+import numpy as np
 
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.compensation.applied import Applied, Beyond
@@ -10,7 +13,15 @@ from stepdiag_ros.compensation.identified import Identified, Origin, identify
 from stepdiag_ros.compensation.remaining import Remainder, remainder
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import one_thread
+from stepdiag_ros.metrology.discrepancy.extension import with_chain, without_effects
+from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.effects.learned_shape import Learned as LearnedEffect
+from stepdiag_ros.metrology.effects.learned_shape import without_domain
+from stepdiag_ros.metrology.learned_displacement import depends_on, displacements, is_geometric
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.model import MachineModel, ModelEffect
 from stepdiag_ros.metrology.solvers.catalogue import require_to_rely_on
+from stepdiag_ros.metrology.units import IN_MICRO
 
 ANY_DATE = 1e8
 """s since 1970: no run that was recorded is older."""
@@ -37,8 +48,60 @@ class CompensationReport:
     on_top_of: str = ""
 
 
+@dataclass(frozen=True)
+class Learned:
+    """What compensation takes from a model of the machine: its geometric learned effects.
+
+    Attributes:
+        model: of the machine.
+        source: the model in words, for sentences.
+    """
+
+    model: MachineModel
+    source: str
+
+    @property
+    def effects(self) -> tuple[ModelEffect, ...]:
+        """Return the learned displacements by places alone."""
+        return tuple(effect for effect in self.model.effects if is_geometric(effect))
+
+    def warnings(self) -> list[str]:
+        """Say which learned effects are not compensated, and where a domain is not known."""
+        others = [
+            f"'{one.label}' is not compensated: it acts on {one.active.setting['acts_on']} and"
+            f" depends on {' and '.join(depends_on(one))}, and only displacements along X, Y or Z"
+            " by places alone are."
+            for one in self.model.effects
+            if isinstance(one.active.effect, LearnedEffect) and not is_geometric(one)
+        ]
+        return [*others, *without_domain(one.active for one in self.effects)]
+
+    def taken_off(self, measurement: Measurement) -> tuple[Measurement, tuple[str, ...]]:
+        """Return lines without the learned displacements, and in words what was done.
+
+        Raises:
+            ValueError: the run is of another machine than the model, or reaches beyond the domain
+                in which an effect was learned.
+        """
+        known = with_chain(measurement, self.model)
+        nodes = known.volume.all_nodes
+        low, high = (np.array([axis[end] for axis in nodes]) for end in (0, -1))
+        displacements(self.effects, low, high)
+        active: list[ActiveEffect] = [one.active for one in self.effects]
+        words = tuple(
+            f"{one.label} ({one.active.sizes['amplitude'] * IN_MICRO:.3f} µm) is taken from"
+            f" {self.source}, off the lines before they were solved, and beside the curves"
+            for one in self.effects
+        )
+        return without_effects(known, active), words
+
+
 def identified_of(
-    report: Report, start_time: int, method: str = "", sha256: str | None = None
+    report: Report,
+    start_time: int,
+    method: str = "",
+    sha256: str | None = None,
+    learned: Sequence[ModelEffect] = (),
 ) -> Identified:
     """Return the errors that a solved run has determined, with their origin.
 
@@ -47,6 +110,7 @@ def identified_of(
         start_time: of the run, ns.
         method: of the solver; empty: the one to rely on.
         sha256: of the bag, where it was computed already.
+        learned: displacements that were taken off the lines before they were solved.
 
     Raises:
         ValueError: no method could be used, or not this one, or the result is not enough for an
@@ -80,6 +144,7 @@ def identified_of(
             *(result, report.chain, report.measurement, origin, report.remarks),
             verdict=report.verdict,
             passes=report.passes,
+            learned=learned,
         )
 
 

@@ -7,7 +7,12 @@ from dataclasses import dataclass, replace
 
 from stepdiag_ros import __version__
 from stepdiag_ros.configuration import model_from_text
-from stepdiag_ros.evaluation.diagnosis import NO_CHAIN, DiagnosisReport, rms_and_largest
+from stepdiag_ros.evaluation.diagnosis import (
+    NO_CHAIN,
+    DiagnosisReport,
+    model_remarks,
+    rms_and_largest,
+)
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, with_chain
@@ -212,6 +217,7 @@ def _remarks(measurement: Measurement, reference: Reference, plan: Plan) -> Iter
     if not (measurement.chain or reference.model.chain):
         yield NO_CHAIN
     measured = {line.line_index for line in measurement.lines}
+    yield from model_remarks(measurement, reference.model)
     missing = [line for index, line in enumerate(plan.lines) if index not in measured]
     if missing:
         names = ", ".join(dict.fromkeys(line.name for line in missing))

@@ -19,10 +19,12 @@ from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.discrepancy.proposal import ExtraPlan
 from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.effects.learned_shape import outside, without_domain
+from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, Provenance
+from stepdiag_ros.metrology.model import FITTED, FIXED, TOGETHER, MachineModel, Provenance
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
@@ -101,6 +103,17 @@ def rms_and_largest(residual: Vector) -> tuple[float, float]:
     return float(np.sqrt(np.mean(known**2))), float(np.max(np.abs(known)))
 
 
+def model_remarks(measurement: Measurement, model: MachineModel) -> tuple[str, ...]:
+    """Say where a run takes the learned effects of a model outside their domains, if it does.
+
+    Args:
+        measurement: the run, at least one line.
+        model: with which it is compared.
+    """
+    active = [effect.active for effect in model.effects]
+    return (*outside(active, stops_of(measurement)), *without_domain(active))
+
+
 @dataclass(frozen=True)
 class Ask:
     """Conditions of an extra plan.
@@ -162,10 +175,10 @@ def build_diagnosis(
             ModelComparison(measured, tuple(catalogue.values()), seed, tell),
             model,
             Provenance(
-                bag=" + ".join(
+                bag=TOGETHER.join(
                     [*([] if bag is None else [bag.name]), *(one.path.name for one in others)]
                 ),
-                sha256=" + ".join([sha256, *(one.sha256 for one in others)]),
+                sha256=TOGETHER.join([sha256, *(one.sha256 for one in others)]),
                 date=date,
             ),
             status,
@@ -185,7 +198,7 @@ def build_diagnosis(
         rounds=made.rounds,
         held_out=made.held_out,
         curves=curves,
-        remarks=(*remarks, *chainless),
+        remarks=(*remarks, *chainless, *model_remarks(measured, model)),
         further=others,
     )
     if ask is None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.refusal import Refusal
 
 Vector = NDArray[np.float64]
+EDGE = 1e-9
+"""m: a place so little beyond a range is on its edge; coordinates in files are rounded."""
 
 AXES = ("X", "Y", "Z")
 LINEAR_LINES = ("x", "y", "z")

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.effects.learned_shape import outside
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import Plan
@@ -18,16 +19,18 @@ from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.simulation import planned_run, read_again
 
 
-def check_measurable(plan: Plan, cell: SimulatedCell) -> None:
+def check_measurable(plan: Plan, cell: SimulatedCell) -> tuple[str, ...]:
     """Refuse a plan that cannot be measured on a simulated cell, before anything moves.
+
+    Returns:
+        sentences about learned effects that the plan takes outside their domains.
 
     Raises:
         ValueError: a stop is where the cell's errors are not given, or an effect cannot act.
     """
     for line in plan.lines:
         cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
-    if cell.effects:
-        LiveEffects(plan, cell)
+    return LiveEffects(plan, cell).outside if cell.effects else ()
 
 
 class LiveEffects:
@@ -36,6 +39,9 @@ class LiveEffects:
     Args:
         plan: of the run.
         cell: the true errors.
+
+    Attributes:
+        outside: sentences about learned effects that the plan takes outside their domains.
 
     Raises:
         ValueError: an effect cannot act in this plan; says which and why.
@@ -66,6 +72,7 @@ class LiveEffects:
                     f" '{plan.name}': {error}",
                     **fields_of(error),
                 ) from None
+        self.outside = outside(self._effects, self._stops)
 
     def at(
         self,

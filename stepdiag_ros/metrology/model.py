@@ -20,6 +20,8 @@ from stepdiag_ros.metrology.refusal import Refusal
 FREE = "free"
 FIXED, FITTED = "fixed", "fitted"
 STATUSES = (FIXED, FITTED)
+TOGETHER = " + "
+"""Between the files, or their digests, of runs that were diagnosed together."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,15 @@ class ModelEffect:
         standard_uncertainty: of each size, SI; NaN if unknown.
         status: ``fixed``: the sizes hold; ``fitted``: every run determines its own sizes.
         provenance: where it comes from.
+        covariance: with effects that were learned together with it: label → covariance of the first
+            sizes of both, SI.
     """
 
     active: ActiveEffect
     standard_uncertainty: Mapping[str, float]
     status: str = FIXED
     provenance: Provenance = field(default_factory=Provenance)
+    covariance: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -179,8 +184,10 @@ def _effect(
     uncertain.finish()
     status = section.names("status", STATUSES, default=FIXED)[0]
     provenance = _provenance(section, entry)
+    beside = section.section("covariance")
+    covariance = {label: beside.number(label) for label in beside.keys()}  # noqa: SIM118
     section.finish()
-    return ModelEffect(active, uncertainty, status, provenance)
+    return ModelEffect(active, uncertainty, status, provenance, covariance)
 
 
 def _provenance(section: Section, entry: Mapping[str, Any]) -> Provenance:
@@ -195,9 +202,11 @@ def _provenance(section: Section, entry: Mapping[str, Any]) -> Provenance:
     )
     part.finish()
     digits = set("0123456789abcdef")
-    if made.sha256 and (len(made.sha256) != 64 or not set(made.sha256) <= digits):
+    each = made.sha256.split(TOGETHER) if made.sha256 else []
+    if any(len(one) != 64 or not set(one) <= digits for one in each):
         raise Refusal(
-            f"{part.source}: 'sha256' is '{made.sha256}'; expected 64 hexadecimal digits",
+            f"{part.source}: 'sha256' is '{made.sha256}'; expected 64 hexadecimal digits, of"
+            f" several files with '{TOGETHER}' between",
             fault="malformed",
         )
     return made
@@ -212,4 +221,5 @@ def _effect_mapping(effect: ModelEffect) -> dict[str, Any]:
         },
         "status": effect.status,
         "provenance": {name: text for name, text in vars(effect.provenance).items() if text},
+        **({"covariance": dict(effect.covariance)} if effect.covariance else {}),
     }

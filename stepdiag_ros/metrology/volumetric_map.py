@@ -10,6 +10,9 @@ everywhere, a rotation where an axis after it in the chain is away from the firs
 that the method did not estimate at all are not in it; ``left_out`` names them. Their influence
 is in the uncertainty: as the result states, with what they did to its curves, or else as large as
 is plausible (``metrology.plausible``).
+
+A displacement that depends on the places of several axes together is in no curve. Where one was
+learned (``learned_displacement``), the map has it beside the curves, from the first corner on.
 """
 
 from collections.abc import Mapping
@@ -26,19 +29,19 @@ from stepdiag_ros.metrology.geometry import (
     AXES,
     CHAINS,
     CURVES,
+    EDGE,
     FRAME,
     ROTATIONS,
     TRANSLATIONS,
     Vector,
     moving_axis,
     places_of,
+    translation,
 )
+from stepdiag_ros.metrology.learned_displacement import LearnedDisplacement
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-
-EDGE = 1e-9
-"""m: a place so little beyond the box is on its edge; coordinates in files are rounded."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class VolumetricMap(CurveSet):
             known.
         turned_factor: of all eighteen, see ``VolumetricErrors``; empty if not known.
         plausible: how large rotations are of which nothing else is known.
+        learned: displacements beside the curves.
+        learned_covariance: of the amplitudes of these, m², shape (k, k); NaN where not known.
 
     Raises:
         ValueError: nodes that do not ascend, an unknown or missing curve, a wrong number of values,
@@ -71,11 +76,22 @@ class VolumetricMap(CurveSet):
         default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
     )
     plausible: Plausible = ORDINARY
+    learned: tuple[LearnedDisplacement, ...] = ()
+    learned_covariance: Vector = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         require_nodes(self.nodes)
         for name, values in (*self.curves.items(), *self.standard_uncertainty.items()):
             require_curve(name, values, self.nodes)
+        count = len(self.learned)
+        if self.learned_covariance.shape != (count, count):
+            raise Refusal(
+                f"the covariance of {count} learned displacements is not {count} rows of {count}",
+                fault="mismatch",
+                aspect="learned",
+            )
         missing = [name for name in TRANSLATIONS if name not in self.curves]
         if missing:
             raise Refusal(
@@ -162,7 +178,8 @@ class VolumetricMap(CurveSet):
     def errors(self, positions: Vector) -> Vector:
         """Return the error vectors at some places, m, shape (n, 3); NaN where not known.
 
-        Between nodes the curves are straight. Outside the box nothing is known.
+        Between nodes the curves are straight; what was learned beside them follows its formula.
+        Outside the box nothing is known.
 
         Args:
             positions: machine coordinates, m, shape (n, 3).
@@ -172,6 +189,8 @@ class VolumetricMap(CurveSet):
         errors, zero = self._forward
         actual, _ = tool_point(ways, errors, self.chain or CHAINS[0])
         vectors: Vector = actual - ways - zero
+        for one, weights in zip(self.learned, self._learned_weights(places).T, strict=True):
+            vectors[:, one.axis] += one.amplitude * weights
         vectors[self._unknown(ways) | ~self.inside(places)] = nan
         return vectors
 
@@ -191,7 +210,9 @@ class VolumetricMap(CurveSet):
 
         By the law of propagation (JCGM 100:2008, 5.2), to first order, with the covariance of the
         curves and what the rotations do that are left out; NaN where that or the error is not
-        known. That the map is straight between nodes is not in it.
+        known. That the map is straight between nodes is not in it. What was learned counts as
+        independent of the curves: they take up a part of an error of its amplitude, so that this
+        is rather too much.
 
         Args:
             positions: machine coordinates, m, shape (n, 3).
@@ -205,6 +226,8 @@ class VolumetricMap(CurveSet):
         made: Vector = np.einsum("nij,jk,nlk->nil", weights, covariance, weights, optimize=True)
         if self.left_out:
             made = made + self._of_left_out(positions, weights)
+        if self.learned:
+            made = made + self._of_learned(positions)
         spot = np.arange(3)
         made[:, spot, spot] = np.maximum(made[:, spot, spot], 0.0)
         made[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
@@ -262,6 +285,25 @@ class VolumetricMap(CurveSet):
         curves = np.einsum("ni,nij->j", along, weights) @ self.turned_factor[:size]
         return float(turned @ turned + 2.0 * curves @ turned)
 
+    def _learned_weights(self, positions: Vector) -> Vector:
+        """Return what a unit of each learned amplitude does at places, shape (n, k)."""
+        places = self.nearest(positions)
+        weights = np.zeros((len(places), len(self.learned)))
+        for column, one in enumerate(self.learned):
+            weights[:, column] = one.product(places) - one.product(self.low[None, :])
+        return weights
+
+    def _of_learned(self, positions: Vector) -> Vector:
+        """Return what the learned amplitudes add to the covariance, m², shape (n, 3, 3)."""
+        weights = self._learned_weights(positions)
+        moves = np.zeros((len(weights), 3, len(self.learned)))
+        for column, one in enumerate(self.learned):
+            moves[:, one.axis, column] = weights[:, column]
+        made: Vector = np.einsum(
+            "nij,jk,nlk->nil", moves, self.learned_covariance, moves, optimize=True
+        )
+        return made
+
     def _left_out_known(self) -> bool:
         """Say whether it is known how the rotations, all left out, go with the curves."""
         count = sum(len(self.nodes_of(curve)) for curve in CURVES)
@@ -290,8 +332,28 @@ class VolumetricMap(CurveSet):
         if self.left_out:
             others = np.einsum("nii->ni", self._of_left_out(positions, weights))
             limit = limit + np.sqrt(np.maximum(others, 0.0))
+        if self.learned:
+            limit = limit + np.sqrt(np.einsum("nii->ni", self._of_learned(positions)))
         limit[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
         return limit
+
+    def held_by_curves(self, name: str, positions: Vector) -> Vector:
+        """Return a curve with that part of what was learned that depends on its axis alone.
+
+        Straight between nodes but for what was learned; constant beyond the ends.
+
+        Args:
+            name: of the curve, such as E_YX.
+            positions: of its axis, m, shape (n,).
+        """
+        axis = moving_axis(name)
+        nodes = self.nodes[axis]
+        values: Vector = np.interp(positions, nodes, self.curves[name])
+        placed = np.clip(positions, nodes[0], nodes[-1])
+        for one in self.learned:
+            if name == translation(one.axis, axis):
+                values = values + one.along(axis, placed) - one.along(axis, nodes[:1])
+        return values
 
     def grid(self, between: int = 0) -> Vector:
         """Return the nodes of the box as places, m, shape (n, 3).
@@ -300,6 +362,11 @@ class VolumetricMap(CurveSet):
             between: number of further places between two nodes, evenly spread.
         """
         return places_of([_refined(nodes, between) for nodes in self.nodes])
+
+    def planes(self, axis: int) -> Vector:
+        """Return the places of an axis at which the slope of the errors may change at once, m."""
+        kinks = [place for one in self.learned for place in one.kinks(axis)]
+        return np.unique(np.concatenate([self.nodes[axis], kinks]))
 
     def some_nodes(self, most: int) -> Vector:
         """Return the nodes as places, m, shape (n, 3): of too many every second or third."""

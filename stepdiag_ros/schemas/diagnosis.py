@@ -41,8 +41,11 @@ class FurtherRun:
 class Provenance:
     """Where the size of an effect comes from."""
 
-    bag: Annotated[str, means("File name of the run that determined it.")] | UnsetType = UNSET
-    sha256: Annotated[str, means("SHA-256 of this file.")] | UnsetType = UNSET
+    bag: (
+        Annotated[str, means("File name of the run that determined it; of several, with ` + `.")]
+        | UnsetType
+    ) = UNSET
+    sha256: Annotated[str, means("SHA-256 of this file, or of each.")] | UnsetType = UNSET
     date: Annotated[str, means("ISO 8601.")] | UnsetType = UNSET
     evidence: Annotated[str, means("In words.")] | UnsetType = UNSET
 
@@ -53,6 +56,17 @@ class Effect:
 
     effect: Annotated[str, means("Name in the catalogue.")]
     setting: Annotated[Mapping[str, str | float], means("Where and how it acts.")]
+    domain: (
+        Annotated[
+            Mapping[str, Sequence[float]],
+            means(
+                "Of a learned shape: quantity on which it depends to its range, as the run that it"
+                " was learned from covered it; SI, temperatures in degC. Places are machine"
+                " coordinates of the measured box."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     sizes: Annotated[Mapping[str, float], means("Name to value, in the unit of that size.")]
     standard_uncertainty: (
         Annotated[Mapping[str, Uncertainty], means("Of the sizes, in their units.")] | UnsetType
@@ -63,6 +77,16 @@ class Effect:
         means("fixed: subtracted with these sizes; fitted: determined from every run."),
     ]
     provenance: Annotated[Provenance, means("Where this comes from.")] | UnsetType = UNSET
+    covariance: (
+        Annotated[
+            Mapping[str, float],
+            means(
+                "Of a learned shape: label of each that was learned together with it to the"
+                " covariance of both amplitudes, SI."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)

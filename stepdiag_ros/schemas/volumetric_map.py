@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from stepdiag_ros.schemas.origin import Origin
 from stepdiag_ros.schemas.parts import Numbers, Words, means, one_of
@@ -17,6 +17,24 @@ class Nodes:
     X: Annotated[Sequence[float], Meta(min_length=2), means("Of axis X, m.")]
     Y: Annotated[Sequence[float], Meta(min_length=2), means("Of axis Y, m.")]
     Z: Annotated[Sequence[float], Meta(min_length=2), means("Of axis Z, m.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnedPart:
+    """A displacement of the tool that depends on places, beside the curves."""
+
+    acts_on: Annotated[str, one_of("X", "Y", "Z"), means("Axis along which the tool is displaced.")]
+    shape: Annotated[
+        str, means("Product of factors, as the factors of a learned shape (`docs/diagnose.md`).")
+    ]
+    amplitude: Annotated[float, means("Displacement where the product is 1, m.")]
+    box: Annotated[
+        Mapping[Annotated[str, one_of("X", "Y", "Z")], Sequence[float]],
+        means(
+            "Axis to the two machine coordinates, m, between which its factors count from 0 to 1;"
+            " axes on which the displacement does not depend are not there."
+        ),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,3 +86,22 @@ class Document:
     ]
     not_determined: Annotated[Words, means("What the measured lines do not determine, in words.")]
     remarks: Annotated[Words, means("Remarks for the reader, in words.")]
+    learned: (
+        Annotated[
+            Sequence[LearnedPart],
+            means(
+                "What was learned of the machine and is in no curve; each counts from the first"
+                " corner of the box, where the error is zero."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    learned_covariance: (
+        Annotated[
+            Sequence[Numbers],
+            means(
+                "Covariance of the amplitudes of `learned`, m², row by row; null where not known."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET

@@ -26,6 +26,12 @@ def uncorrected(report: CompensationReport) -> list[str]:
             f"angular errors ({', '.join(turning)}) act by levers and stay; with them"
             f" {size_words(volume.after, 'm')} rms are left in the volume"
         )
+    if error_map.learned and report.control.name != "generic":
+        named = ", ".join(one.label for one in error_map.learned)
+        said.append(
+            f"{named}: a table of this control holds only the part that depends on the place of one"
+            f" axis; {size_words(volume.after, 'm')} rms are left in the volume"
+        )
     if error_map.left_out:
         said.append(
             f"{', '.join(error_map.left_out)} were not estimated: what they do in the volume is"

@@ -96,6 +96,25 @@ def test_what_is_missing_is_remarked(plan, measurement):
     assert when_over(summary) == replace(summary, run_over=True) != summary
 
 
+@pytest.mark.parametrize(
+    ("domain", "words"),
+    [
+        ("{X_m: [0.0, 10.0], Y_m: [0.0, 10.0]}", ""),
+        ("{X_m: [0.0, 0.001], Y_m: [0.0, 10.0]}", "outside its domain"),
+        ("unknown", "no domain"),
+    ],
+)
+def test_where_a_learned_effect_is_used_is_remarked(plan, measurement, domain, words):
+    text = (
+        "effects:\n- {effect: learned shape, setting: {acts_on: Y, shape: x^1 * y^1},"
+        f" sizes: {{amplitude: 0.0}}, domain: {domain}}}\n"
+    )
+    some = replace(measurement, lines=measurement.lines[:8])
+    remarks = diagnose_lines(some, plan, text, 0).remarks
+    told = [one for one in remarks if "learned shape" in one]
+    assert len(told) == bool(words) and all(words in one for one in told)
+
+
 def test_a_model_of_another_machine_is_refused(plan, measurement):
     text = TEXT.replace("chain: unknown", "chain: ZXY")
     with refused(Refusal, "mismatch", "YXZ", "ZXY"):

@@ -16,10 +16,11 @@ from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.structure import columns_of, factors_of, families
 from stepdiag_ros.metrology.discrepancy.windows import best_window
 from stepdiag_ros.metrology.effects.catalogue import catalogue
+from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.effect import Change
 from stepdiag_ros.metrology.effects.learned_rotation import EFFECT as ROTATION
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
-from stepdiag_ros.metrology.effects.learned_shape import driver, factor, product_of, since_reversal
+from stepdiag_ros.metrology.effects.learned_shape import driver, factor, product_of
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
@@ -132,12 +133,18 @@ def test_a_model_learns_what_was_described_and_then_agrees():
     run = hidden_run(shape=dragged)
     made = extend(ModelComparison(run), MachineModel(), Provenance(bag="run.mcap"), FITTED)
     assert made.diagnosis.verdict == DESCRIBED
-    assert [one.active.effect for one in made.model.effects] == [LEARNED] * len(made.model.effects)
+    names = {one.active.effect.name for one in made.model.effects}
+    assert names == {LEARNED.name}
     assert made.rounds[-1].verdict == CONSISTENT
     again = MachineModel.from_mapping(made.model.to_mapping(), "model", catalogue())
     assert again == made.model
+    labels = {effect.label: effect for effect in made.model.effects}
     for effect in made.model.effects:
         assert effect.standard_uncertainty["amplitude"] > 0.0
+        assert {"X_m", "sense_Y"} == {one.name for one in effect.active.effect.domain.ranges}
+        assert effect.covariance.keys() == labels.keys() - {effect.label}
+        for label, value in effect.covariance.items():
+            assert value == labels[label].covariance[effect.label]
     assert made.held_out is None or made.held_out.after.reduced < made.held_out.before.reduced
 
 
@@ -171,13 +178,13 @@ def test_noise_is_hardly_ever_described(machines):
         ("z<0.2", lambda stops: 5.0 * np.maximum(0.2 - stops.share[:, 2], 0.0), "the place of Z"),
         ("sense z", lambda stops: stops.last_sense[:, 2], "the sense of Z's last move"),
         (
-            "cos y/40mm",
-            lambda stops: np.cos(2.0 * np.pi * stops.position[:, 1] / 0.04),
+            "cos y/0.25",
+            lambda stops: np.cos(2.0 * np.pi * stops.share[:, 1] / 0.25),
             "the place of Y, periodically",
         ),
         (
             "path^2",
-            lambda stops: (stops.along / np.max(stops.along)) ** 2,
+            lambda stops: (stops.along / np.linalg.norm(stops.travel)) ** 2,
             "the length of the beam's path",
         ),
         (

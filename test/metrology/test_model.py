@@ -55,6 +55,13 @@ def test_a_whole_model_is_read_and_written_back():
     assert model_of(model.to_mapping()) == model
 
 
+def test_the_digests_of_several_runs_are_read():
+    several = copy.deepcopy(FULL)
+    provenance = several["effects"][0]["provenance"]
+    provenance.update(bag="a.mcap + b.mcap", sha256=" + ".join(("0" * 64, "f" * 64)))
+    assert model_of(several).to_mapping() == several
+
+
 def test_little_need_be_said():
     model = model_of({"curves": "free"})
     assert model == MachineModel()

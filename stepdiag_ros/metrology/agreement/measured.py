@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.forward import in_result_frame
 from stepdiag_ros.metrology.geometry import (
     AXES,
     CURVES,
+    EDGE,
     FRAME,
     ROTATIONS,
     TRANSLATIONS,
@@ -23,7 +24,6 @@ from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate, common_figures, functionals
 from stepdiag_ros.metrology.uncertainty.budget import Budget
-from stepdiag_ros.metrology.volumetric_map import EDGE
 
 _COMPARED = ("positioning", "straightness", "angular", "angular-shape", "diagonal")
 """First words of the figures that belong to the machine; a tilt belongs to a setup."""

@@ -15,12 +15,11 @@ from math import inf
 import numpy as np
 
 from stepdiag_ros.metrology.agreement.values import REVERSAL, FigureChange
-from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.geometry import AXES, EDGE, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
 from stepdiag_ros.metrology.solvers.observations import Integers
 from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns, all_runs
-from stepdiag_ros.metrology.volumetric_map import EDGE
 
 
 @dataclass(frozen=True)

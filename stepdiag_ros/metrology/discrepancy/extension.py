@@ -12,11 +12,13 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, fit_baseline, without_readings
 from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
-from stepdiag_ros.metrology.discrepancy.findings import DESCRIBED, NAMED, Diagnosis
+from stepdiag_ros.metrology.discrepancy.findings import DESCRIBED, NAMED, Candidate, Diagnosis
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, prove
 from stepdiag_ros.metrology.discrepancy.steady import steadied
+from stepdiag_ros.metrology.effects.domain import Domain
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
-from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.effects.learned_shape import Learned, quantities
+from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel, ModelEffect, Provenance
@@ -141,10 +143,13 @@ def named_effects(
     diagnosis: Diagnosis, provenance: Provenance, status: str, proof: HeldOut | None = None
 ) -> tuple[ModelEffect, ...]:
     """Return the named effects as a model has them, with the evidence for each."""
+    covariances = _covariances(diagnosis)
     return tuple(
         ModelEffect(
             ActiveEffect(
-                finding.candidate.effect, dict(finding.candidate.setting), dict(finding.sizes)
+                _learned_here(finding.candidate, diagnosis.stops),
+                dict(finding.candidate.setting),
+                dict(finding.sizes),
             ),
             dict(finding.standard_uncertainty),
             status,
@@ -157,9 +162,37 @@ def named_effects(
                 f" among {diagnosis.tested} candidates, probability {finding.probability:.4f}"
                 + _proof_words(proof),
             ),
+            covariances.get(finding.label, {}),
         )
         for finding in diagnosis.findings
     )
+
+
+def _learned_here(candidate: Candidate, stops: Stops) -> Effect:
+    """Return the effect of a candidate; what is learned with its domain."""
+    effect = candidate.effect
+    if not isinstance(effect, Learned):
+        return effect
+    names = quantities(str(candidate.setting["shape"]))
+    return replace(effect, domain=Domain.of(names, stops))
+
+
+def _covariances(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Return the covariances of the amplitudes that were learned together, by their labels."""
+    rows = np.cumsum([0, *(len(one.candidate.effect.sizes) for one in diagnosis.findings)])
+    learned = [
+        (one.label, row)
+        for one, row in zip(diagnosis.findings, rows.tolist(), strict=False)
+        if one.candidate.effect.learned
+    ]
+    return {
+        label: {
+            other: float(diagnosis.covariance[row, column])
+            for other, column in learned
+            if other != label
+        }
+        for label, row in learned
+    }
 
 
 def _small(chance: float) -> str:

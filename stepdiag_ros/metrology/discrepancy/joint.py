@@ -29,7 +29,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 _BY_STOP = tuple(
     one.name
     for one in fields(Stops)
-    if one.name not in ("chain", "travel", "pass_index", "setup", "lines", "setups")
+    if one.name not in ("chain", "corner", "travel", "pass_index", "setup", "lines", "setups")
 )
 _SAME_PLACE = 1e-4
 """Share of a step by which nodes of two runs may differ: rounding of tables."""
@@ -126,6 +126,7 @@ def appended(stops: Stops, further: Stops) -> Stops:
     }
     return Stops(
         chain=stops.chain,
+        corner=stops.corner,
         travel=stops.travel,
         pass_index=np.concatenate([stops.pass_index, further.pass_index + len(stops.lines)]),
         setup=np.concatenate([stops.setup, further.setup + len(stops.setups)]),

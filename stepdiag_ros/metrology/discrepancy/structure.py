@@ -12,18 +12,17 @@ from itertools import combinations, product
 
 import numpy as np
 
+from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.learned_shape import (
     PATH,
     READING,
     TIMES,
     driver,
     factor,
-    since_reversal,
 )
 from stepdiag_ros.metrology.effects.passes import line_name
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector, moving_axis
-from stepdiag_ros.metrology.units import IN_MILLI
 
 _LEAST_WARMING = 0.05
 """K: a temperature that changes by less is not tried as a cause."""
@@ -218,11 +217,10 @@ def _swings(acts_on: str, stops: Stops) -> Iterator[Family]:
         if other == acts_on:
             continue
         letter, axis = acts_on.lower(), AXES.index(acts_on)
-        travel = float(np.ptp(stops.position[:, axis]))
         steps = len(np.unique(np.round(stops.position[:, axis], 6))) - 1
         for waves in np.arange(1.0, 0.5 * steps + 0.25, 0.5):
-            period = _plain(travel / waves * IN_MILLI)
-            waving = tuple(f"{kind} {letter}/{period}mm" for kind in ("sin", "cos"))
+            period = _plain(1.0 / waves)
+            waving = tuple(f"{kind} {letter}/{period}" for kind in ("sin", "cos"))
             shapes = _products((waving, (f"{other.lower()}^1",)))
             names = (driver(waving[0]), driver(f"{other.lower()}^1"))
             factors = (waving, _place(other.lower()).some)

@@ -1,11 +1,17 @@
-"""Effects in configuration files: ``{effect: name, setting: {…}, sizes: {…}}``, SI units."""
+"""Effects in configuration files: ``{effect: name, setting: {…}, sizes: {…}}``, SI units.
+
+What was learned may state its ``domain`` besides (``domain``).
+"""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import inf
 from typing import Any
 
 from stepdiag_ros.metrology.checking import Section
-from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.effects.domain import Domain
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
+from stepdiag_ros.metrology.effects.learned_shape import Learned, quantities
 from stepdiag_ros.metrology.refusal import Refusal
 
 
@@ -23,6 +29,8 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
     part = section.section("setting")
     setting = {key.name: _setting_value(part, key.name, key.kind) for key in effect.keys}
     part.finish()
+    if isinstance(effect, Learned):
+        effect = _within(effect, setting, section)
     part = section.section("sizes")
     given = part.keys()
     # A typical size is a standard deviation; any other size may act either way.
@@ -42,8 +50,23 @@ def as_mapping(active: ActiveEffect) -> dict[str, Any]:
     return {
         "effect": active.effect.name,
         "setting": dict(active.setting),
+        **_domain_of(active.effect),
         "sizes": {name: float(size) for name, size in active.sizes.items()},
     }
+
+
+def _within(effect: Learned, setting: Setting, section: Section) -> Learned:
+    """Return what was learned with the domain that its entry states, if it states one."""
+    names = quantities(str(setting["shape"]))
+    if section.unknown("domain"):
+        return effect
+    return replace(effect, domain=Domain.from_section(section.section("domain"), names))
+
+
+def _domain_of(effect: Effect) -> dict[str, Any]:
+    if not isinstance(effect, Learned) or effect.domain is None:
+        return {}
+    return {"domain": effect.domain.to_mapping()}
 
 
 def _setting_value(section: Section, name: str, kind: type | tuple[str, ...]) -> Any:

@@ -12,9 +12,9 @@ factor               value, with u the share of the travel of the axis, 0 to 1
 ``x>0.5``            (u - 0.5)/0.5 beyond 0.5 and 0 below
 ``x<0.5``            (0.5 - u)/0.5 below 0.5 and 0 beyond
 ``x~0.5``            a spot: exp(-(u - 0.5)²/(2·0.1²))
-``sin x/2.5mm``        sin(2π·position/2.5 mm), here of X; ``cos x/2.5mm`` its cosine
-``path>0.5``           as ``x>0.5``, with u the length of the path, the longest of the run being 1
-``line ppp``           1 on this line, and 0 on all others
+``sin x/0.25``       sin(2π·u/0.25), here of X; ``cos x/0.25`` its cosine
+``path>0.5``         as ``x>0.5``, with u the length of the beam's path over the box's diagonal
+``line ppp``         1 on this line, and 0 on all others
 ``sense x``          sense of the last move of X, -1 or 1
 ``creep x 40s``      that sense, fading from the first stop after X turned round: exp(-t/40 s)
 ``t^2``              (hours since the start of the run)²
@@ -27,11 +27,13 @@ factor               value, with u the share of the travel of the axis, 0 to 1
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
+from stepdiag_ros.metrology.effects.domain import PLACES, Domain, since_reversal
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.passes import line_name
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
@@ -51,20 +53,27 @@ _OF = rf"([xyz]|{PATH})"
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
 
-def _place(stops: Stops, of: str) -> Vector:
-    if of == PATH:
-        return np.asarray(stops.along / np.max(np.abs(stops.along)))
+@dataclass(frozen=True)
+class Places:
+    """Places alone, for factors that depend on nothing else.
+
+    Attributes:
+        share: position over travel of each axis, shape (n, 3).
+    """
+
+    share: Vector
+
+
+def _place(stops: Stops | Places, of: str) -> Vector:
+    if of == PATH and isinstance(stops, Stops):
+        return np.asarray(stops.along / np.linalg.norm(stops.travel))
     share: Vector = stops.share[:, AXES.index(of.upper())]
     return share
 
 
-def _place_words(of: str, *_: str) -> str:
-    return "the length of the beam's path" if of == PATH else f"the place of {of.upper()}"
-
-
 def _line(stops: Stops, name: str) -> Vector:
-    names = np.array([line_name(line) == name for line in stops.lines], dtype=np.float64)
-    on: Vector = names[stops.pass_index]
+    named = np.array([line_name(line) == name for line in stops.lines], dtype=np.float64)
+    on: Vector = named[stops.pass_index]
     return on
 
 
@@ -73,30 +82,17 @@ def _sense(stops: Stops, axis: str) -> Vector:
     return sense
 
 
-def _above(stops: Stops, axis: str, bound: str) -> Vector:
+def _above(stops: Stops | Places, axis: str, bound: str) -> Vector:
     return np.maximum(_place(stops, axis) - float(bound), 0.0) / (1.0 - float(bound))
 
 
-def _below(stops: Stops, axis: str, bound: str) -> Vector:
+def _below(stops: Stops | Places, axis: str, bound: str) -> Vector:
     return np.maximum(float(bound) - _place(stops, axis), 0.0) / float(bound)
 
 
-def _spot(stops: Stops, axis: str, middle: str) -> Vector:
+def _spot(stops: Stops | Places, axis: str, middle: str) -> Vector:
     spot: Vector = np.exp(-0.5 * ((_place(stops, axis) - float(middle)) / SPOT) ** 2)
     return spot
-
-
-def since_reversal(stops: Stops, axis: str) -> Vector:
-    """Return s since the first stop after the last reversal of an axis in its setup, shape (n,)."""
-    since: Vector = np.zeros(len(stops.time))
-    sense = _sense(stops, axis)
-    for setup in range(len(stops.setups)):
-        rows = np.flatnonzero(stops.setup == setup)
-        rows = rows[np.argsort(stops.time[rows], kind="stable")]
-        turned = np.diff(sense[rows], prepend=np.inf) != 0.0
-        last = np.maximum.accumulate(np.where(turned, np.arange(len(rows)), 0))
-        since[rows] = stops.time[rows] - stops.time[rows[last]]
-    return since
 
 
 def _creep(stops: Stops, axis: str, constant: str) -> Vector:
@@ -118,8 +114,8 @@ def _wave(stops: Stops, kind: str, period: str) -> Vector:
     return _turn(kind, stops.time / float(period))
 
 
-def _swing(stops: Stops, kind: str, axis: str, period: str) -> Vector:
-    return _turn(kind, stops.position[:, AXES.index(axis.upper())] * IN_MILLI / float(period))
+def _swing(stops: Stops | Places, kind: str, axis: str, period: str) -> Vector:
+    return _turn(kind, _place(stops, axis) / float(period))
 
 
 def _turn(kind: str, periods: Vector) -> Vector:
@@ -132,63 +128,103 @@ def _temperature(stops: Stops, of: str, power: str) -> Vector:
     return np.asarray((values - REFERENCE_TEMPERATURE) ** int(power))
 
 
-_FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]], ...] = tuple(
-    (re.compile(pattern), value, words)
-    for pattern, value, words in (
-        (
-            rf"{_OF}\^(\d)",
-            lambda stops, of, power: _place(stops, of) ** int(power),
-            _place_words,
-        ),
-        (rf"{_OF}>{_NUMBER}", _above, _place_words),
-        (rf"{_OF}<{_NUMBER}", _below, _place_words),
-        (rf"{_OF}~{_NUMBER}", _spot, _place_words),
-        (
-            rf"(sin|cos) ([xyz])/{_NUMBER}mm",
-            _swing,
-            lambda _, axis, *__: f"the place of {axis.upper()}, periodically",
-        ),
-        (r"line (\S+)", _line, lambda *_: "the line"),
-        (r"sense ([xyz])", _sense, lambda axis: f"the sense of {axis.upper()}'s last move"),
-        (
-            rf"creep ([xyz]) {_NUMBER}s",
-            _creep,
-            lambda axis, *_: f"the time since {axis.upper()} turned round",
-        ),
-        (
-            r"t\^(\d)",
-            lambda stops, power: (stops.time / HOUR) ** int(power),
-            lambda *_: "time",
-        ),
-        (rf"start {_NUMBER}s", _start, lambda *_: "time"),
-        (rf"from {_NUMBER}s to {_NUMBER}s", _window, lambda *_: "time, between two jumps"),
-        (rf"(sin|cos) t/{_NUMBER}s", _wave, lambda *_: "time, periodically"),
-        (
-            r"(material|air)\^(\d)",
-            _temperature,
-            lambda of, *_: f"the {of} temperature",
-        ),
+_Names = tuple[str, ...]
+_Form = tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str], Callable[..., _Names]]
+
+
+def _forms() -> Iterator[_Form]:
+    """Yield of each factor its pattern, value, words and the quantities of ``domain``."""
+
+    def of_place(of: str, *_: str) -> str:
+        return "the length of the beam's path" if of == PATH else f"the place of {of.upper()}"
+
+    def place(of: str, *_: str) -> _Names:
+        return PLACES if of == PATH else (f"{of.upper()}_m",)
+
+    def time(*_: str) -> _Names:
+        return ("time_s",)
+
+    for pattern, value in (
+        (rf"{_OF}\^(\d)", lambda at, of, power: _place(at, of) ** int(power)),
+        (rf"{_OF}>{_NUMBER}", _above),
+        (rf"{_OF}<{_NUMBER}", _below),
+        (rf"{_OF}~{_NUMBER}", _spot),
+    ):
+        yield re.compile(pattern), value, of_place, place
+    yield (
+        re.compile(rf"(sin|cos) ([xyz])/{_NUMBER}"),
+        _swing,
+        lambda _, axis, *__: f"the place of {axis.upper()}, periodically",
+        lambda _, axis, *__: place(axis),
     )
-)
+    yield re.compile(r"line (\S+)"), _line, lambda *_: "the line", lambda *_: ()
+    yield (
+        re.compile(r"sense ([xyz])"),
+        _sense,
+        lambda axis: f"the sense of {axis.upper()}'s last move",
+        lambda axis: (f"sense_{axis.upper()}",),
+    )
+    yield (
+        re.compile(rf"creep ([xyz]) {_NUMBER}s"),
+        _creep,
+        lambda axis, *_: f"the time since {axis.upper()} turned round",
+        lambda axis, *_: (f"sense_{axis.upper()}", f"since_reversal_{axis.upper()}_s"),
+    )
+    yield (
+        re.compile(r"t\^(\d)"),
+        lambda stops, power: (stops.time / HOUR) ** int(power),
+        lambda *_: "time",
+        time,
+    )
+    yield re.compile(rf"start {_NUMBER}s"), _start, lambda *_: "time", time
+    yield (
+        re.compile(rf"from {_NUMBER}s to {_NUMBER}s"),
+        _window,
+        lambda *_: "time, between two jumps",
+        time,
+    )
+    yield (
+        re.compile(rf"(sin|cos) t/{_NUMBER}s"),
+        _wave,
+        lambda *_: "time, periodically",
+        time,
+    )
+    yield (
+        re.compile(r"(material|air)\^(\d)"),
+        _temperature,
+        lambda of, *_: f"the {of} temperature",
+        lambda of, *_: (f"{of}_temperature_degC",),
+    )
 
 
-def factor(text: str, stops: Stops) -> Vector:
+_FORMS = tuple(_forms())
+
+
+def factor(text: str, stops: Stops | Places) -> Vector:
     """Return the value of one factor at each stop, shape (n,); NaN where the run does not state it.
+
+    Args:
+        text: of the factor.
+        stops: of a run; places are enough for a factor that depends on nothing else.
 
     Raises:
         ValueError: there is no such factor.
     """
-    value, _, groups = _form(text)
+    value, _, _, groups = _form(text)
     return np.asarray(value(stops, *groups), dtype=np.float64)
 
 
-def product_of(shape: str, stops: Stops) -> Vector:
-    """Return the value of a product of factors at each stop, shape (n,).
+def product_of(shape: str, stops: Stops | Places) -> Vector:
+    """Return the product of the factors of a shape at each stop, shape (n,).
+
+    Args:
+        shape: factors with `` * `` between.
+        stops: see ``factor``.
 
     Raises:
         ValueError: a factor does not exist.
     """
-    value: Vector = np.prod([factor(one, stops) for one in shape.split(TIMES.strip())], axis=0)
+    value: Vector = np.prod([factor(text, stops) for text in factors(shape)], axis=0)
     return value
 
 
@@ -198,8 +234,26 @@ def driver(text: str) -> str:
     Raises:
         ValueError: there is no such factor.
     """
-    _, words, groups = _form(text)
+    _, words, _, groups = _form(text)
     return words(*groups)
+
+
+def factors(shape: str) -> list[str]:
+    """Return the factors of a shape."""
+    return [text.strip() for text in shape.split(TIMES.strip())]
+
+
+def quantities(shape: str) -> tuple[str, ...]:
+    """Return the quantities on which a shape depends, by their names in ``domain.QUANTITIES``.
+
+    Raises:
+        ValueError: a factor does not exist.
+    """
+    found: dict[str, None] = {}
+    for text in factors(shape):
+        _, _, names, groups = _form(text)
+        found |= dict.fromkeys(names(*groups))
+    return tuple(found)
 
 
 def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
@@ -231,10 +285,12 @@ def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
     return stops.material_temperature if "material" in words else stops.air_temperature, "°C"
 
 
-def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[str, ...]]:
-    for pattern, value, words in _FORMS:
+def _form(
+    text: str,
+) -> tuple[Callable[..., Vector], Callable[..., str], Callable[..., _Names], _Names]:
+    for pattern, value, words, names in _FORMS:
         if found := pattern.fullmatch(text.strip()):
-            return value, words, found.groups()
+            return value, words, names, found.groups()
     raise Refusal(
         f"'{text.strip()}' is not a factor of a learned shape; expected for example x^2, x>0.5,"
         " sense x, creep x 40s, t^1, start 600s, sin t/300s or material^1",
@@ -243,28 +299,51 @@ def _form(text: str) -> tuple[Callable[..., Vector], Callable[..., str], tuple[s
     )
 
 
-class LearnedShape(Effect):
-    """A displacement of the tool, or a change of the reading, by a product of plain shapes."""
+@dataclass(frozen=True)
+class Learned(Effect):
+    """Something that was described by a product of plain shapes, with one amplitude.
 
-    name = "learned shape"
-    sentence = "Something acts that has no name yet; it was described by what it depends on."
+    Attributes:
+        domain: where it was seen; the shapes of places count over its box. None if not known:
+            they then count over the box of each run.
+    """
+
+    domain: Domain | None = None
+
     source = "learned from runs of the machine (docs/diagnose.md)"
-    keys = (Key("acts_on", (*AXES, READING)), Key("shape", str))
-    sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the product of the shapes is 1"),)
     learned = True
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
-        """Yield nothing: a learned shape is described, not tried."""
+        """Yield nothing: what is learned is described, not tried."""
         del stops
         return iter(())
 
-    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
-        """Return amplitude times the product of the factors, along an axis or in the reading.
+    def amount(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Vector:
+        """Return amplitude times the product of the factors at each stop, shape (n,).
 
         Raises:
             ValueError: a factor does not exist.
         """
-        change = sizes["amplitude"] * product_of(setting["shape"], stops)
+        seen = stops if self.domain is None else self.domain.counted(stops)
+        amount: Vector = sizes["amplitude"] * product_of(str(setting["shape"]), seen)
+        return amount
+
+
+class LearnedShape(Learned):
+    """A displacement of the tool, or a change of the reading, by a product of plain shapes."""
+
+    name = "learned shape"
+    sentence = "Something acts that has no name yet; it was described by what it depends on."
+    keys = (Key("acts_on", (*AXES, READING)), Key("shape", str))
+    sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the product of the shapes is 1"),)
+
+    def change(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Change:
+        """Return the displacement along an axis, or the change of the reading.
+
+        Raises:
+            ValueError: a factor does not exist.
+        """
+        change = self.amount(setting, sizes, stops)
         if setting["acts_on"] == READING:
             return Change(reading=change)
         return Change.along(setting["acts_on"], change)
@@ -273,6 +352,37 @@ class LearnedShape(Effect):
         """Say for example ``learned shape along Y: x>0.5 * z>0.5``."""
         where = "in the reading" if setting["acts_on"] == READING else f"along {setting['acts_on']}"
         return f"{self.name} {where}: {setting['shape']}"
+
+
+def outside(effects: Iterable[ActiveEffect], stops: Stops) -> tuple[str, ...]:
+    """Say which learned effects a run takes beyond the domain in which they were learned.
+
+    Args:
+        effects: of a model or a cell; those that were not learned are passed over.
+        stops: of the run.
+    """
+    said = []
+    for one in effects:
+        domain = one.effect.domain if isinstance(one.effect, Learned) else None
+        beyond = () if domain is None else domain.left_by(stops)
+        if beyond:
+            learned = ", ".join(seen.words for seen, _ in beyond)
+            here = ", ".join(run.words for _, run in beyond)
+            said.append(
+                f"'{one.effect.label(one.setting)}' is used outside its domain: it was learned over"
+                f" {learned}, and this run covers {here}."
+            )
+    return tuple(said)
+
+
+def without_domain(effects: Iterable[ActiveEffect]) -> tuple[str, ...]:
+    """Say of which learned effects it is not known where they were learned."""
+    return tuple(
+        f"'{one.effect.label(one.setting)}' states no domain: it counts over the box of this run,"
+        " and whether it was learned there is not known."
+        for one in effects
+        if isinstance(one.effect, Learned) and one.effect.domain is None
+    )
 
 
 EFFECT = LearnedShape()

@@ -22,6 +22,7 @@ class Stops:
 
     Attributes:
         chain: order of the axes from workpiece to tool; empty if not known.
+        corner: first corner of the box, machine coordinates, m, shape (3,).
         travel: of the box along X, Y, Z, m, shape (3,).
         position: m, shape (n, 3).
         direction: nominal unit vector of the beam, shape (n, 3).
@@ -49,6 +50,7 @@ class Stops:
     """
 
     chain: str
+    corner: Vector
     travel: Vector
     position: Vector
     direction: Vector
@@ -132,13 +134,14 @@ def stops_of(measurement: Measurement) -> Stops:
     if not measurement.lines:
         raise ValueError("there is no measured line")
     setups = tuple(dict.fromkeys(line.setup for line in measurement.lines))
-    corner = np.asarray(measurement.volume.origin)
+    corner = np.asarray(measurement.volume.origin, dtype=np.float64)
     targets = [line.target - corner for line in measurement.lines]
     lengths = [len(target) for target in targets]
     environment = np.concatenate([line.environment for line in measurement.lines])
     way = np.concatenate([_way(line) for line in measurement.lines])
     return Stops(
         chain=measurement.chain,
+        corner=corner,
         travel=np.asarray(measurement.volume.step) * measurement.volume.blocks,
         position=np.concatenate(targets),
         direction=_repeat([_direction(line, measurement) for line in measurement.lines], lengths),

@@ -1,0 +1,77 @@
+"""``stepdiag effect new``: a package of its own for an effect that somebody wants to name."""
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from stepdiag_ros.commands.arguments import Command, Group, add_common
+from stepdiag_ros.commands.output import say
+
+_EXAMPLES = """\
+examples:
+  stepdiag diagnose run.mcap --extend mill.yaml       DESCRIBED: the model learns a formula
+  stepdiag effect new quadrant-bend --model mill.yaml the formula as a package of its own
+  pytest quadrant_bend                                its test
+  pip install ./quadrant_bend                         now the diagnosis tries it on every run"""
+
+
+def _add_options(parser: ArgumentParser) -> None:
+    what = parser.add_subparsers(title="subcommand", metavar="WHAT", dest="what", required=True)
+    new = what.add_parser(
+        "new",
+        help="write a package for an effect: module, test and record",
+        description="Write a package for an effect of your own: a module with the formula that a"
+        " model has learned, or with an example, its test, and the record by which the diagnosis"
+        " finds it once the package is installed. No file is overwritten.",
+        epilog=_EXAMPLES,
+    )
+    new.add_argument("name", help="of the effect, in small letters, such as quadrant-bend")
+    new.add_argument(
+        "--model",
+        metavar="MODEL",
+        help="model (YAML) with the learned shapes, by path or name (default: an example)",
+    )
+    add_common(new, "output", help="folder of the package (default: the name, in this folder)")
+    new.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the package; see the module.
+
+    Raises:
+        ValueError: the name cannot be one, the model holds no learned shape, or a file is there.
+    """
+    from stepdiag_ros.configuration import load_model
+    from stepdiag_ros.metrology.effects import catalogue
+    from stepdiag_ros.report.effect_package import checked_name, package_of
+    from stepdiag_ros.report.publish import make_folder, whole_file
+
+    known = catalogue()
+    module = checked_name(arguments.name, known)
+    model = None if arguments.model is None else load_model(arguments.model)[0]
+    files = package_of(arguments.name, known, model, str(arguments.model))
+    folder = arguments.output or Path(module)
+    if there := [name for name in files if (folder / name).exists()]:
+        raise ValueError(
+            f"{folder / there[0]} is there already and is not overwritten: name another --output"
+        )
+    make_folder(folder)
+    for name, text in files.items():
+        with whole_file(folder / name) as partial:
+            partial.write_text(text, encoding="utf-8")
+    say(
+        f"effect in {folder}: {', '.join(files)}; state in {module}.py what happens in the machine,"
+        f" run 'pytest {folder}', then 'pip install {folder}'"
+    )
+    return 0
+
+
+COMMAND = Command(
+    "effect",
+    Group.UNDERSTAND,
+    25,
+    _add_options,
+    None,
+    help="write a package for an effect of your own",
+    description="Name an effect that a diagnosis has described.",
+    epilog=_EXAMPLES,
+)
