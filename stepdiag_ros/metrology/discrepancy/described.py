@@ -23,10 +23,9 @@ from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.loose import unit_span
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
-from stepdiag_ros.metrology.effects.learned_rotation import EFFECT as ROTATION
-from stepdiag_ros.metrology.effects.learned_shape import EFFECT as SHAPE
+from stepdiag_ros.metrology.effects.learned_rotation import learned
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
+from stepdiag_ros.metrology.geometry import Vector
 
 _LARGEST = 3_000_000
 """Readings times free values of a run beyond which the search would take minutes."""
@@ -132,7 +131,7 @@ def _unfitted(shapes: Shapes) -> list[Finding]:
     for one in shapes.dependences:
         for shape in one.shapes:
             setting = {"acts_on": one.acts_on, "shape": shape}
-            effect = ROTATION if one.acts_on in ROTATIONS else SHAPE
+            effect = learned(one.acts_on)
             candidate = Candidate(effect, setting, effect.label(setting))
             made.append(Finding(candidate, {}, {}, {}, 0.0, one.p_value, one.probability))
     return made

@@ -30,7 +30,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.discrepancy.loose import loosened, unit_span
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL
 from stepdiag_ros.metrology.effects.effect import Effect, Size
-from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
+from stepdiag_ros.metrology.effects.learned_rotation import learned
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import FITTED, FIXED, MachineModel
@@ -267,7 +267,8 @@ def _suspects(diagnosis: Diagnosis) -> Iterator[tuple[_Suspect, Finding]]:
         elif not effect.typical:
             yield _Suspect(finding.label, (finding.candidate,)), finding
     for one in () if diagnosis.description is None else diagnosis.description.dependences:
-        labels = [LEARNED.label({"acts_on": one.acts_on, "shape": shape}) for shape in one.shapes]
+        effect = learned(one.acts_on)
+        labels = [effect.label({"acts_on": one.acts_on, "shape": shape}) for shape in one.shapes]
         found = [shapes[label] for label in labels if label in shapes]
         if found:
             yield _Suspect(one.words, tuple(each.candidate for each in found)), found[0]

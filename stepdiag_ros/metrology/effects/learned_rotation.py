@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import Change, Key, Setting, Size
+from stepdiag_ros.metrology.effects.learned_shape import EFFECT as SHAPE
 from stepdiag_ros.metrology.effects.learned_shape import Learned
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import ROTATIONS, moving_axis
@@ -38,3 +39,8 @@ class LearnedRotation(Learned):
 
 
 EFFECT = LearnedRotation()
+
+
+def learned(acts_on: str) -> Learned:
+    """Return the effect of what acts on a displacement, the reading or a rotation, see its key."""
+    return EFFECT if acts_on in ROTATIONS else SHAPE
