@@ -206,11 +206,13 @@ def _as_planned(folder):
 
     A run table has no word for that; a bag of a live run has.
     """
+    from stepdiag_ros.metrology.plan import alignment_of
+
     measurement, plan = imported(folder), Path(folder) / "plan.yaml"
     if not plan.exists() or not _shared(plan):
         return measurement
     lines = tuple(
-        replace(line, setup=line.line.name) if line.line.order else line
+        replace(line, setup=alignment_of(line.line, one_alignment_per_diagonal=True))
         for line in measurement.lines
     )
     return replace(measurement, lines=lines)

@@ -33,6 +33,7 @@ class Setup:
         repeats: of each direction.
         directions: of the passes, in order.
         offset: of the line from its usual place, m.
+        mirror: place of the mirror on the tool, from its usual one, m.
     """
 
     kind: str
@@ -41,6 +42,7 @@ class Setup:
     repeats: int = 1
     directions: tuple = ("forward",)
     offset: tuple = (0.0, 0.0, 0.0)
+    mirror: tuple = (0.0, 0.0, 0.0)
 
     @property
     def words(self):
@@ -105,7 +107,8 @@ class Run:
 
     ``moved`` is the sense of each axis in the move that led to a stop (0 at a pass's first stop),
     ``came`` the sense of its last move so far in the setup or in the approach to it, ``way`` the
-    move itself, m. ``rows`` holds kind, line, order, repeat, direction, stop.
+    move itself, m, ``mirror`` the place of the mirror on the tool from its usual one, m, (n, 3).
+    ``rows`` holds kind, line, order, repeat, direction, stop.
     """
 
     plan: Plan
@@ -119,6 +122,7 @@ class Run:
     way: np.ndarray
     beam: np.ndarray
     start: np.ndarray
+    mirror: np.ndarray
     air: np.ndarray
     pressure: np.ndarray
     humidity: np.ndarray
@@ -228,9 +232,12 @@ def plan_of_file(text, before, rng):
         repeats = int(group.get("repeats", told.get("repeats", 1)))
         directions = tuple(group.get("directions", told.get("directions", BOTH[:1])))
         stepped = group["kind"] == "step_diagonal"
-        offset = tuple(float(one) for one in group.get("offset_m", (0.0, 0.0, 0.0)))
+        offset, mirror = (
+            tuple(float(one) for one in group.get(key, (0.0, 0.0, 0.0)))
+            for key in ("offset_m", "mirror_offset_m")
+        )
         setups += [
-            Setup(group["kind"], line, order, repeats, directions, offset)
+            Setup(group["kind"], line, order, repeats, directions, offset, mirror)
             for line in group["names"]
             for order in (group.get("orders", ["XYZ"]) if stepped else [""])
         ]
@@ -251,14 +258,15 @@ def plan_of_file(text, before, rng):
 
 def _joined(setups):
     """Passes of the same line one after another are one setup."""
-    for (kind, line, order, offset), group in groupby(
-        setups, key=lambda one: (one.kind, one.line, one.order, one.offset)
+    for (kind, line, order, offset, mirror), group in groupby(
+        setups, key=lambda one: (one.kind, one.line, one.order, one.offset, one.mirror)
     ):
         some = list(group)
         directions = some[0].directions
         if any(one.directions != directions for one in some):
             raise ValueError(f"{line} {order} stands twice in a row with other directions")
-        yield Setup(kind, line, order, sum(one.repeats for one in some), directions, offset)
+        repeats = sum(one.repeats for one in some)
+        yield Setup(kind, line, order, repeats, directions, offset, mirror)
 
 
 def nodes_of(setup, blocks):
@@ -288,7 +296,8 @@ def make_run(plan, approach=None):
         approach: sense in which each axis moved last before each setup, (setups, 3); zeros if not
             told: while the laser is aligned, axes are moved to and fro, and no table tells how.
     """
-    columns = {name: [] for name in ("place", "time", "setup", "pass", "beam", "start", "came")}
+    names = ("place", "time", "setup", "pass", "beam", "start", "mirror", "came")
+    columns = {name: [] for name in names}
     rows, ways, clock, passes, number = [], [], 0.0, 0, -1
     step = np.asarray(plan.step)
     approach = np.zeros((len(plan.setups), 3)) if approach is None else approach
@@ -297,7 +306,8 @@ def make_run(plan, approach=None):
         forward = nodes_of(setup, plan.blocks) * step + np.asarray(setup.offset)
         # A table tells passes apart by their words; lines at other places count their repeats on.
         counted = counted + before.repeats if before and before.words == setup.words else 0
-        if not (plan.one_alignment and before and setup.order and before.line == setup.line):
+        same = before and (before.line, before.mirror) == (setup.line, setup.mirror)
+        if not (plan.one_alignment and setup.order and same):
             clock += plan.setup_time if number >= 0 else 0.0
             number += 1
             begin = forward[0]
@@ -318,7 +328,16 @@ def make_run(plan, approach=None):
                     ways.append(way if stop else np.zeros(3))
                     for name, value in zip(
                         columns,
-                        (place, clock, number, passes, beam_of(setup, step), begin, latest),
+                        (
+                            place,
+                            clock,
+                            number,
+                            passes,
+                            beam_of(setup, step),
+                            begin,
+                            setup.mirror,
+                            latest,
+                        ),
                         strict=True,
                     ):
                         columns[name].append(value)
@@ -340,6 +359,7 @@ def make_run(plan, approach=None):
         way=ways,
         beam=told["beam"],
         start=told["start"],
+        mirror=told["mirror"],
         air=air,
         pressure=pressure,
         humidity=humidity,

@@ -35,6 +35,7 @@ from stepdiag_ros.metrology.effects.servo_lag import EFFECT as LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as TURNING
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as DELAY
+from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
@@ -285,6 +286,15 @@ def test_feed_and_dwell_of_a_table_are_those_of_its_times():
     assert conditions_of(untold).feed > 0.0
 
 
+def test_moves_of_any_length_that_take_as_long_do_not_show_the_feed():
+    uneven = make_plan(blocks=6, step=(0.02, 0.01, 0.03))
+    run = simulate(uneven, CELL)
+    lines = tuple(replace(one, time=3.1 * np.arange(len(one.time))) for one in run.lines)
+    found = conditions_of(replace(run, lines=lines))
+    assert found.feed == 0.033
+    assert 2.0 < found.sampling.dwell < 3.1
+
+
 def test_axes_that_turn_are_no_rival_that_lines_are_sought_for_but_are_said_to_be_left_open():
     _, run = standard_runs.measured(rotation=20e-6, seed=5)
     diagnosis = diagnose(run)
@@ -293,3 +303,27 @@ def test_axes_that_turn_are_no_rival_that_lines_are_sought_for_but_are_said_to_b
     assert proposal.plan is not None
     assert all(TURNING.name not in labels for labels in proposal.rivals)
     assert any(TURNING.name in left.labels for left in proposal.left_open)
+
+
+@pytest.mark.parametrize("mount", [(0.1, 0.0, 0.0), (0.0, -0.05, 0.1)])
+def test_a_mirror_mounted_elsewhere_reads_the_rotations_by_its_arm(mount):
+    """The exact walk along the chain of a machine that turns agrees with the effect's column."""
+    plan = make_plan(blocks=6, step=(0.02, 0.02, 0.02), diagonals=("ppn",), linear=())
+    plan = replace(plan, lines=tuple(replace(one, mirror_offset=mount) for one in plan.lines))
+    turn = np.linspace(0.0, 40e-6, 7)
+    nodes = tuple(np.linspace(0.0, 0.12, 7) for _ in range(3))
+    plain = replace(CELL, errors=ErrorCurves.from_curves(nodes, {}))
+    turning = replace(plain, errors=ErrorCurves.from_curves(nodes, {"E_CZ": turn}))
+    found = simulate(plan, replace(turning, reading_noise=0.0), seed=1)
+    straight = simulate(plan, replace(plain, reading_noise=0.0), seed=1)
+    difference = np.concatenate(
+        [
+            one.displacement - other.displacement
+            for one, other in zip(found.lines, straight.lines, strict=True)
+        ]
+    )
+    column = ANGULAR.columns({"error": "E_CZ"}, stops_of(found))[:, 0] * 40e-6
+    np.testing.assert_allclose(difference, column - column[0], atol=2e-9)
+    elsewhere = replace(stops_of(found), mirror_offset=np.zeros((len(column), 3)))
+    usual = ANGULAR.columns({"error": "E_CZ"}, elsewhere)[:, 0] * 40e-6
+    assert np.ptp(column - usual) > 1e-6

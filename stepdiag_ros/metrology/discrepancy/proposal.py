@@ -20,7 +20,12 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline
 from stepdiag_ros.metrology.discrepancy.contenders import Contenders
-from stepdiag_ros.metrology.discrepancy.extra_lines import Option, alignments, parts
+from stepdiag_ros.metrology.discrepancy.extra_lines import (
+    Option,
+    alignments,
+    mounted_elsewhere,
+    parts,
+)
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.judging import (
     AS_BEFORE,
@@ -196,12 +201,12 @@ def propose(
     whole = contests(groups)
     slow = replace(basis, sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell))
     axes = axes_at_hand(line.line for line in measurement.lines)
+    box = measurement.volume
+    once, often = (alignments(box, several, axes) for several in (False, True))
+    mounted = (*once, *mounted_elsewhere(axes))
     judge, lost, everything = _least_lost(
-        (
-            (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), often)
-            for conditions, often in ((basis, False), (basis, True), (slow, False))
-        ),
-        {often: alignments(measurement.volume, often, axes) for often in (False, True)},
+        (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), lines)
+        for conditions, lines in ((basis, once), (basis, often), (basis, mounted), (slow, once))
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
@@ -222,13 +227,13 @@ def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
 
 
 def _least_lost(
-    judges: Iterable[tuple[Judge, bool]], lines: Mapping[bool, tuple[Option, ...]]
+    judges: Iterable[tuple[Judge, tuple[Option, ...]]],
 ) -> tuple[Judge, list[tuple[Candidate, Candidate]], tuple[Option, ...]]:
     """Return the first judge with whom no pair has to be given up, else the one with the fewest."""
     tried = []
-    for judge, often in judges:
-        lost = judge.give_up(lines[often])
-        tried.append((judge, lost, lines[often]))
+    for judge, lines in judges:
+        lost = judge.give_up(lines)
+        tried.append((judge, lost, lines))
         if not lost:
             break
     return min(tried, key=lambda one: len(one[1]))
