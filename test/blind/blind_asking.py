@@ -183,6 +183,7 @@ def further_plan(folder, diagnosis):
     kept = {
         "sentence": proposal.sentence,
         "certainty": proposal.certainty,
+        "conditions": list(proposal.conditions),
         "left_open": [list(one.labels) for one in proposal.left_open],
         "duration": proposal.seconds,
         "seconds": time.process_time() - begin,

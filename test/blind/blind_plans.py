@@ -9,7 +9,7 @@ from itertools import groupby
 
 import numpy as np
 import yaml
-from blind_weather import draw_weather, plain_weather, weather
+from blind_weather import another_day, draw_weather, plain_weather, weather
 
 ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "ZYX", "YXZ")
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
@@ -209,7 +209,7 @@ def _setups(diagonals, orders, repeats, directions):
     return (*linear, *steps)
 
 
-def plan_of_file(text, before, rng):
+def plan_of_file(text, before, rng, conditions=()):
     """Read the plan of a plan file, to be measured on a machine on another day.
 
     What the file does not say (alignment, dead path, noise) is as in
@@ -219,6 +219,7 @@ def plan_of_file(text, before, rng):
         text: of the plan file, YAML.
         before: the plan that the machine was measured by before.
         rng: of the weather.
+        conditions: sentences that say in which weather the plan is to be measured.
 
     Raises:
         ValueError: it measures another box than the plan before.
@@ -245,15 +246,16 @@ def plan_of_file(text, before, rng):
     feed = told.get("feed_m_per_s")
     known = isinstance(feed, int | float)
     stay = float(sampling.get("settle_s", 0.1)) + float(sampling.get("window_s", 0.3))
-    return replace(
+    made = replace(
         before,
         setups=tuple(_joined(setups)),
         stop_time=max(float(sampling.get("dwell_s", _SETTLE)), stay) if known else before.stop_time,
-        warming=plain_weather(rng) if before.warming["plain"] else draw_weather(rng),
         one_alignment=bool(told.get("one_alignment_per_diagonal", False)),
         overrun=float(told.get("overrun_m", 0.0)),
         feed=float(feed) if known else 0.0,
     )
+    length = float(make_run(made).time[-1])
+    return replace(made, warming=another_day(before.warming, length, conditions, rng))
 
 
 def _joined(setups):

@@ -2,7 +2,7 @@
 
 Where several effects close the gap of a run equally well, further lines are sought in which they
 differ: other orders of moves, other diagonals, both directions, repeats, linear lines along other
-edges of the box, a longer dwell. A set of lines is good enough if the evidence of all readings
+edges of the box, the mirror mounted elsewhere, a slower feed and a longer dwell. A set of lines is good enough if the evidence of all readings
 together will name the cause alone in 19 of 20 cases (``judging``).
 Every alignment that is not needed is left out, then every pass; of what several orders of leaving
 out come to, the quickest is proposed.
@@ -36,7 +36,9 @@ from stepdiag_ros.metrology.discrepancy.judging import (
 )
 from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival, is_bound
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.effects.servo_lag import EFFECT as SERVO_LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
+from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as TRIGGER_DELAY
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan, axes_at_hand
@@ -49,6 +51,8 @@ _MANY = 6
 """Alignments, beyond which it is tried whether more passes in fewer of them will do."""
 _SLOWER = 4.0
 """Factor of the dwell of an extra plan whose lines have to be slower than those of the run."""
+_LESS_FEED = 2.0
+"""Factor by which such a plan's feed is less."""
 _OF_A_KIND = 2
 """Rivals of one effect that belong to one alignment or pass: so many stand for all in the
 search."""
@@ -199,20 +203,35 @@ def propose(
         ]
 
     whole = contests(groups)
-    slow = replace(basis, sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell))
+    slow = replace(
+        basis,
+        feed=basis.feed / _LESS_FEED,
+        sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell),
+    )
     axes = axes_at_hand(line.line for line in measurement.lines)
     box = measurement.volume
     once, often = (alignments(box, several, axes) for several in (False, True))
     mounted = (*once, *mounted_elsewhere(axes))
     judge, lost, everything = _least_lost(
         (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), lines)
-        for conditions, lines in ((basis, once), (basis, often), (basis, mounted), (slow, once))
+        for conditions, lines in (
+            *(((slow, once),) if any(_of_pace(one) for group in groups for one in group) else ()),
+            (basis, once),
+            (basis, often),
+            (basis, mounted),
+            (slow, mounted),
+        )
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
     search = _Search(judge, judge.among(few, contests(some)), everything, seconds)
     proposal = search.proposal(lost)
     return replace(proposal, left_open=(*proposal.left_open, *turning))
+
+
+def _of_pace(rival: Rival) -> bool:
+    """Say whether an effect depends on how fast moves and stops follow one another."""
+    return rival.candidate.effect.name in (SERVO_LAG.name, TRIGGER_DELAY.name)
 
 
 def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
@@ -418,13 +437,20 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
         how = (
             "changes at most half as fast as in the run, or in the other sense"
             if one.weather == SLOWER
-            else "changes in another proportion to the rest of the weather than in the run"
+            else "changes as much as in the run, but in another proportion to the rest of the weather"
         )
         words.append(
             f"To distinguish {labels}, measure again when the {' or the '.join(what)} {how}: on"
-            " another day or at another time of the day."
+            f" another day or at another time of the day{_warming(what)}."
         )
     return tuple(words)
+
+
+def _warming(what: Sequence[str]) -> str:
+    """Say how to come to another temperature of the machine without waiting for a day."""
+    if _WEATHER["material_temperature"] not in what:
+        return ""
+    return ", or after the axes were run to and fro for an hour, which warms the machine alone"
 
 
 def _bound_words(judge: Judge) -> list[LeftOpen]:
