@@ -82,7 +82,8 @@ def _suits(before, day, length, conditions):
         rest = [shares[name] for name in QUANTITIES if name not in sentence]
         if "half as fast" in sentence and max(named, default=0.0) > 0.5:
             return False
-        if "proportion" in sentence and not _apart(*(named if len(named) > 1 else named + rest)):
+        compared = named if len(named) > 1 else named + rest
+        if "proportion" in sentence and not (_apart(*compared) and np.abs(compared).max() > 0.95):
             return False
     return True
 

@@ -2,8 +2,8 @@
 
 Where several effects close the gap of a run equally well, further lines are sought in which they
 differ: other orders of moves, other diagonals, both directions, repeats, linear lines along other
-edges of the box, the mirror mounted elsewhere, a slower feed and a longer dwell. A set of lines is good enough if the evidence of all readings
-together will name the cause alone in 19 of 20 cases (``judging``).
+edges of the box, the mirror mounted elsewhere, a slower pace. A set of lines is good enough if the
+evidence of all readings together will name the cause alone in 19 of 20 cases (``judging``).
 Every alignment that is not needed is left out, then every pass; of what several orders of leaving
 out come to, the quickest is proposed.
 
@@ -437,7 +437,8 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
         how = (
             "changes at most half as fast as in the run, or in the other sense"
             if one.weather == SLOWER
-            else "changes as much as in the run, but in another proportion to the rest of the weather"
+            else "changes as much as in the run, but in another proportion to the rest of the"
+            " weather (at least by a factor of 2)"
         )
         words.append(
             f"To distinguish {labels}, measure again when the {' or the '.join(what)} {how}: on"
