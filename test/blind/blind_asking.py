@@ -100,7 +100,9 @@ def diagnosed(measurement, **further):
     with limited(LONGEST):
         found = diagnose(measurement, **further)
     seconds = time.process_time() - begin
-    named = {name for one in found.findings for name in (one.label, *one.ambiguous)}
+    named = {
+        name for one in found.findings for name in (one.label, *one.ambiguous, *one.equivalent)
+    }
     return found, {
         "verdict": found.verdict,
         "sentence": found.sentence,
@@ -144,6 +146,7 @@ def _finding(one):
         "probability": one.probability,
         "group": list(one.group),
         "ambiguous": list(one.ambiguous),
+        "equivalent": list(one.equivalent),
         "runners_up": [[other.label, other.probability] for other in one.runners_up[:5]],
     }
 

@@ -29,6 +29,11 @@ def labels_of(truth, verdict):
     ]
 
 
+def names_of(finding):
+    """Return every name that a finding states as the cause."""
+    return {finding["label"], *finding["ambiguous"], *finding.get("equivalent", ())}
+
+
 def found(labels, verdict):
     """Say how each hidden effect was found: ``right``, ``right, in a group`` or nothing.
 
@@ -38,13 +43,10 @@ def found(labels, verdict):
     """
     ways = []
     for some in labels:
-        named = [
-            finding
-            for finding in verdict["findings"]
-            if some & {finding["label"], *finding["ambiguous"]}
-        ]
-        # Several names of one and the same effect are no group.
-        alone = any({finding["label"], *finding["ambiguous"]} <= some for finding in named)
+        named = [finding for finding in verdict["findings"] if some & names_of(finding)]
+        # Several names of one and the same effect are no group, nor are those of an alignment that
+        # is over, where it is stated that they are one.
+        alone = any(not finding["ambiguous"] or names_of(finding) <= some for finding in named)
         ways.append("right" if alone else "right, in a group" if named else "")
     return ways
 
@@ -74,18 +76,15 @@ def outcome(truth, verdict):
     if truth["class"] == "outside":
         if word in ("UNEXPLAINED", "DESCRIBED"):
             return "right"
-        stated = all(finding["ambiguous"] for finding in verdict["findings"])
-        return "right, in a group" if word == "AMBIGUOUS" and stated else "wrong name"
+        stated = all(len(names_of(finding)) > 1 for finding in verdict["findings"])
+        grouped = word in ("AMBIGUOUS", "NAMED") and stated
+        return "right, in a group" if grouped else "wrong name"
     if word in ("UNEXPLAINED", "DESCRIBED"):
         return "unexplained"
     labels = labels_of(truth, verdict)
     ways = found(labels, verdict)
     hidden = set().union(*labels)
-    strangers = [
-        finding
-        for finding in verdict["findings"]
-        if not hidden & {finding["label"], *finding["ambiguous"]}
-    ]
+    strangers = [finding for finding in verdict["findings"] if not hidden & names_of(finding)]
     if strangers or not any(ways):
         return "wrong name"
     if not all(ways):

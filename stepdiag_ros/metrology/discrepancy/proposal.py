@@ -34,7 +34,7 @@ from stepdiag_ros.metrology.discrepancy.judging import (
     Judged,
     certainty_of,
 )
-from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival, is_bound
+from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.servo_lag import EFFECT as SERVO_LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
@@ -264,7 +264,7 @@ def _few(rivals: Sequence[Rival]) -> list[int]:
     places = []
     for place in sorted(range(len(rivals)), key=lambda one: -rivals[one].probability):
         candidate = rivals[place].candidate
-        if is_bound(candidate):
+        if candidate.is_bound:
             seen[candidate.effect.name] = seen.get(candidate.effect.name, 0) + 1
             if seen[candidate.effect.name] > _OF_A_KIND:
                 continue
@@ -457,7 +457,7 @@ def _warming(what: Sequence[str]) -> str:
 def _bound_words(judge: Judge) -> list[LeftOpen]:
     found = []
     for contest in judge.contests:
-        bound = [one.candidate.label for one in contest.rivals if is_bound(one.candidate)]
+        bound = [one.candidate.label for one in contest.rivals if one.candidate.is_bound]
         if len(bound) > 1:
             found.append(
                 LeftOpen(
