@@ -4,7 +4,7 @@ Each option is one alignment of laser and mirror: a step diagonal in one or seve
 moves, or a linear line along an edge of the box, in one or both directions, once or several times.
 
 A rotation of the tool that is the same wherever a beam meets it is nothing but another alignment:
-a plane mirror that turns shows no more. Only a beam that meets the tool elsewhere tells by how much
+a plane mirror that turns shows no more. Only a beam that meets the tool elsewhere shows by how much
 it turns on the way, so lines are there too with the mirror mounted elsewhere.
 """
 

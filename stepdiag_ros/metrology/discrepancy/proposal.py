@@ -12,7 +12,7 @@ that is over. Further readings show whether the cause was such a thing or is in 
 still; they need not show which of several alignments it was.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -41,7 +41,7 @@ from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVE
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as TRIGGER_DELAY
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plan import Plan, axes_at_hand
+from stepdiag_ros.metrology.plan import Plan, Volume, axes_at_hand
 
 _SHUFFLES = 2
 _FOREMOST = 2
@@ -203,30 +203,36 @@ def propose(
         ]
 
     whole = contests(groups)
-    slow = replace(
-        basis,
-        feed=basis.feed / _LESS_FEED,
-        sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell),
-    )
     axes = axes_at_hand(line.line for line in measurement.lines)
-    box = measurement.volume
-    once, often = (alignments(box, several, axes) for several in (False, True))
-    mounted = (*once, *mounted_elsewhere(axes))
+    paced = any(_of_pace(one) for group in groups for one in group)
     judge, lost, everything = _least_lost(
         (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), lines)
-        for conditions, lines in (
-            *(((slow, once),) if any(_of_pace(one) for group in groups for one in group) else ()),
-            (basis, once),
-            (basis, often),
-            (basis, mounted),
-            (slow, mounted),
-        )
+        for conditions, lines in _ways(basis, measurement.volume, axes, paced)
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
     search = _Search(judge, judge.among(few, contests(some)), everything, seconds)
     proposal = search.proposal(lost)
     return replace(proposal, left_open=(*proposal.left_open, *turning))
+
+
+def _ways(
+    basis: Plan, box: Volume, axes: str, paced: bool
+) -> Iterator[tuple[Plan, tuple[Option, ...]]]:
+    """Yield conditions and all lines under them, those that are the least trouble first."""
+    slow = replace(
+        basis,
+        feed=basis.feed / _LESS_FEED,
+        sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell),
+    )
+    once, often = (alignments(box, several, axes) for several in (False, True))
+    mounted = (*once, *mounted_elsewhere(axes))
+    if paced:
+        yield slow, once
+    yield basis, once
+    yield basis, often
+    yield basis, mounted
+    yield slow, mounted
 
 
 def _of_pace(rival: Rival) -> bool:
@@ -475,7 +481,8 @@ def _lost_words(lost: Sequence[tuple[Candidate, Candidate]]) -> list[LeftOpen]:
     for one, other in lost:
         words = (
             "No linear lines along the edges of the box and no step diagonals, however often"
-            f" repeated, distinguish {one.label} from {other.label}"
+            " repeated and wherever the mirror is mounted, distinguish"
+            f" {one.label} from {other.label}"
         )
         turning = [
             candidate.setting["error"]

@@ -64,24 +64,22 @@ def explained_by(chosen: tuple[Finding, ...]) -> tuple[str, str]:
         words = "; ".join(
             f"{one.label}, or as well {', '.join(one.ambiguous)}" for one in open_names
         )
-        ends = [one for one in open_names if one.over]
+        ends = " or ".join(one.label for one in open_names if one.over)
         over = (
-            f" No further measurement tells {' or '.join(one.label for one in ends)} from the"
-            " others: all of them ended with their alignments. Align those lines again."
-            if ends
-            else ""
+            f" No further measurement distinguishes {ends} from the others: all of them ended with"
+            " their alignments. Align those lines again."
         )
         return verdicts.AMBIGUOUS, (
-            f"The gap closes, but this run cannot tell by what: {words}.{over}"
+            f"The gap closes, but this run cannot tell by what: {words}.{over if ends else ''}"
         )
-    words = " and ".join(
-        one.label
-        + (
-            f" (one with {', '.join(one.equivalent)}: that alignment is over, and no further"
-            " measurement tells them apart)"
-            if one.equivalent
-            else ""
-        )
-        for one in chosen
-    )
+    words = " and ".join(map(_with_equivalents, chosen))
     return verdicts.NAMED, f"The model lacks {words}; with that, model and run agree."
+
+
+def _with_equivalents(finding: Finding) -> str:
+    if not finding.equivalent:
+        return finding.label
+    return (
+        f"{finding.label} (one with {', '.join(finding.equivalent)}: that alignment is over, and no"
+        " further measurement distinguishes them)"
+    )

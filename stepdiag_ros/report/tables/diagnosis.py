@@ -250,7 +250,7 @@ def group_sentences(findings: Sequence[Finding]) -> list[str]:
         if finding.equivalent:
             sentences.append(
                 f"'{finding.label}' is one name with {_listed(finding.equivalent)}: that alignment"
-                " is over, and no further measurement tells them apart."
+                " is over, and no further measurement distinguishes them."
             )
     return sentences
 
