@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.discrepancy.findings import Dependence, Diagnosis, Finding
-from stepdiag_ros.metrology.effects.learned_shape import READING, quantity
+from stepdiag_ros.metrology.effects.learned_shape import READING, product_of, quantity
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.style import AFTER, GREY, Sheet, panel_title, scales, zero_line
@@ -93,12 +93,9 @@ def _displacement(
         and finding.candidate.setting.get("acts_on") == one.acts_on
     ]
     ends = np.cumsum([len(finding.candidate.effect.sizes) for finding in findings])
-    columns = []
-    for place in own:
-        effect, setting = findings[place].candidate.effect, findings[place].candidate.setting
-        column = effect.change({**setting, "acts_on": READING}, {"amplitude": 1.0}, diagnosis.stops)
-        columns.append(column.readings(diagnosis.stops))
-    shapes = np.column_stack(columns)
+    shapes = np.column_stack(
+        [product_of(findings[place].candidate.setting["shape"], diagnosis.stops) for place in own]
+    )
     sizes = np.array([findings[place].sizes["amplitude"] for place in own])
     where = ends[own] - 1
     covariance = diagnosis.covariance[np.ix_(where, where)]

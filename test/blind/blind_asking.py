@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from blind_plans import box_places
 from blind_words import Entry
 
 NO_ANSWER = "NO ANSWER"
@@ -115,6 +116,8 @@ def diagnosed(measurement, **further):
             for entry, _, _ in entries_of(found.stops)
             if entry.label in found.not_testable
         ],
+        "description": _description(found.description),
+        "amounts": _amounts(found, measurement.volume) if found.verdict == "DESCRIBED" else None,
         "noise": found.noise,
         "correlation": found.noise_correlation,
         "chi_squared": [found.chi_squared_before, found.chi_squared_after],
@@ -123,6 +126,39 @@ def diagnosed(measurement, **further):
         "tested": found.tested,
         "readings": len(found.residual_before),
         "seconds": seconds,
+    }
+
+
+def _description(found):
+    if found is None:
+        return None
+    return {
+        "dependences": [
+            {
+                "acts_on": one.acts_on,
+                "drivers": list(one.drivers),
+                "shapes": list(one.shapes),
+                "p_value": one.p_value,
+                "probability": one.probability,
+                "rivals": [[acts_on, list(drivers)] for acts_on, drivers in one.rivals],
+            }
+            for one in found.dependences
+        ],
+        "nearest": found.nearest,
+        "nearest_share": found.nearest_share,
+    }
+
+
+def _amounts(found, volume):
+    """What a description says of the readings, and along the beams all over the box, m."""
+    places = box_places(volume.step, volume.blocks, len(found.stops.time))
+    everywhere = replace(found.stops, position=places)
+    return {
+        name: sum(
+            one.candidate.effect.columns(one.candidate.setting, stops) @ list(one.sizes.values())
+            for one in found.findings
+        ).tolist()
+        for name, stops in (("at_stops", found.stops), ("in_box", everywhere))
     }
 
 

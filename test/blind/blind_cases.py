@@ -32,8 +32,12 @@ from blind_yardstick import SEEN, Yardstick
 
 CLASSES = ("none", "one", "two", "outside", "pair", "unseen", "gross")
 LEVELS = (0.5, 1.0, 2.0, 5.0)
+OUTSIDE_LEVEL = 3.0
+"""Of what is outside the catalogue, where the issue asks."""
 LARGEST = 2000
 """Readings of a run at most, if not told otherwise."""
+LARGEST_OF_MANY = 5000
+"""Likewise of a run of many repeats."""
 LEAST_VISIBLE = 0.02
 """An effect that shows less than this part of itself is hidden from everybody, and not drawn."""
 ALIKE = 0.995
@@ -61,6 +65,7 @@ class Case:
         signs: of the sizes.
         gross: for a gross error, its name and where.
         wander: of the laser's zero from pass to pass, m, standard deviation.
+        repeats: that the plan was asked to have at least; 0 if it was not asked.
     """
 
     seed: int
@@ -72,13 +77,14 @@ class Case:
     signs: tuple = ()
     gross: dict | None = None
     wander: float = 0.0
+    repeats: int = 0
 
     @property
     def name(self):
-        return f"{self.kind}-{self.seed}"
+        return f"{self.kind}-{self.seed}" + (f"-x{self.repeats}" if self.repeats else "")
 
 
-def draw_case(kind, seed, level=None, largest=LARGEST):
+def draw_case(kind, seed, level=None, largest=LARGEST, repeats=0):
     """Draw a case of a class.
 
     Args:
@@ -86,12 +92,16 @@ def draw_case(kind, seed, level=None, largest=LARGEST):
         seed: anything but the class.
         level: times the detection limit; drawn if not given.
         largest: number of readings that the run may have.
+        repeats: that the plan has at least, in one move order then; 0: a few, as drawn.
     """
     rng = np.random.default_rng([seed, CLASSES.index(kind)])
     drawn_level = float(rng.choice(LEVELS))
-    level = {"two": 5.0, "outside": 5.0}.get(kind, drawn_level) if level is None else level
+    usual = {"two": 5.0, "outside": OUTSIDE_LEVEL}
+    level = usual.get(kind, drawn_level) if level is None else level
     for _ in range(_TRIES):
         plan = draw_plan(rng, rich=kind != "none" or rng.random() < 0.7)
+        if repeats:
+            plan = plan.repeated(repeats + int(rng.integers(0, 4)))
         if plan.stops > largest:
             continue
         hidden, twin, gross = (), None, None
@@ -104,7 +114,7 @@ def draw_case(kind, seed, level=None, largest=LARGEST):
         signs = tuple(float(sign) for sign in rng.choice([-1.0, 1.0], len(hidden)))
         # Every other machine that lacks nothing is of an ordinary workshop.
         wander = float(rng.uniform(*WANDER)) if kind == "none" and seed % 2 else 0.0
-        return Case(seed, kind, level, plan, hidden, twin, signs, gross, wander)
+        return Case(seed, kind, level, plan, hidden, twin, signs, gross, wander, repeats)
     raise RuntimeError(f"no {kind} case found from seed {seed}")
 
 
@@ -116,7 +126,13 @@ def _draw_effects(rng, kind, plan, seed):
     def seen(hidden):
         if hidden is None or (hidden.kind == "nonlinearity" and plan.noise > FINE_NOISE):
             return False
-        return yardstick.visible(machine.signature(run, hidden)) > LEAST_VISIBLE
+        change = machine.signature(run, hidden)
+        if hidden.kind == "interpolation":
+            size = OUTSIDE_LEVEL * SEEN * plan.noise / np.linalg.norm(yardstick.signature(change))
+            # An interpolation that is off by more does not go forward any more as the axis does.
+            if size > hidden.setting["period"] / (2.0 * np.pi):
+                return False
+        return yardstick.visible(change) > LEAST_VISIBLE
 
     if kind == "pair":
         return _draw_pair(rng, machine, run, yardstick)
@@ -127,7 +143,9 @@ def _draw_effects(rng, kind, plan, seed):
         changes = [machine.signature(run, hidden) for hidden in some]
         # Two that nearly cancel are a question of their own; here both can be told apart.
         return (tuple(some), None) if yardstick.alike(*changes) < 0.7 else ((), None)
-    kinds = {"one": INSIDE, "outside": OUTSIDE, "unseen": UNSEEN}[kind]
+    # Outside the catalogue each kind has its turn: few runs show them all.
+    in_turn = (OUTSIDE[seed % len(OUTSIDE)],)
+    kinds = {"one": INSIDE, "outside": in_turn, "unseen": UNSEEN}[kind]
     hidden = draw_hidden(rng, str(rng.choice(kinds)), run)
     if kind == "unseen":
         return ((hidden,), None) if _is_there(hidden, run, machine) else ((), None)
@@ -280,6 +298,7 @@ def seal(path, case, sizes, facts):
         "twin": asdict(case.twin) if case.twin else None,
         "gross": case.gross,
         "wander": case.wander,
+        "repeats": case.repeats,
         "sizes": list(sizes),
         **facts,
     }

@@ -6,19 +6,21 @@ from blind_figures import (
     AT_MOST,
     COVERAGE,
     HELD_OUT,
+    MEDIANS,
     MUST_BE,
-    SECONDS,
+    SLOWEST,
     as_table,
     by_kind,
     confusion,
     figures,
+    seconds_by_class,
 )
 from blind_judging import NO_PLAN
 
 BEGIN = "<!-- results of benchmarks/blind.py: begin; written by it, not by hand -->"
 END = "<!-- results of benchmarks/blind.py: end -->"
 _WORDS = {
-    "false_name_on_null": "false name on null data",
+    "false_name_on_null": "a name or DESCRIBED on null data",
     "unexplained_on_null": "nothing hidden, yet UNEXPLAINED",
     "right_name_or_group_at_0.5": "right name, or group that contains it, at 0.5 × the limit",
     "right_name_or_group_at_1": "same, at 1 ×",
@@ -33,7 +35,25 @@ _WORDS = {
         "same, alone or in a group, where the effect belonged to one alignment or pass"
     ),
     "wrong_name_after_plan": "wrong name after it",
-    "outside_unexplained_or_group": "outside the catalogue: UNEXPLAINED or a stated group",
+    "outside_described_rightly": (
+        "outside the catalogue, 3 ×: DESCRIBED, all drivers right and none wrong"
+    ),
+    "outside_described_or_rival": "same, or with what is right as a stated rival",
+    "outside_description_right_whatever_rivals": "same, the description right, whatever its rivals",
+    "outside_in_a_group": "same: AMBIGUOUS, a stated group of names",
+    "outside_unexplained": "same: UNEXPLAINED",
+    "outside_wrong_description": "same: DESCRIBED by a wrong driver, or not by all",
+    "described_held_out_below": f"its held-out χ² per degree of freedom ≤ {HELD_OUT}",
+    "described_held_out": "same, median",
+    "described_error_in_box": (
+        "described minus true displacement over the measured box, rms over the true rms, median"
+    ),
+    "described_error_at_stops": "same, of the readings of the run",
+    "passing_unexplained_or_in_time": (
+        "random, or of one alignment, 3 ×: UNEXPLAINED or by time alone"
+    ),
+    "passing_or_its_jumps": "same, or a mirror's jumps as two jumps of the reading",
+    "outside_wrong_lone_name": "outside the catalogue: a wrong lone name",
     "two_both_found": "two effects both found, each at 5 ×",
     "unseen_said_not_testable": "what nobody can see: CONSISTENT, and said not to be testable",
     "unseen_named": "what nobody can see: named",
@@ -41,6 +61,12 @@ _WORDS = {
     "gross_named_as_something_else": "gross error named as an effect",
     "crashes": "crashes",
     "band_covers": "95 % coverage interval contains the true size",
+    "many_false_name_on_null": "12 and more repeats: a name or DESCRIBED on null data",
+    "many_right_name_or_group_at_2": "same: right name or group, at 2 × the limit",
+    "many_outside_described_rightly": "same: outside the catalogue, 3 ×, DESCRIBED rightly",
+    "many_outside_wrong_lone_name": "same: outside the catalogue, a wrong lone name",
+    "many_described_held_out": "same: held-out χ² of a description, median",
+    "many_described_error_in_box": "same: described minus true displacement, median",
 }
 
 
@@ -51,6 +77,12 @@ def _percent(value):
 def _counted(figure):
     if not figure["runs"]:
         return "none", ""
+    if "median" in figure:
+        low, high = figure["bounds"] or ("-∞", "∞")
+        return (
+            f"{figure['median']:.3f}, {figure['largest']:.3g} at most ({figure['runs']} runs)",
+            f"{low} … {high}",
+        )
     hits, runs = figure["hits"], figure["runs"]
     low, high = figure["bounds"]
     bounds = f"{100.0 * low:.1f}-{100.0 * high:.1f} %"
@@ -60,6 +92,8 @@ def _counted(figure):
 def _must_be(name):
     if name == "band_covers":
         return f"{100 * COVERAGE[0]:.0f}-{100 * COVERAGE[1]:.0f} %"
+    if name in MEDIANS:
+        return f"≤ {MEDIANS[name]:g}"
     if name not in MUST_BE:
         return ""
     sense, limit = MUST_BE[name]
@@ -82,11 +116,23 @@ def _table_of_figures(counted):
     seconds = counted["seconds"]
     if seconds["runs"]:
         lines.append(
-            f"| processor time for a verdict on 1,500-2,500 readings | ≤ {SECONDS:g} s median | "
+            "| processor time for a verdict on 1,500-2,500 readings | "
+            f"≤ {MEDIANS['seconds']:g} s median, {SLOWEST:g} s at most | "
             f"{seconds['median']:.1f} s median, {seconds['largest']:.0f} s at most "
             f"({seconds['runs']} runs) | |"
         )
     return lines
+
+
+def table_of_seconds(judged):
+    """Return the processor time of the verdicts of each class as a table."""
+    rows = [
+        f"| {kind} | {one['runs']} | {one['median']:.1f} | {one['largest']:.1f} |"
+        for kind, one in seconds_by_class(judged).items()
+    ]
+    return "\n".join(
+        ["| processor time, s | verdicts | median | at most |", "|---|---:|---:|---:|", *rows]
+    )
 
 
 def _effects(hidden):
@@ -154,6 +200,8 @@ def results(judged, told):
             as_table(confusion(judged), "hidden"),
             "",
             as_table(by_kind(judged), "at 2 × the limit and more"),
+            "",
+            table_of_seconds(judged),
             "",
             f"Not right (`--class CLASS --seed SEED --runs 1` makes one again): {len(wrong)}",
             "",

@@ -9,6 +9,8 @@ import numpy as np
 PAIRS = ("xy", "xz", "yz")
 ANGLES = tuple(f"E_{about}{axis}" for axis in "XYZ" for about in "ABC")
 LEADS = (4e-3, 5e-3, 10e-3, 16e-3, 20e-3)
+SIGNALS = (20e-6, 40e-6)
+"""Periods of the signal of a linear scale, m."""
 FINE_NOISE = 20e-9
 """Noise below which an error of the interferometer within one fringe can be seen, m."""
 
@@ -58,6 +60,9 @@ OUTSIDE = (
     "creep",
     "load_hysteresis",
     "loose_mirror",
+    "vibration",
+    "warm_spot",
+    "interpolation",
 )
 """Real ones that no catalogue is asked to hold."""
 
@@ -152,6 +157,18 @@ def draw_hidden(rng, kind, run):
             "component": component,
             "axis": axis,
             "other": str(rng.permutation([one for one in "XYZ" if one != axis])[0]),
+        },
+        "vibration": {"component": component, "axis": axis, "other": other},
+        "warm_spot": {
+            "centre": [float(one) for one in rng.uniform(0.3, 0.7, 3)],
+            "radius": float(rng.uniform(0.2, 0.4)),
+        },
+        "interpolation": {
+            "axis": axis,
+            "other": other,
+            "period": float(rng.choice(SIGNALS)),
+            "phase": float(rng.uniform(0.0, 2.0 * np.pi)),
+            "stretch": float(rng.uniform(20e-6, 120e-6)),
         },
         "worn_spot": {
             "axis": axis,

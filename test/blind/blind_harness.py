@@ -4,7 +4,8 @@ Each case passes through files of one folder, so that a stopped test goes on whe
 
 - ``cases/NAME/`` run.csv and case.yaml, all that the workflow is shown;
 - ``again/NAME/`` the same machine measured a second time, for the held-out figure;
-- ``machines/NAME`` the machine, which measures a proposed plan; ``further/NAME/`` what it measured;
+- ``machines/NAME`` the machine, which measures a proposed plan, and tells at every place what is
+  hidden when the seals are open; ``further/NAME/`` what it measured;
 - ``seals/NAME`` the truth, and ``laid/NAME.json`` the hash of the seal;
 - ``verdicts/NAME.json``; the seals are opened only when every case has one.
 
@@ -31,6 +32,7 @@ from blind_asking import (
 )
 from blind_cases import (
     LARGEST,
+    LARGEST_OF_MANY,
     LEVELS,
     draw_case,
     own_limits,
@@ -40,6 +42,8 @@ from blind_cases import (
     write_further,
     write_gross,
 )
+from blind_descriptions import described_errors
+from blind_drivers import facts_of
 from blind_judging import after_plan, outcome
 from blind_machine import Machine
 from blind_words import means
@@ -68,10 +72,10 @@ def sizes_in_their_words(change, effect, setting, stops, run):
     return dict(zip(names, (float(value) for value in sizes), strict=True))
 
 
-def prepare(root, kind, seed, level=None, largest=LARGEST):
+def prepare(root, kind, seed, level=None, largest=LARGEST, repeats=0):
     """Draw a case, find its scale, write what the workflow will see, seal the truth."""
     root = Path(root)
-    case = draw_case(kind, seed, level, largest)
+    case = draw_case(kind, seed, level, LARGEST_OF_MANY if repeats else largest, repeats)
     if (root / "laid" / f"{case.name}.json").exists():
         return case.name
     setups = [(one.kind, one.line, one.order) for one in case.plan.setups]
@@ -82,8 +86,12 @@ def prepare(root, kind, seed, level=None, largest=LARGEST):
         case, sizes, told = _scaled(root, case, setups)
         facts.update(told)
         write_case(root / "cases" / case.name, case, sizes)
-    if kind in SCALED:
+    if kind == "outside":
+        facts.update(facts_of(case.hidden[0], Machine(seed, case.plan).run()))
+    # What is random, or belongs to one alignment, does not come again.
+    if kind in SCALED or (kind == "outside" and facts["drivers"]["lasting"]):
         write_case(root / "again" / case.name, case, sizes, SECOND_NOISE)
+    if kind in (*SCALED, "outside"):
         (root / "machines").mkdir(parents=True, exist_ok=True)
         (root / "machines" / case.name).write_bytes(pickle.dumps((case, sizes)))
     (root / "seals").mkdir(parents=True, exist_ok=True)
@@ -135,7 +143,7 @@ def _scaled(root, case, setups):
         highest.append(max(most, default=np.inf) / limits[-1][0])
         in_words.append(words)
     # What lies beyond its plausible range is rightly ruled out: such a size comes down a level.
-    fitting = [one for one in LEVELS if one <= min([case.level, *highest])]
+    fitting = [one for one in {*LEVELS, case.level} if one <= min([case.level, *highest])]
     case = replace(case, level=max(fitting, default=min(LEVELS)))
     sizes = [sign * case.level * limit for sign, (limit, _) in zip(case.signs, limits, strict=True)]
     return (
@@ -179,14 +187,14 @@ def judge_blindly(root, name):
     diagnosis = None
     try:
         diagnosis, document = asked(folder)
-        if document["verdict"] == "NAMED" and (root / "again" / name).exists():
+        if document["verdict"] in ("NAMED", "DESCRIBED") and (root / "again" / name).exists():
             document["held_out"] = held_out(root / "again" / name, diagnosis)
     except NoAnswerError:
         document = no_answer()
     except Exception as error:  # A crash of the workflow is a result, not the test's end.
         document = crashed(error)
-    known = (root / "machines" / name).exists() and document["verdict"] in ("NAMED", "AMBIGUOUS")
-    if known and any(one["ambiguous"] for one in document["findings"]):
+    named = name.split("-")[0] in SCALED and document["verdict"] in ("NAMED", "AMBIGUOUS")
+    if named and any(one["ambiguous"] for one in document["findings"]):
         document["further"] = _further(root, name, diagnosis)
     _keep(kept, document)
     return name
@@ -234,6 +242,10 @@ def opened(root, names):
         truth = unseal(root / "seals" / name, laid["seal"])
         verdict = json.loads((root / "verdicts" / f"{name}.json").read_text())
         judged.append(_judged(name, truth, verdict))
+        if truth["class"] == "outside" and verdict["verdict"] == "DESCRIBED":
+            case, sizes = pickle.loads((root / "machines" / name).read_bytes())
+            errors = described_errors(case, sizes, truth, verdict["amounts"])
+            judged[-1]["described_errors"] = errors
         null = root / "null" / f"{name}.json"
         if null.exists():
             nothing = {**truth, "class": "none", "hidden": [], "sizes": [], "expected": []}
@@ -249,4 +261,5 @@ def _judged(name, truth, verdict):
         "outcome": outcome(truth, verdict),
         "after_plan": after_plan(truth, verdict),
         "held_out": verdict.get("held_out"),
+        "described_errors": None,
     }

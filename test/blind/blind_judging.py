@@ -1,11 +1,14 @@
 """How a single verdict of the blind test is judged against the truth."""
 
 from blind_asking import CRASH, NO_ANSWER, REFUSED
+from blind_descriptions import outside_outcome
 from blind_words import Entry, is_at, means, rightly_said
 
 OUTCOMES = (
     "right",
     "right, in a group",
+    "right, with its rival",
+    "wrong description",
     "wrong name",
     "unexplained",
     "consistent",
@@ -56,8 +59,8 @@ def outcome(truth, verdict):
 
     With something hidden that the catalogue has, every effect must be found and nothing else named.
     A finding too many, alone or in a group of which no member is hidden, is a wrong name. With
-    nothing hidden CONSISTENT is right; with something outside the catalogue UNEXPLAINED or
-    DESCRIBED, and a stated group of look-alikes right in a group; with something that nobody can
+    nothing hidden CONSISTENT is right; with something outside the catalogue a description is right
+    that says what drives it (``blind_descriptions``); with something that nobody can
     see CONSISTENT is right where that effect is said not to be testable. A gross error is right
     where the sentence, or the refusal of the table, says which it is.
     """
@@ -71,14 +74,10 @@ def outcome(truth, verdict):
             said = truth["class"] == "none" or _said_not_testable(truth, verdict)
             return "right" if said else "consistent"
         return "unexplained" if word == "UNEXPLAINED" else "wrong name"
+    if truth["class"] == "outside":
+        return outside_outcome(truth, verdict)
     if word == "CONSISTENT":
         return "consistent"
-    if truth["class"] == "outside":
-        if word in ("UNEXPLAINED", "DESCRIBED"):
-            return "right"
-        stated = all(len(names_of(finding)) > 1 for finding in verdict["findings"])
-        grouped = word in ("AMBIGUOUS", "NAMED") and stated
-        return "right, in a group" if grouped else "wrong name"
     if word in ("UNEXPLAINED", "DESCRIBED"):
         return "unexplained"
     labels = labels_of(truth, verdict)

@@ -86,6 +86,13 @@ class Plan:
             for setup in self.setups
         )
 
+    def repeated(self, repeats):
+        """The plan with so many repeats of every line, of each diagonal in one move order."""
+        first = {}
+        for setup in self.setups:
+            first.setdefault((setup.kind, setup.line), replace(setup, repeats=repeats))
+        return replace(self, setups=tuple(first.values()))
+
     @property
     def repeats(self):
         return max(setup.repeats for setup in self.setups)
@@ -288,6 +295,11 @@ def beam_of(setup, step):
     """Nominal unit vector of a setup's beam."""
     way = setup.senses * np.asarray(step)
     return way / np.linalg.norm(way)
+
+
+def box_places(step, blocks, count):
+    """Places all over the measured box, at its nodes, m, (count, 3); always the same ones."""
+    return np.random.default_rng(count).integers(0, blocks + 1, (count, 3)) * np.asarray(step)
 
 
 def make_run(plan, approach=None):

@@ -96,3 +96,52 @@ def loose_mirror(run, size, setup, begin, end):
     """A mirror jumps, and jumps back, m."""
     there = (run.setup == setup) & (run.time >= begin) & (run.time < end)
     return on_reading(run, size * there)
+
+
+def vibration(run, size, component, axis, other):
+    """A pump shakes the bridge, and contacts that give one way more than the other shift its mean.
+
+    A contact that yields by c·x² beside what it yields in proportion stands off by c·a²/2 in the
+    mean of a swing of amplitude a. The bridge swings as a beam on two bearings, most in the middle
+    of one axis, and a ram beneath it in proportion to how far it stands out; m at the largest.
+    """
+    share = share_of(run)
+    bridge = np.sin(np.pi * share[:, "XYZ".index(axis)])
+    amplitude = bridge * share[:, "XYZ".index(other)]
+    return of_structure(run, component, size * amplitude**2)
+
+
+def warm_spot(run, size, centre, radius):
+    """A ball of warm air, above a motor, through which the beam passes: m along its diameter.
+
+    Air that is warmer is thinner, so each metre of path in it reads less by the same part. The beam
+    of a setup stands still; it crosses the ball on a chord, of which the path up to the mirror
+    holds none, some or all.
+
+    Args:
+        run: its stops.
+        size: of the reading, m.
+        centre: of the ball, parts of the travels.
+        radius: of the ball, part of the shortest travel.
+    """
+    middle = np.asarray(centre) * run.travel - run.start
+    along = np.sum(middle * run.beam, axis=1)
+    reach = radius * run.travel.min()
+    off = np.linalg.norm(middle - along[:, None] * run.beam, axis=1)
+    half = np.sqrt(np.maximum(reach**2 - off**2, 0.0))
+    begin = np.maximum(along - half, -run.dead_path)
+    inside = np.clip(run.along, begin, np.maximum(along + half, begin)) - begin
+    return on_reading(run, -size * inside / (2.0 * reach))
+
+
+def interpolation(run, size, axis, other, period, phase, stretch):
+    """A scale's two signals are no perfect sine and cosine: a swing within their period, m.
+
+    Alike everywhere it would be a part of the axis's own curve. Here another axis tips the head off
+    its scale the farther it is out, and the distortion grows in proportion; m at its far end.
+    Steps are whole or half periods but for the stretch of the scale, which the control compensates:
+    stop by stop the swing is seen a little later in its period.
+    """
+    on_scale = run.position[:, "XYZ".index(axis)] * (1.0 + stretch)
+    swing = np.sin(2.0 * np.pi * on_scale / period + phase)
+    return along_axis(run, axis, size * swing * share_of(run)[:, "XYZ".index(other)])

@@ -137,6 +137,42 @@ def is_at(entry, setup, stop):
     )
 
 
+def is_one_of(entry, setup, jumps):
+    """Tell whether a candidate is a jump at one of some places of a setup."""
+    named = entry.effect in ("fringe slip", "beam-break jump")
+    return named and any(_is_place(entry, one, setup) for one in jumps)
+
+
+_QUANTITIES = (
+    (r"the place of ([XYZ])", ("place {}",)),
+    (r"the sense of ([XYZ])'s last move", ("sense {}",)),
+    (r"the time since ([XYZ]) turned round", ("reversal {}", "sense {}")),
+    (r"time", ("time",)),
+    (r"time, periodically", ("period",)),
+    (r"the (air|material) temperature", ("{}",)),
+    (r"the length of the (?:beam's )?path", ("path",)),
+    (r"the line", ("line",)),
+)
+"""Words of a description → the generator's (``blind_drivers``). What creeps has a sense."""
+
+
+def quantities_of(drivers, one_temperature=False):
+    """Return the quantities that a description's words mean; unknown words stand for themselves.
+
+    Args:
+        drivers: words of the description.
+        one_temperature: air and material have the same temperature throughout.
+    """
+    meant = set()
+    for words in drivers:
+        found = [(re.fullmatch(pattern, words), names) for pattern, names in _QUANTITIES]
+        names = [one.format(*match.groups()) for match, some in found if match for one in some]
+        meant |= set(names or [words])
+    if one_temperature and "air" in meant:
+        meant = meant - {"air"} | {"material"}
+    return meant
+
+
 _GROSS_WORDS = {
     "reversed_axis": r"\b{axis}\b[^.;]*(runs|moves) (backwards|the other way)",
     "swapped_axes": r"({axis}, {other}|{other}, {axis}|wrong step, line or axis)",

@@ -13,17 +13,17 @@ from stepdiag_ros.metrology.discrepancy import CONSISTENT, diagnose
 LARGEST = 700
 """Readings of a run: few, so that all cases take seconds."""
 CASES = [
-    ("none", 0, None),
-    ("none", 1, None),
-    *(("one", seed, level) for seed, level in enumerate((2.0, 5.0, 5.0))),
-    ("two", 0, None),
-    ("outside", 0, None),
-    ("outside", 1, None),
-    ("pair", 0, 5.0),
-    ("unseen", 0, None),
-    ("gross", 0, None),
-    ("gross", 1, None),
-    ("gross", 2, None),
+    ("none", 0, None, 0),
+    ("none", 1, None, 0),
+    *(("one", seed, level, 0) for seed, level in enumerate((2.0, 5.0, 5.0))),
+    ("two", 0, None, 0),
+    ("outside", 0, None, 0),
+    ("outside", 1, None, 0),
+    ("pair", 0, 5.0, 0),
+    ("unseen", 0, None, 0),
+    ("gross", 0, None, 0),
+    ("gross", 1, None, 0),
+    ("gross", 2, None, 0),
 ]
 OF_CLASS = {kind: sum(one[0] == kind for one in CASES) for kind in {one[0] for one in CASES}}
 NULLS = OF_CLASS["none"] + sum(OF_CLASS[kind] for kind in SCALED)
@@ -61,7 +61,8 @@ def test_no_more_is_wrong_than_so_few_runs_allow(judged):
     hidden = [one for one in judged if one["truth"]["class"] in SCALED]
     lost = [one["name"] for one in hidden if not one["outcome"].startswith("right")]
     assert len(lost) <= 1, f"{lost}\n{table}"
-    assert counted["outside_unexplained_or_group"]["hits"] >= 1, table
+    outside = [one for one in judged if one["truth"]["class"] == "outside"]
+    assert any(one["outcome"] != "wrong name" for one in outside), table
     assert counted["unseen_named"]["hits"] == 0, table
     assert counted["gross_named_as_something_else"]["hits"] == 0, table
 

@@ -2,6 +2,7 @@
 
 import ast
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from blind_cases import (
     unseal,
     write_case,
 )
+from blind_drivers import drivers_of
 from blind_effects import ANGLES, INSIDE, KINDS, OUTSIDE, UNSEEN, Hidden, draw_hidden, roll_of
 from blind_kinematics import Action, rotation_matrices, tool_frames
 from blind_machine import Machine
@@ -25,6 +27,7 @@ from refused import refused
 
 GENERATOR = (
     "cases",
+    "drivers",
     "effects",
     "gross",
     "kinematics",
@@ -205,6 +208,68 @@ def test_the_classes_hide_what_they_say():
         yardstick = Yardstick(run)
         assert yardstick.alike(*changes) > 0.99
         assert pair.hidden[0] != pair.twin and abs(np.corrcoef(*changes)[0, 1]) < 0.99999
+
+
+def test_each_kind_outside_has_its_turn_and_says_what_drives_it():
+    cases = [draw_case("outside", seed, largest=900) for seed in range(len(OUTSIDE))]
+    assert {case.hidden[0].kind for case in cases} == set(OUTSIDE)
+    assert {case.level for case in cases} == {3.0}
+    for case in cases:
+        told = drivers_of(case.hidden[0], make_run(case.plan))
+        assert set(told.acts_on) <= {*"XYZ", "reading"} and told.quantities
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_a_displacement_is_along_the_axes_that_are_said_to_move(kind):
+    run = some_run()
+    hidden = draw_hidden(np.random.default_rng(4), kind, run)
+    told = drivers_of(hidden, run)
+    action = hidden.act(run, 1e-6)
+    # A turn moves the tool by its arms, too.
+    pose = tool_frames(run.plan.chain, run.position, action.shift, action.turn)
+    moved = np.abs(pose[:, :3, 3] - run.position).max(axis=0) > 1e-10
+    said = {axis for axis, moves in zip("XYZ", moved, strict=True) if moves}
+    if np.any(action.reading):
+        said.add("reading")
+    assert (said or {"reading"}) == set(told.acts_on)
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_what_is_said_to_drive_an_effect_is_all_that_it_depends_on(kind):
+    """Any two stops at which these quantities are the same have the same effect."""
+    run = some_run()
+    # A place of the box in one stop and another: only what is said may tell them apart.
+    rng = np.random.default_rng(5)
+    hidden = draw_hidden(rng, kind, run)
+    told = drivers_of(hidden, run)
+    free = ["XYZ".index(axis) for axis in "XYZ" if f"place {axis}" not in told.quantities]
+    if "path" in told.quantities:
+        free = []
+    elsewhere = run.position.copy()
+    elsewhere[:, free] = rng.permutation(elsewhere[:, free])
+    other = replace(run, position=elsewhere)
+    if "material" not in told.quantities:
+        other = replace(other, material=run.material + 5.0, air=run.air - 3.0)
+    senses = [f"sense {axis}" in told.quantities for axis in "XYZ"]
+    if told.lasting:
+        other = replace(other, came=np.where(senses, run.came, -run.came))
+    frames = [
+        tool_frames(one.plan.chain, one.position, action.shift, action.turn)[:, :3, 3]
+        - one.position
+        for one, action in ((one, hidden.act(one, 1e-6)) for one in (run, other))
+    ]
+    np.testing.assert_allclose(*frames, atol=1e-12)
+    np.testing.assert_allclose(
+        hidden.act(run, 1e-6).reading, hidden.act(other, 1e-6).reading, atol=1e-12
+    )
+
+
+def test_a_plan_of_many_repeats_keeps_one_order_of_each_line():
+    case = draw_case("outside", 0, largest=5000, repeats=12)
+    assert all(12 <= setup.repeats < 16 for setup in case.plan.setups)
+    lines = [(setup.kind, setup.line) for setup in case.plan.setups]
+    assert len(lines) == len(set(lines)) == 7
+    assert case.name == "outside-0-x12"
 
 
 def test_the_yardstick_sees_neither_curves_nor_tilts_nor_squareness():

@@ -13,12 +13,15 @@ from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.describe import Describer
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, extend
 from stepdiag_ros.metrology.discrepancy.steady import steadied
-from stepdiag_ros.metrology.discrepancy.structure import families
+from stepdiag_ros.metrology.discrepancy.structure import columns_of, factors_of, families
+from stepdiag_ros.metrology.discrepancy.windows import best_window
 from stepdiag_ros.metrology.effects.catalogue import catalogue
+from stepdiag_ros.metrology.effects.effect import Change
+from stepdiag_ros.metrology.effects.learned_rotation import EFFECT as ROTATION
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
-from stepdiag_ros.metrology.effects.learned_shape import driver, factor, since_reversal
+from stepdiag_ros.metrology.effects.learned_shape import driver, factor, product_of, since_reversal
 from stepdiag_ros.metrology.effects.stops import stops_of
-from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
@@ -53,6 +56,21 @@ def cooled(stops):
     return stops.direction[:, 0] * 0.25 * SIZE * switched
 
 
+def turning_with_time(stops):
+    """X rolls along its way, the more the longer the run."""
+    turn = np.zeros_like(stops.position)
+    turn[:, 0] = 100e-6 * stops.share[:, 0] * stops.time / stops.duration
+    return Change(rotations={0: turn}).readings(stops)
+
+
+def jumping(stops):
+    """The mirror is loose: it jumps, and soon jumps back."""
+    inside = np.flatnonzero(stops.setup == 2)[5:17]
+    shift = np.zeros(len(stops.time))
+    shift[inside] = SIZE
+    return shift
+
+
 @pytest.mark.parametrize(
     ("shape", "acts_on", "drivers"),
     [
@@ -60,8 +78,10 @@ def cooled(stops):
         (creeping, "X", {"the time since X turned round"}),
         (dragged, "Z", {"the place of X", "the sense of Y's last move"}),
         (cooled, "X", {"time, periodically"}),
+        (turning_with_time, "E_AX", {"the place of X", "time"}),
+        (jumping, "reading", {"time"}),
     ],
-    ids=["quadrant", "creep", "drag", "cooler"],
+    ids=["quadrant", "creep", "drag", "cooler", "turn", "jump"],
 )
 def test_a_gap_without_a_name_is_described_by_what_it_depends_on(shape, acts_on, drivers):
     diagnosis = diagnose(hidden_run(shape=shape))
@@ -70,7 +90,8 @@ def test_a_gap_without_a_name_is_described_by_what_it_depends_on(shape, acts_on,
     assert (first.acts_on, {*first.drivers}) == (acts_on, drivers)
     assert first.p_value < 1e-6 and first.probability > 0.5
     assert diagnosis.lack_of_fit_p_after > 0.002
-    assert [one.candidate.effect.name for one in diagnosis.findings] == [LEARNED.name] * sum(
+    name = ROTATION.name if acts_on in ROTATIONS else LEARNED.name
+    assert [one.candidate.effect.name for one in diagnosis.findings] == [name] * sum(
         len(one.shapes) for one in diagnosis.description.dependences
     )
 
@@ -135,6 +156,11 @@ def test_noise_is_hardly_ever_described(machines):
         ("z<0.2", lambda stops: 5.0 * np.maximum(0.2 - stops.share[:, 2], 0.0), "the place of Z"),
         ("sense z", lambda stops: stops.last_sense[:, 2], "the sense of Z's last move"),
         ("t^1", lambda stops: stops.time / 3600.0, "time"),
+        (
+            "from 60s to 90.5s",
+            lambda stops: (stops.time >= 60.0) & (stops.time <= 90.5),
+            "time",
+        ),
         ("material^1", lambda stops: stops.material_temperature - 20.0, "the material temperature"),
     ],
 )
@@ -159,6 +185,63 @@ def test_a_learned_shape_acts_along_its_axis_or_in_the_reading(acts_on):
     if acts_on != "reading":
         value = value * stops.direction[:, AXES.index(acts_on)]
     np.testing.assert_allclose(added, value, atol=1e-18)
+
+
+@pytest.mark.parametrize("error", ROTATIONS)
+def test_a_learned_rotation_turns_its_axis(error):
+    stops = stops_of(hidden_run(blocks=2, repeats=1))
+    setting = {"acts_on": error, "shape": "y^1 * z^2"}
+    added = ROTATION.change(setting, {"amplitude": 1e-6}, stops).readings(stops)
+    turn = np.zeros_like(stops.position)
+    turn[:, "ABC".index(error[2])] = 1e-6 * stops.share[:, 1] * stops.share[:, 2] ** 2
+    arms = stops.arms[moving_axis(error)]
+    expected = np.sum(np.cross(turn, stops.direction) * arms, axis=1)
+    np.testing.assert_allclose(added, expected, atol=1e-18)
+    columns = columns_of(error, ["y^1 * z^2"], stops, factors_of(stops))
+    np.testing.assert_allclose(1e-6 * columns[:, 0], added, atol=1e-18)
+
+
+def test_a_slow_change_is_not_taken_for_a_zero_that_scatters():
+    def cooled_slowly(stops):
+        return stops.direction[:, 0] * 0.25e-6 * np.sin(2.0 * np.pi * stops.time / 300.0)
+
+    diagnosis = diagnose(hidden_run(shape=cooled_slowly, repeats=3))
+    (found,) = diagnosis.description.dependences
+    assert diagnosis.verdict == DESCRIBED
+    assert (found.acts_on, found.drivers) == ("X", ("time, periodically",))
+    assert not diagnosis.loose.zero
+
+
+def test_the_shapes_of_a_run_of_days_are_written_as_a_model_reads_them():
+    stops = stops_of(hidden_run(blocks=3))
+    long = replace(stops, time=stops.time * 3e5 / stops.duration)
+    shapes = {one for family in families(long) for one in (*family.shapes, *family.fine)}
+    for shape in shapes:
+        assert np.all(np.isfinite(product_of(shape, long))), shape
+
+
+def test_the_best_window_is_the_one_that_trying_them_all_finds():
+    run = hidden_run(blocks=3, repeats=1, shape=jumping)
+    stops = steadied(stops_of(run))
+    problem = whitened(fit_baseline(run, stops), NOISE, 0.0)
+    span = np.zeros((len(problem.gap), 0))
+    found = best_window(problem, stops, problem.gap, span)
+    gains = {}
+    for setup in range(len(stops.setups)):
+        rows = np.flatnonzero(stops.setup == setup)
+        rows = rows[np.argsort(stops.time[rows])]
+        for first in range(1, len(rows)):
+            for after in range(first + 2, len(rows)):
+                column = np.zeros((len(stops.time), 1))
+                column[rows[first:after]] = 1.0
+                (left,) = problem.left_of(column).T
+                if left @ left > 1e-6 * np.sum(column) / NOISE**2:
+                    gains[setup, first, after] = (left @ problem.gap) ** 2 / (left @ left)
+    setup, first, after = max(gains, key=gains.get)
+    times = np.sort(stops.time[stops.setup == setup])
+    assert times[first - 1] < found.begin < times[first]
+    assert times[after - 1] < found.end < times[after]
+    assert found.tried == len(gains)
 
 
 def test_the_gap_of_a_shipped_cell_is_described_learned_and_gone_in_the_next_run():

@@ -17,13 +17,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail_of
 from stepdiag_ros.metrology.discrepancy.findings import Dependence
 from stepdiag_ros.metrology.discrepancy.loose import unit_span
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL
-from stepdiag_ros.metrology.discrepancy.structure import Family, columns_of, factors_of, families
+from stepdiag_ros.metrology.discrepancy.structure import (
+    Family,
+    columns_of,
+    factors_of,
+    families,
+    window,
+)
+from stepdiag_ros.metrology.discrepancy.windows import best_window
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -32,7 +40,7 @@ MOST_DEPENDENCES = 3
 MOST_SHAPES = 6
 """Shapes by which one dependence is written down."""
 _SIZES = np.geomspace(0.01e-6, 30e-6, 14)
-"""Typical amplitudes over which the evidence is averaged, m."""
+"""Typical amplitudes over which the evidence is averaged, m of the largest change of a reading."""
 _DRAWS = 300
 _HIDDEN = 1e-3
 """Share of a column beyond what is free below which nothing but rounding is left of it."""
@@ -129,6 +137,7 @@ class Describer:
 
     def _dependence(self, gap: Vector, span: Vector) -> tuple[Dependence | None, _Written | None]:
         weighed = [one for one in (self._weigh(each, gap, span) for each in self._families) if one]
+        weighed += self._window(gap, span)
         if not weighed:
             return None, None
         weighed.sort(key=lambda one: -one.evidence)
@@ -156,8 +165,14 @@ class Describer:
     def _left(
         self, acts_on: str, shapes: Sequence[str], span: Vector
     ) -> tuple[Vector, NDArray[np.bool_]]:
-        """Return columns beyond what is free and a span, those that show, and which these are."""
+        """Return columns beyond what is free and a span, those that show, and which these are.
+
+        Each is of such a size that it changes no reading by more than 1 m: whether a shape is per
+        hour, per kelvin or a rotation, its typical amplitudes are those of the displacements.
+        """
         raw = columns_of(acts_on, shapes, self._stops, self._factors)
+        largest = np.max(np.abs(raw), axis=0)
+        raw /= np.where(largest > 0.0, largest, 1.0)
         left = self._problem.left_of(raw)
         left -= span @ (span.T @ left)
         before = np.linalg.norm(raw, axis=0) / self._problem.noise
@@ -173,15 +188,45 @@ class Describer:
         seen = values > _RANK_LIMIT * values[-1]
         values = values[seen]
         units = left @ (vectors[:, seen] / np.sqrt(values))
+        slow = np.maximum(1.0 + np.outer(self._memory, self._problem.slowness(units)), 0.0)
+        draws = self._rng.standard_normal((_DRAWS, len(values))) ** 2 * slow
+        return self._judged(family, values, (units.T @ gap) ** 2, draws, 0.0)
+
+    def _window(self, gap: Vector, span: Vector) -> list[_Weighed]:
+        """Weigh the window of time that fits best, as one of all that were tried."""
+        if not np.all(np.isfinite(self._stops.time)):
+            return []
+        best = best_window(self._problem, self._stops, gap, span)
+        if best is None:
+            return []
+        family = window(best.begin, best.end)
+        left, real = self._left(family.acts_on, family.shapes, span)
+        if not np.any(real):
+            return []
+        value = np.sum(left**2, axis=0)
+        # Of as many windows, as if none shared a stop: chance is overrated rather than underrated.
+        chance = -np.expm1(np.log(self._rng.random(_DRAWS)) / best.tried)
+        draws = chi2.isf(chance, 1)[:, None]
+        return [self._judged(family, value, (left.T @ gap) ** 2 / value, draws, np.log(best.tried))]
+
+    def _judged(
+        self, family: Family, values: Vector, squares: Vector, draws: Vector, price: float
+    ) -> _Weighed:
+        """Return the evidence of a family and of noise.
+
+        Args:
+            family: to judge.
+            values: squared lengths of its independent columns, shape (k,).
+            squares: what χ² loses by each, shape (k,).
+            draws: the same for unit noise, shape (draws, k).
+            price: evidence that it costs beside the price of the family.
+        """
         spread = 1.0 + _SIZES[:, None] ** 2 * values
         share = 0.5 - 0.5 / spread
         cost = 0.5 * np.sum(np.log(spread), axis=1)
-        slow = np.maximum(1.0 + np.outer(self._memory, self._problem.slowness(units)), 0.0)
-        draws = self._rng.standard_normal((_DRAWS, len(values))) ** 2
-        draws *= slow / self._variance[:, None]
-        prior = -family.price - self._number[len(family.drivers)]
-        evidence = _averaged(share @ (units.T @ gap)[:, None] ** 2 - cost[:, None])
-        luck = _averaged(share @ draws.T - cost[:, None])
+        prior = -price - family.price - self._number[len(family.drivers)]
+        evidence = _averaged(share @ squares[:, None] - cost[:, None])
+        luck = _averaged(share @ (draws / self._variance[:, None]).T - cost[:, None])
         return _Weighed(family, float(evidence[0]) + prior, luck + prior)
 
     def _write(self, family: Family, gap: Vector, span: Vector) -> _Written | None:

@@ -23,11 +23,11 @@ from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.loose import unit_span
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
-from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.effects.learned_rotation import EFFECT as ROTATION
+from stepdiag_ros.metrology.effects.learned_shape import EFFECT as SHAPE
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 
-_WORTH_A_LOOK = 0.2
-"""Probability of the lack of fit above which what names leave has no structure to look for."""
 _LARGEST = 3_000_000
 """Readings times free values of a run beyond which the search would take minutes."""
 
@@ -50,11 +50,9 @@ def described(
         noise: that ``problem`` was whitened with.
         seed: of the draws that show the influence of chance.
     """
-    if problem.span.size > _LARGEST:
+    if _is_too_large(problem):
         return diagnosis
     explained = diagnosis.verdict in (CONSISTENT, NAMED, AMBIGUOUS)
-    if explained and diagnosis.lack_of_fit_p_after > _WORTH_A_LOOK:
-        return diagnosis
     describer = Describer(problem, diagnosis.stops, noise.freedom, seed)
     alone = describer(np.zeros((len(problem.gap), 0)))
     if alone is not None and (not explained or alone.evidence > evidence + np.log(EVIDENCE_RATIO)):
@@ -72,6 +70,25 @@ def described(
     if partly is None:
         return diagnosis
     return replace(diagnosis, description=Description(partly.dependences))
+
+
+def description_worth(problem: Whitened, stops: Stops, noise: Noise, seed: int) -> float:
+    """Return the evidence of what describes a gap alone, less the odds that it must have.
+
+    Args:
+        problem: whitened, rotations of all axes not in its baseline.
+        stops: of the run.
+        noise: that ``problem`` was whitened with.
+        seed: of the draws that show the influence of chance.
+    """
+    if _is_too_large(problem):
+        return -np.inf
+    alone = Describer(problem, stops, noise.freedom, seed)(np.zeros((len(problem.gap), 0)))
+    return -np.inf if alone is None else alone.evidence - float(np.log(EVIDENCE_RATIO))
+
+
+def _is_too_large(problem: Whitened) -> bool:
+    return problem.span.size > _LARGEST
 
 
 def _made(
@@ -115,7 +132,8 @@ def _unfitted(shapes: Shapes) -> list[Finding]:
     for one in shapes.dependences:
         for shape in one.shapes:
             setting = {"acts_on": one.acts_on, "shape": shape}
-            candidate = Candidate(LEARNED, setting, LEARNED.label(setting))
+            effect = ROTATION if one.acts_on in ROTATIONS else SHAPE
+            candidate = Candidate(effect, setting, effect.label(setting))
             made.append(Finding(candidate, {}, {}, {}, 0.0, one.p_value, one.probability))
     return made
 

@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.discrepancy import findings as verdicts
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
-from stepdiag_ros.metrology.discrepancy.described import described
+from stepdiag_ros.metrology.discrepancy.described import described, description_worth
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
     Diagnosis,
@@ -143,7 +143,7 @@ def diagnose(
                 sentence=f"Model and run disagree, but agree if {words}. Correct the run's names.",
                 where=(*diagnosis.where, f"The run fits if {words}."),
             )
-    return described(diagnosis, evidence, result.problem, result.selection, result.noise, run.seed)
+    return _described(run, result, diagnosis, evidence)
 
 
 def _effects(catalogue: Iterable[Effect] | None) -> list[Effect]:
@@ -262,6 +262,26 @@ class _Run:
         evidence = wander_evidence(problem, self.stops) + other.selection.weighed
         ahead = result.selection.weighed - evidence
         return result if ahead > np.log(EVIDENCE_RATIO) else other
+
+
+def _described(run: _Run, result: _Result, diagnosis: Diagnosis, evidence: float) -> Diagnosis:
+    """Return a diagnosis with a description of its gap, where that says more than its names.
+
+    What changes slowly can pass for a zero that scatters from pass to pass: where one was taken,
+    the run is described without it too, and that counts if it is clearly likelier than the scatter.
+    """
+    run.tell("looking for what a gap without a name depends on")
+    if result.loose.zero or result.loose.slope:
+        none = replace(result.loose, zero=0.0, slope=0.0)
+        plain = run.whitened(result.noise, none)
+        scatter = evidence + wander_evidence(plain, run.stops)
+        if description_worth(plain, run.stops, result.noise, run.seed) > scatter:
+            other = run.once(result.noise, none)
+            made = _diagnosis(other, run.stops)
+            made = described(made, scatter, other.problem, other.selection, other.noise, run.seed)
+            if made.verdict == verdicts.DESCRIBED:
+                return made
+    return described(diagnosis, evidence, result.problem, result.selection, result.noise, run.seed)
 
 
 def _same(result: _Result, noise: Noise, loose: Loose) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
 from stepdiag_ros.metrology.effects.learned_shape import READING
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 
 CONSISTENT = "CONSISTENT"
 """The model explains the run to within its noise."""
@@ -275,7 +275,12 @@ class Dependence:
 
 def dependence_words(acts_on: str, drivers: tuple[str, ...]) -> str:
     """Say what acts and on what it depends."""
-    what = "a change of the reading" if acts_on == READING else f"a displacement along {acts_on}"
+    if acts_on == READING:
+        what = "a change of the reading"
+    elif acts_on in ROTATIONS:
+        what = f"a rotation {acts_on}"
+    else:
+        what = f"a displacement along {acts_on}"
     return f"{what} that depends on {listed(drivers)}"
 
 

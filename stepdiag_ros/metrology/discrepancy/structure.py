@@ -14,7 +14,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.effects.learned_shape import READING, TIMES, driver, factor
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector, moving_axis
 
 _LEAST_WARMING = 0.05
 """K: a temperature that changes by less is not tried as a cause."""
@@ -33,7 +33,8 @@ class Family:
     """What a gap may depend on, with the shapes by which that is tried.
 
     Attributes:
-        acts_on: X, Y, Z for a displacement of the tool, or ``reading``.
+        acts_on: X, Y, Z for a displacement of the tool, E_AX to E_CZ for a rotation of an axis, or
+            ``reading``.
         drivers: on what it depends, in words, in order.
         shapes: products of factors.
         factors: of which the fine shapes are made, one group for each quantity.
@@ -80,7 +81,18 @@ def _place(axis: str) -> _Driver:
 
 def _constants(low: float, high: float, ratio: float) -> tuple[str, ...]:
     count = max(int(np.log(high / low) / np.log(ratio)) + 1, 1)
-    return tuple(f"{low * ratio**n:.4g}" for n in range(count))
+    return tuple(_plain(low * ratio**n) for n in range(count))
+
+
+def window(begin: float, end: float) -> Family:
+    """Return the family of a reading that is shifted between two times, s."""
+    shape = f"from {begin:.1f}s to {end:.1f}s"
+    return Family(READING, (driver(shape),), (shape,), ((shape,),), _EACH_QUANTITY)
+
+
+def _plain(value: float) -> str:
+    """Return a number with four digits and no exponent, as a factor has it."""
+    return np.format_float_positional(value, 4, fractional=False, trim="-")
 
 
 def _pause(stops: Stops) -> float:
@@ -132,6 +144,8 @@ def _time(duration: float) -> _Driver:
     return _Driver("time", few, (*few, "t^3", *starts), (*few, "t^3", "t^4", *more))
 
 
+_TURNING = ("temperature", "time")
+"""Kinds of quantities by which the rotation of an axis along its way may grow."""
 _TOGETHER = (
     ("place", "place"),
     ("place", "sense"),
@@ -160,6 +174,8 @@ def families(stops: Stops) -> Iterator[Family]:
                 if tuple(one.kind for one in some) in _TOGETHER:
                     yield _family(acts_on, some)
         yield from _periodic(acts_on, stops)
+    for error in ROTATIONS if stops.chain else ():
+        yield from _turns(error, drivers)
 
 
 def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
@@ -176,6 +192,18 @@ def _family(acts_on: str, drivers: tuple[_Driver, ...]) -> Family:
     )
 
 
+def _turns(error: str, drivers: Sequence[_Driver]) -> Iterator[Family]:
+    """Yield families of an axis that turns along its way, the more by another quantity."""
+    way = [one for one in drivers if one.kind == "place" and one.words.endswith(error[3])]
+    for place, other in product(way, drivers):
+        if other.kind in _TURNING:
+            few = tuple(one for one in place.few if "^" in one)
+            shapes = _products((few, other.few))
+            names = (place.words, other.words)
+            groups = (place.some, other.some)
+            yield Family(error, names, shapes, groups, 2.0 * _EACH_QUANTITY)
+
+
 def _products(factors: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
     return tuple(TIMES.join(some) for some in product(*factors))
 
@@ -188,7 +216,7 @@ def _periodic(acts_on: str, stops: Stops) -> Iterator[Family]:
         return
     highest = min(0.5 * _PERIODS, stops.duration / (_LEAST_STOPS * pause))
     for waves in np.arange(2.0, highest, 0.5):
-        period = f"{stops.duration / waves:.5g}"
+        period = _plain(stops.duration / waves)
         shapes = (f"sin t/{period}s", f"cos t/{period}s")
         yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,), _EACH_QUANTITY)
 
@@ -207,7 +235,7 @@ def factors_of(stops: Stops) -> Mapping[str, Vector]:
 def columns_of(
     acts_on: str, shapes: Sequence[str], stops: Stops, factors: Mapping[str, Vector]
 ) -> Vector:
-    """Return what shapes add to the readings, m per m of amplitude, shape (n, shapes).
+    """Return what shapes add to the readings, m per m or rad of amplitude, shape (n, shapes).
 
     Args:
         acts_on: as of a family.
@@ -218,6 +246,10 @@ def columns_of(
     made = np.empty((len(stops.time), len(shapes)))
     for place, shape in enumerate(shapes):
         made[:, place] = np.prod([factors[one] for one in shape.split(TIMES)], axis=0)
-    if acts_on != READING:
+    if acts_on in ROTATIONS:
+        axis = moving_axis(acts_on)
+        turned = np.cross(np.eye(3)["ABC".index(acts_on[2])], stops.direction)
+        made *= np.sum(turned * stops.arms[axis], axis=1)[:, None]
+    elif acts_on != READING:
         made *= stops.direction[:, AXES.index(acts_on)][:, None]
     return made

@@ -5,21 +5,22 @@ such products (``discrepancy.describe``): a displacement of the tool, or a chang
 that depends on a few quantities of the machine's state. Each factor is one word or two, so that a
 model file that holds the description can be read:
 
-==================  ==============================================================================
-factor              value, with u the share of the travel of the axis, 0 to 1
-==================  ==============================================================================
-``x^2``             u², here of X
-``x>0.5``           (u - 0.5)/0.5 beyond 0.5 and 0 below
-``x<0.5``           (0.5 - u)/0.5 below 0.5 and 0 beyond
-``x~0.5``           a spot: exp(-(u - 0.5)²/(2·0.1²))
-``sense x``         sense of the last move of X, -1 or 1
-``creep x 40s``     that sense, fading from the first stop after X turned round: exp(-t/40 s)
-``t^2``             (hours since the start of the run)²
-``start 600s``      exp(-t/600 s), t since the start of the run
-``sin t/300s``      sin(2π t/300 s); ``cos t/300s`` its cosine
-``material^1``      material temperature minus 20 °C, K
-``air^1``           air temperature minus 20 °C, K
-==================  ==============================================================================
+===================  =============================================================================
+factor               value, with u the share of the travel of the axis, 0 to 1
+===================  =============================================================================
+``x^2``              u², here of X
+``x>0.5``            (u - 0.5)/0.5 beyond 0.5 and 0 below
+``x<0.5``            (0.5 - u)/0.5 below 0.5 and 0 beyond
+``x~0.5``            a spot: exp(-(u - 0.5)²/(2·0.1²))
+``sense x``          sense of the last move of X, -1 or 1
+``creep x 40s``      that sense, fading from the first stop after X turned round: exp(-t/40 s)
+``t^2``              (hours since the start of the run)²
+``start 600s``       exp(-t/600 s), t since the start of the run
+``from 60s to 90s``  1 from 60 s to 90 s after the start of the run, and 0 before and after
+``sin t/300s``       sin(2π t/300 s); ``cos t/300s`` its cosine
+``material^1``       material temperature minus 20 °C, K
+``air^1``            air temperature minus 20 °C, K
+===================  =============================================================================
 """
 
 import re
@@ -90,6 +91,11 @@ def _start(stops: Stops, constant: str) -> Vector:
     return fading
 
 
+def _window(stops: Stops, begin: str, end: str) -> Vector:
+    inside: Vector = ((stops.time >= float(begin)) & (stops.time <= float(end))).astype(np.float64)
+    return inside
+
+
 def _wave(stops: Stops, kind: str, period: str) -> Vector:
     angle = 2.0 * np.pi * stops.time / float(period)
     wave: Vector = np.sin(angle) if kind == "sin" else np.cos(angle)
@@ -124,6 +130,7 @@ _FORMS: tuple[tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str]],
             lambda *_: "time",
         ),
         (rf"start {_NUMBER}s", _start, lambda *_: "time"),
+        (rf"from {_NUMBER}s to {_NUMBER}s", _window, lambda *_: "time"),
         (rf"(sin|cos) t/{_NUMBER}s", _wave, lambda *_: "time, periodically"),
         (
             r"(material|air)\^(\d)",
@@ -142,6 +149,16 @@ def factor(text: str, stops: Stops) -> Vector:
     """
     value, _, groups = _form(text)
     return np.asarray(value(stops, *groups), dtype=np.float64)
+
+
+def product_of(shape: str, stops: Stops) -> Vector:
+    """Return the value of a product of factors at each stop, shape (n,).
+
+    Raises:
+        ValueError: a factor does not exist.
+    """
+    value: Vector = np.prod([factor(one, stops) for one in shape.split(TIMES.strip())], axis=0)
+    return value
 
 
 def driver(text: str) -> str:
@@ -212,12 +229,10 @@ class LearnedShape(Effect):
         Raises:
             ValueError: a factor does not exist.
         """
-        product = np.full(len(stops.time), sizes["amplitude"])
-        for text in str(setting["shape"]).split(TIMES.strip()):
-            product = product * factor(text, stops)
+        change = sizes["amplitude"] * product_of(setting["shape"], stops)
         if setting["acts_on"] == READING:
-            return Change(reading=product)
-        return Change.along(setting["acts_on"], product)
+            return Change(reading=change)
+        return Change.along(setting["acts_on"], change)
 
     def label(self, setting: Setting) -> str:
         """Say for example ``learned shape along Y: x>0.5 * z>0.5``."""
