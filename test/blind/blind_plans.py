@@ -272,9 +272,12 @@ def _joined(setups):
     ):
         some = list(group)
         directions = some[0].directions
-        if any(one.directions != directions for one in some):
-            raise ValueError(f"{line} {order} stands twice in a row with other directions")
         repeats = sum(one.repeats for one in some)
+        if any(one.directions != directions for one in some):
+            # A file may have the way there at the end of one group and the way back in the next.
+            directions, repeats = tuple(way for one in some for way in one.directions), 1
+            if len(set(directions)) < len(directions) or any(one.repeats > 1 for one in some):
+                raise ValueError(f"{line} {order} stands twice in a row with other directions")
         yield Setup(kind, line, order, repeats, directions, offset, mirror)
 
 
