@@ -68,6 +68,7 @@ def test_every_key_of_a_plan_is_explained_in_the_demo():
         "directions",
         "repeats",
         "offset_m",
+        "mirror_offset_m",
         "orders",
         "pause_for_setup",
         "one_alignment_per_diagonal",

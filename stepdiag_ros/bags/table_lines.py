@@ -91,7 +91,9 @@ def passes_of(rows: list[TableRow], source: str) -> list[tuple[TableRow, ...]]:
 
 def _by_place(rows: list[TableRow]) -> Iterator[tuple[TableRow, ...]]:
     """Yield the rows of each pass: a line that begins again at another place is another pass."""
-    for (which, _), group in groupby(rows, key=lambda row: (row.which, row.told.line_index)):
+    for (which, *_), group in groupby(
+        rows, key=lambda row: (row.which, row.told.line_index, row.told.mirror_offset)
+    ):
         standing = line_signs(which.line) == 0
         stops: list[TableRow] = []
         for row in group:
@@ -226,9 +228,11 @@ def setups_of(
 
 
 def _line_of(stops: tuple[TableRow, ...], volume: Volume, planned: Sequence[Line]) -> Line:
-    which = stops[0].which
+    which, told = stops[0].which, stops[0].told.mirror_offset
     places = np.array([row.position for row in stops])
     for line in planned:
+        if told is not None and told != line.mirror_offset:
+            continue
         if which == PassKey(line.kind, line.name, line.order, line.repeat, line.direction):
             expected = line.stops(volume)
             if len(expected) == len(places) and _equal(expected, places).all():
@@ -238,7 +242,16 @@ def _line_of(stops: tuple[TableRow, ...], volume: Volume, planned: Sequence[Line
     away[line_signs(which.line) != 0] = 0.0
     away[np.abs(away) <= POSITION_TOLERANCE] = 0.0
     offset = _rounded(away)
-    return Line(which.kind, which.line, which.order, which.repeat, which.direction, offset)
+    mirror = told or (0.0, 0.0, 0.0)
+    return Line(
+        which.kind,
+        which.line,
+        which.order,
+        which.repeat,
+        which.direction,
+        offset,
+        mirror_offset=mirror,
+    )
 
 
 def _check_positions(line: Line, stops: tuple[TableRow, ...], volume: Volume, source: str) -> None:

@@ -173,13 +173,16 @@ class _Group(NamedTuple):
             made["orders"] = self.orders
         if any(first.offset):
             made["offset_m"] = list(first.offset)
+        if any(first.mirror_offset):
+            made["mirror_offset_m"] = list(first.mirror_offset)
         return {**made, "repeats": self.repeats, "directions": self.directions}
 
 
 def _groups(setups: Sequence[TableSetup], one_alignment: bool) -> list[_Group]:
     def family(line: Line) -> tuple[object, ...]:
         together = one_alignment and line.kind == STEP_DIAGONAL
-        return line.kind, line.name, line.offset, "" if together else line.order
+        order = "" if together else line.order
+        return line.kind, line.name, line.offset, line.mirror_offset, order
 
     return [
         _Group(tuple(lines))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.metrology.geometry import move_orders
+from stepdiag_ros.metrology.geometry import AXES, move_orders
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINE_NAMES, STEP_DIAGONAL
 from stepdiag_ros.metrology.refusal import Fault
@@ -44,6 +44,7 @@ OPTIONAL_COLUMNS = (
     "attempt",
     "setup",
     "overrun_m",
+    "mirror_offset_m",
     "standard_uncertainty_m",
     "settled",
 )
@@ -86,12 +87,14 @@ class PassColumns(NamedTuple):
         attempt: at this pass, from 1.
         setup: identity of the alignment and zero.
         overrun: how far beyond its first stop the pass was begun, m; NaN if unknown.
+        mirror_offset: of the mirror from its usual place on the tool, m.
     """
 
     line_index: int | None = None
     attempt: int | None = None
     setup: str | None = None
     overrun: float | None = None
+    mirror_offset: tuple[float, float, float] | None = None
 
 
 NOTHING_TOLD = PassColumns()
@@ -313,6 +316,16 @@ class _RowCells:
             raise self.wrong(column, f"a number{comma}", fault="malformed")
         return float(text)
 
+    def place(self, column: str) -> tuple[float, float, float] | None:
+        """Return X Y Z; None without such a column."""
+        if not self.has(column):
+            return None
+        texts = self.text(column).split()
+        if len(texts) != len(AXES) or not all(_NUMBER.fullmatch(text) for text in texts):
+            raise self.wrong(column, "X Y Z, three numbers with spaces between", fault="malformed")
+        x, y, z = (float(text) for text in texts)
+        return x, y, z
+
     def whole(self, column: str) -> int:
         if not _WHOLE.fullmatch(self.text(column)):
             raise self.wrong(column, "a whole number from 0", fault="malformed")
@@ -387,6 +400,7 @@ def _told(cells: _RowCells) -> PassColumns:
         attempt=attempt,
         setup=cells.text("setup") if cells.has("setup") else None,
         overrun=cells.size("overrun_m"),
+        mirror_offset=cells.place("mirror_offset_m"),
     )
 
 

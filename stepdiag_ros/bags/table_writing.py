@@ -8,6 +8,7 @@ keys, and only then.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isnan
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _FIELDS = {
     "attempt": "attempt",
     "setup": "setup",
     "overrun_m": "overrun",
+    "mirror_offset_m": "line.mirror_offset",
     "standard_uncertainty_m": "standard_uncertainty",
 }
 """Optional column → field of a measured line."""
@@ -146,6 +148,7 @@ def _rows(lines: Sequence[MeasuredLine], columns: Sequence[str]) -> Iterator[Tab
             attempt=line.attempt if "attempt" in columns else None,
             setup=line.setup if "setup" in columns else None,
             overrun=line.overrun if "overrun_m" in columns else None,
+            mirror_offset=which.mirror_offset if "mirror_offset_m" in columns else None,
         )
         for stop, time in enumerate(line.time):
             number += 1
@@ -185,7 +188,7 @@ def _differing(lines: Sequence[MeasuredLine], found: Sequence[MeasuredLine]) -> 
         column
         for column, name in _FIELDS.items()
         for one, other in pairs
-        if not _equal(getattr(one, name), getattr(other, name))
+        if not _equal(*map(attrgetter(name), (one, other)))
     }
 
 
@@ -223,6 +226,7 @@ def _cells(line: MeasuredLine, stop: int) -> dict[str, Any]:
         "attempt": line.attempt,
         "setup": line.setup,
         "overrun_m": line.overrun,
+        "mirror_offset_m": " ".join(map(repr, which.mirror_offset)),
         "standard_uncertainty_m": line.standard_uncertainty[stop],
         "settled": SETTLED[int(isnan(line.displacement[stop]))],
     }

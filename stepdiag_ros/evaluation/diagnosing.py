@@ -251,7 +251,9 @@ def _found(finding: Finding) -> FoundEffect:
         p_value=finding.p_value,
         probability=finding.probability,
         ambiguous_with=finding.ambiguous,
-        runners_up=finding.runners_up,
+        runners_up=tuple(
+            replace(one, ambiguous=one.label in finding.ambiguous) for one in finding.runners_up
+        ),
     )
 
 

@@ -83,6 +83,8 @@ class _LineFields:
             repeat=int(message.repeat),
             direction=str(message.direction),
             offset=triple(message.offset),
+            # Bags from before this was recorded do not tell it.
+            mirror_offset=triple(getattr(message, "mirror_offset", (0.0, 0.0, 0.0))),
         )
 
     def write(self, message: Any, value: Line) -> None:
@@ -91,6 +93,7 @@ class _LineFields:
         message.repeat = int(value.repeat)
         message.direction = value.direction
         message.offset = list(triple(value.offset))
+        message.mirror_offset = list(triple(value.mirror_offset))
 
 
 class _EnvironmentFields:
@@ -126,7 +129,7 @@ ADDED_LATER = frozenset(
     name
     for kind in (Reading, StopCommand, SettledStop, BlockDisplacement, MeasuredLine)
     for name in defaults_of(kind)
-)
+) | {"mirror_offset"}
 """Fields that older bags of this schema version lack: those with a default in their data class."""
 
 # -- readings, commands, arrivals ---------------------------------------------

@@ -212,7 +212,12 @@ class SimulatedCell:
         return cell
 
     def alignment(
-        self, setup: str, line: str, step: Sequence[float], start: Sequence[float] = (0.0, 0.0, 0.0)
+        self,
+        setup: str,
+        line: str,
+        step: Sequence[float],
+        start: Sequence[float] = (0.0, 0.0, 0.0),
+        mount: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Alignment:
         """Return how beam and mirror really stand in a setup.
 
@@ -223,12 +228,14 @@ class SimulatedCell:
             start: machine coordinates of the line's first stop, m: the laser stands the dead path
                 away from it. It moves a reading's zero, and a real effect only where the machine
                 turns.
+            mount: of the mirror from its usual place on the tool (``Line.mirror_offset``), m.
         """
         beam_1, beam_2, mirror_1, mirror_2 = self.misalignment.angles(setup, line, self.seed)
         nominal = beam_direction(line, np.asarray(step, dtype=np.float64))
         beam = tilted(nominal, (beam_1, beam_2))
         normal = tilted(nominal, (beam_1 + mirror_1, beam_2 + mirror_2))
-        first_point = np.asarray(start, dtype=np.float64) + np.asarray(self.mirror_offset)
+        mirror = np.asarray(self.mirror_offset) + np.asarray(mount)
+        first_point = np.asarray(start, dtype=np.float64) + mirror
         return Alignment(beam, normal, first_point - self.dead_path * beam)
 
     def require(self, positions: Vector, what: str) -> None:
@@ -249,14 +256,18 @@ class SimulatedCell:
                 fault="out_of_range",
             )
 
-    def displacement(self, positions: Vector, alignment: Alignment) -> Vector:
+    def displacement(
+        self, positions: Vector, alignment: Alignment, mount: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Vector:
         """Return the true displacement of the mirror along the beam, without noise, m, shape (n,).
 
         Args:
             positions: actual positions of the axes, machine coordinates, m, shape (n, 3).
             alignment: of the line; its zero (the laser's reference) is arbitrary.
+            mount: of the mirror from its usual place on the tool (``Line.mirror_offset``), m.
         """
-        offset = np.asarray(self.mirror_offset) if any(self.mirror_offset) else None
+        place = np.asarray(self.mirror_offset) + np.asarray(mount)
+        offset = place if np.any(place) else None
         return reading(positions, alignment, self.errors, self.chain, offset)
 
     def station(self, setup: str, planned: Sequence[float]) -> Vector:

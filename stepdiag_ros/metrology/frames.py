@@ -99,7 +99,7 @@ def setup_placements(
         line: that is measured; the beam goes along its forward direction in both passes.
         volume: the measured box.
         laser_distance: from the laser's reference to the mirror at the first stop, m.
-        mirror_offset: of the mirror from the tool point, m, X Y Z.
+        mirror_offset: of the mirror's usual place from the tool point, m, X Y Z.
     """
     if line.tracked is None:
         beam = beam_direction(line.name, np.asarray(volume.step))
@@ -108,11 +108,17 @@ def setup_placements(
         laser_distance = float(np.linalg.norm(way))
         beam = way / laser_distance
     rotation = quaternion_of(beam_axes(beam))
-    mirror = first_stop(line, volume) + np.asarray(mirror_offset)
+    on_tool = mirror_on_tool(line, mirror_offset)
+    mirror = first_stop(line, volume) + np.asarray(on_tool)
     return (
         Placement(MACHINE, LASER, triple(mirror - laser_distance * beam), rotation),
-        Placement(TOOL, MIRROR, mirror_offset, rotation),
+        Placement(TOOL, MIRROR, on_tool, rotation),
     )
+
+
+def mirror_on_tool(line: Line, usual: Triple) -> Triple:
+    """Return where the mirror is on a line, from the tool point, m; ``usual``: on most lines."""
+    return triple(np.asarray(usual) + np.asarray(line.mirror_offset))
 
 
 def tool_placement(position: Triple) -> Placement:

@@ -105,6 +105,9 @@ class Line:
         direction: ``forward`` or ``backward``; backward runs the forward stops the other way round.
         offset: shift from the box's first corner of a linear line, or of a face diagonal along the
             axis that stands, m.
+        mirror_offset: where the mirror is mounted, from its usual place on the tool, m; the beam is
+            aligned to meet it there. A machine that turns reads otherwise with it, by an arm that
+            is known.
         run: number of the run, from 1, where several are looked at together
             (``discrepancy.joint``); a plan knows of one.
         tracked: places of a tracker's line; None of other lines, and of a line whose plan is not
@@ -118,20 +121,23 @@ class Line:
     direction: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     run: int = 1
+    mirror_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tracked: TrackedLine | None = field(default=None, compare=False)
 
     @property
     def setup(self) -> str:
         """Return the identity of the alignment and zero that the line shares with others."""
-        where = (
-            "" if not any(self.offset) else "@" + ",".join(f"{value:g}" for value in self.offset)
-        )
-        return self._words + where
+        return self._words + _at(self.offset) + self.mount
+
+    @property
+    def mount(self) -> str:
+        """Return where the mirror is mounted, as part of a setup's identity; usually nothing."""
+        return f" mirror{_at(self.mirror_offset)}" if any(self.mirror_offset) else ""
 
     def __str__(self) -> str:
         """Say which pass this is, for example ``ppp XYZ forward, repeat 1``."""
         words = of_run(self.name, self.run) if self.kind == TRACKER else self._words
-        return f"{words} {self.direction}, repeat {self.repeat}"
+        return f"{words}{self.mount} {self.direction}, repeat {self.repeat}"
 
     @property
     def _words(self) -> str:
@@ -197,6 +203,10 @@ def axes_at_hand(lines: Iterable[Line]) -> str:
     return "".join(axis for axis, moves in zip(AXES, moving, strict=True) if moves)
 
 
+def _at(place: tuple[float, float, float]) -> str:
+    return "@" + ",".join(f"{value:g}" for value in place) if any(place) else ""
+
+
 def of_run(words: str, run: int) -> str:
     """Say of which run something is, for example ``run 2: ppp XYZ``; of the first, nothing."""
     return words if run == 1 else f"run {run}: {words}"
@@ -205,7 +215,7 @@ def of_run(words: str, run: int) -> str:
 def alignment_of(line: Line, one_alignment_per_diagonal: bool) -> str:
     """Return the identity of the alignment and zero that a line is measured with; see ``Plan``."""
     if one_alignment_per_diagonal and line.kind == STEP_DIAGONAL:
-        return line.name
+        return line.name + line.mount
     return line.setup
 
 
@@ -453,6 +463,7 @@ def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -
     offset = group.vector("offset_m", default=(0.0, 0.0, 0.0))
     if kind != LINEAR:
         _check_offset(names, offset, group.source)
+    mirror_offset = group.vector("mirror_offset_m", low=-1.0, high=1.0, default=(0.0, 0.0, 0.0))
     group_directions = group.names("directions", (FORWARD, BACKWARD), default=directions)
     group_repeats = group.integer("repeats", low=1, high=1000, default=repeats)
     group.finish()
@@ -460,7 +471,15 @@ def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -
         for order in orders[name]:
             for repeat in range(group_repeats):
                 for direction in group_directions:
-                    yield Line(kind, name, order, repeat, direction, offset)
+                    yield Line(
+                        kind,
+                        name,
+                        order,
+                        repeat,
+                        direction,
+                        offset,
+                        mirror_offset=mirror_offset,
+                    )
 
 
 def _tracked_lines(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:

@@ -101,9 +101,11 @@ def read_again(
         if setup not in alignments:
             # The laser stands before the forward pass's first stop, whichever pass comes first.
             start = replace(line.line, direction=FORWARD).stops(run.volume)[0]
-            alignments[setup] = cell.alignment(setup, line.line.name, run.volume.step, tuple(start))
+            alignments[setup] = cell.alignment(
+                setup, line.line.name, run.volume.step, start, line.line.mirror_offset
+            )
         cell.require(line.target, f"line {line.line.name}")
-        readings = cell.displacement(line.target, alignments[setup])
+        readings = cell.displacement(line.target, alignments[setup], line.line.mirror_offset)
         readings = readings + noise * rng.standard_normal(len(line.target))
         lines.append(
             replace(

@@ -57,7 +57,9 @@ def _groups(lines: tuple[Line, ...]) -> list[list[Line]]:
     """Return runs of lines that one entry of the file makes in just this order."""
     groups = [
         list(group)
-        for _, group in groupby(lines, key=lambda line: (line.kind, line.offset, line.tracked))
+        for _, group in groupby(
+            lines, key=lambda line: (line.kind, line.offset, line.mirror_offset, line.tracked)
+        )
     ]
     made: list[list[Line]] = []
     for group in groups:
@@ -116,6 +118,8 @@ def _group_text(lines: list[Line]) -> list[str]:
         text.append(f"    orders: [{', '.join(orders)}]")
     if any(first.offset):
         text.append(f"    offset_m: {_numbers(first.offset)}")
+    if any(first.mirror_offset):
+        text.append(f"    mirror_offset_m: {_numbers(first.mirror_offset)}")
     text.append(f"    repeats: {len(repeats)}")
     text.append(f"    directions: [{', '.join(directions)}]")
     return text

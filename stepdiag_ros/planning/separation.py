@@ -22,13 +22,15 @@ _FEED = 0.033
 _DWELL = 1.0
 _ACCELERATION = 1.0
 _LEAST_DWELL = 0.05
+_SHOWN = 1e-3
+"""Part of a stop's time by which longer moves must take longer for these to show the feed."""
 
 
 def conditions_of(measurement: Measurement) -> Plan:
     """Return a plan without lines that has the box of a run, and feed and dwell by its times.
 
-    The time from stop to stop is way over feed plus dwell. Where all ways are of one length, feed
-    is taken to be 33 mm/s.
+    The time from stop to stop is way over feed plus dwell. Where all ways are of one length, or
+    all take as long, feed is taken to be 33 mm/s.
     """
     ways, times = [np.zeros(0)], [np.zeros(0)]
     for line in measurement.lines:
@@ -43,7 +45,8 @@ def conditions_of(measurement: Measurement) -> Plan:
             slope, offset = np.linalg.lstsq(
                 np.column_stack([way, np.ones_like(way)]), time, rcond=None
             )[0]
-            if slope > 0.0 and offset > 0.0:
+            # Where all moves take as long, only rounding says how fast they were.
+            if slope * np.ptp(way) > _SHOWN * offset > 0.0:
                 feed, dwell = float(1.0 / slope), float(offset)
             else:
                 dwell = float(np.median(time - way / feed))

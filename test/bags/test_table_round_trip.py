@@ -57,6 +57,8 @@ def groups(draw):
     if kind == LINEAR and draw(st.booleans()):
         group["offset_m"] = draw(st.sampled_from([[0.0, 0.01, 0.0], [0.02, 0.0, 1 / 30]]))
     if draw(st.booleans()):
+        group["mirror_offset_m"] = draw(st.sampled_from([[0.0, 0.1, 0.0], [-0.05, 0.0, 1 / 30]]))
+    if draw(st.booleans()):
         group["repeats"] = draw(st.integers(1, 2))
     if draw(st.booleans()):
         group["directions"] = draw(some(["forward", "backward"], 2))

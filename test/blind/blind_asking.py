@@ -101,7 +101,9 @@ def diagnosed(measurement, **further):
     with limited(LONGEST):
         found = diagnose(measurement, **further)
     seconds = time.process_time() - begin
-    named = {name for one in found.findings for name in (one.label, *one.ambiguous)}
+    named = {
+        name for one in found.findings for name in (one.label, *one.ambiguous, *one.equivalent)
+    }
     return found, {
         "verdict": found.verdict,
         "sentence": found.sentence,
@@ -180,6 +182,7 @@ def _finding(one):
         "probability": one.probability,
         "group": list(one.group),
         "ambiguous": list(one.ambiguous),
+        "equivalent": list(one.equivalent),
         "runners_up": [[other.label, other.probability] for other in one.runners_up[:5]],
     }
 
@@ -219,6 +222,7 @@ def further_plan(folder, diagnosis):
     kept = {
         "sentence": proposal.sentence,
         "certainty": proposal.certainty,
+        "conditions": list(proposal.conditions),
         "left_open": [list(one.labels) for one in proposal.left_open],
         "duration": proposal.seconds,
         "seconds": time.process_time() - begin,
@@ -242,11 +246,13 @@ def _as_planned(folder):
 
     A run table has no word for that; a bag of a live run has.
     """
+    from stepdiag_ros.metrology.plan import alignment_of
+
     measurement, plan = imported(folder), Path(folder) / "plan.yaml"
     if not plan.exists() or not _shared(plan):
         return measurement
     lines = tuple(
-        replace(line, setup=line.line.name) if line.line.order else line
+        replace(line, setup=alignment_of(line.line, one_alignment_per_diagonal=True))
         for line in measurement.lines
     )
     return replace(measurement, lines=lines)

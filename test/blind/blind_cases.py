@@ -256,12 +256,14 @@ def write_gross(folder, case):
     return folder
 
 
-def write_further(folder, case, sizes, plan_text, day=1):
+def write_further(folder, case, sizes, plan_text, day=1, conditions=()):
     """Measure what a plan file says on the machine of a case, on another day.
 
     What belongs to one alignment or one pass of the first run is over; all else is still at work.
+    The day has weather that suits the ``conditions`` that were stated with the plan.
     """
-    plan = plan_of_file(plan_text, case.plan, np.random.default_rng([case.seed, 3, day]))
+    rng = np.random.default_rng([case.seed, 3, day])
+    plan = plan_of_file(plan_text, case.plan, rng, conditions)
     machine = Machine(case.seed, plan, day)
     run = machine.run()
     acting = [(one, size) for one, size in zip(case.hidden, sizes, strict=True) if one.stays]

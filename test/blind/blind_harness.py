@@ -208,7 +208,8 @@ def _further(root, name, diagnosis):
         if not text:
             return {"proposal": proposal, "verdict": None}
         case, sizes = pickle.loads((root / "machines" / name).read_bytes())
-        measured = write_further(root / "further" / name, case, sizes, text)
+        conditions = proposal["conditions"]
+        measured = write_further(root / "further" / name, case, sizes, text, conditions=conditions)
         (measured / "plan.yaml").write_text(text)
         return {"proposal": proposal, "verdict": diagnosed_together([folder, measured])}
     except NoAnswerError:

@@ -32,6 +32,11 @@ def labels_of(truth, verdict):
     ]
 
 
+def names_of(finding):
+    """Return every name that a finding states as the cause."""
+    return {finding["label"], *finding["ambiguous"], *finding.get("equivalent", ())}
+
+
 def found(labels, verdict):
     """Say how each hidden effect was found: ``right``, ``right, in a group`` or nothing.
 
@@ -41,13 +46,10 @@ def found(labels, verdict):
     """
     ways = []
     for some in labels:
-        named = [
-            finding
-            for finding in verdict["findings"]
-            if some & {finding["label"], *finding["ambiguous"]}
-        ]
-        # Several names of one and the same effect are no group.
-        alone = any({finding["label"], *finding["ambiguous"]} <= some for finding in named)
+        named = [finding for finding in verdict["findings"] if some & names_of(finding)]
+        # Several names of one and the same effect are no group, nor are those of an alignment that
+        # is over, where it is stated that they are one.
+        alone = any(not finding["ambiguous"] or names_of(finding) <= some for finding in named)
         ways.append("right" if alone else "right, in a group" if named else "")
     return ways
 
@@ -81,11 +83,7 @@ def outcome(truth, verdict):
     labels = labels_of(truth, verdict)
     ways = found(labels, verdict)
     hidden = set().union(*labels)
-    strangers = [
-        finding
-        for finding in verdict["findings"]
-        if not hidden & {finding["label"], *finding["ambiguous"]}
-    ]
+    strangers = [finding for finding in verdict["findings"] if not hidden & names_of(finding)]
     if strangers or not any(ways):
         return "wrong name"
     if not all(ways):

@@ -108,6 +108,6 @@ def displacements(chain, run, translations, action, alignment):
     beam, normal, source = alignment
     pose = tool_frames(chain, run.position, translations + action.shift, action.turn)
     normal = np.einsum("nij,nj->ni", rotation_matrices(action.mirror), normal)
-    length = path_lengths(pose, beam, normal, source, action.mount) - run.dead_path
+    length = path_lengths(pose, beam, normal, source, action.mount + run.mirror) - run.dead_path
     swing = action.fringe * np.sin(2.0 * np.pi * length / action.fringe_period)
     return length * (1.0 + action.scale) + action.reading + swing

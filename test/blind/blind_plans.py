@@ -9,7 +9,7 @@ from itertools import groupby
 
 import numpy as np
 import yaml
-from blind_weather import draw_weather, plain_weather, weather
+from blind_weather import another_day, draw_weather, plain_weather, weather
 
 ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "ZYX", "YXZ")
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
@@ -33,6 +33,7 @@ class Setup:
         repeats: of each direction.
         directions: of the passes, in order.
         offset: of the line from its usual place, m.
+        mirror: place of the mirror on the tool, from its usual one, m.
     """
 
     kind: str
@@ -41,6 +42,7 @@ class Setup:
     repeats: int = 1
     directions: tuple = ("forward",)
     offset: tuple = (0.0, 0.0, 0.0)
+    mirror: tuple = (0.0, 0.0, 0.0)
 
     @property
     def words(self):
@@ -112,7 +114,8 @@ class Run:
 
     ``moved`` is the sense of each axis in the move that led to a stop (0 at a pass's first stop),
     ``came`` the sense of its last move so far in the setup or in the approach to it, ``way`` the
-    move itself, m. ``rows`` holds kind, line, order, repeat, direction, stop.
+    move itself, m, ``mirror`` the place of the mirror on the tool from its usual one, m, (n, 3).
+    ``rows`` holds kind, line, order, repeat, direction, stop.
     """
 
     plan: Plan
@@ -126,6 +129,7 @@ class Run:
     way: np.ndarray
     beam: np.ndarray
     start: np.ndarray
+    mirror: np.ndarray
     air: np.ndarray
     pressure: np.ndarray
     humidity: np.ndarray
@@ -212,7 +216,7 @@ def _setups(diagonals, orders, repeats, directions):
     return (*linear, *steps)
 
 
-def plan_of_file(text, before, rng):
+def plan_of_file(text, before, rng, conditions=()):
     """Read the plan of a plan file, to be measured on a machine on another day.
 
     What the file does not say (alignment, dead path, noise) is as in
@@ -222,6 +226,7 @@ def plan_of_file(text, before, rng):
         text: of the plan file, YAML.
         before: the plan that the machine was measured by before.
         rng: of the weather.
+        conditions: sentences that say in which weather the plan is to be measured.
 
     Raises:
         ValueError: it measures another box than the plan before.
@@ -235,9 +240,12 @@ def plan_of_file(text, before, rng):
         repeats = int(group.get("repeats", told.get("repeats", 1)))
         directions = tuple(group.get("directions", told.get("directions", BOTH[:1])))
         stepped = group["kind"] == "step_diagonal"
-        offset = tuple(float(one) for one in group.get("offset_m", (0.0, 0.0, 0.0)))
+        offset, mirror = (
+            tuple(float(one) for one in group.get(key, (0.0, 0.0, 0.0)))
+            for key in ("offset_m", "mirror_offset_m")
+        )
         setups += [
-            Setup(group["kind"], line, order, repeats, directions, offset)
+            Setup(group["kind"], line, order, repeats, directions, offset, mirror)
             for line in group["names"]
             for order in (group.get("orders", ["XYZ"]) if stepped else [""])
         ]
@@ -245,27 +253,32 @@ def plan_of_file(text, before, rng):
     feed = told.get("feed_m_per_s")
     known = isinstance(feed, int | float)
     stay = float(sampling.get("settle_s", 0.1)) + float(sampling.get("window_s", 0.3))
-    return replace(
+    made = replace(
         before,
         setups=tuple(_joined(setups)),
         stop_time=max(float(sampling.get("dwell_s", _SETTLE)), stay) if known else before.stop_time,
-        warming=plain_weather(rng) if before.warming["plain"] else draw_weather(rng),
         one_alignment=bool(told.get("one_alignment_per_diagonal", False)),
         overrun=float(told.get("overrun_m", 0.0)),
         feed=float(feed) if known else 0.0,
     )
+    length = float(make_run(made).time[-1])
+    return replace(made, warming=another_day(before.warming, length, conditions, rng))
 
 
 def _joined(setups):
     """Passes of the same line one after another are one setup."""
-    for (kind, line, order, offset), group in groupby(
-        setups, key=lambda one: (one.kind, one.line, one.order, one.offset)
+    for (kind, line, order, offset, mirror), group in groupby(
+        setups, key=lambda one: (one.kind, one.line, one.order, one.offset, one.mirror)
     ):
         some = list(group)
         directions = some[0].directions
+        repeats = sum(one.repeats for one in some)
         if any(one.directions != directions for one in some):
-            raise ValueError(f"{line} {order} stands twice in a row with other directions")
-        yield Setup(kind, line, order, sum(one.repeats for one in some), directions, offset)
+            # A file may have the way there at the end of one group and the way back in the next.
+            directions, repeats = tuple(way for one in some for way in one.directions), 1
+            if len(set(directions)) < len(directions) or any(one.repeats > 1 for one in some):
+                raise ValueError(f"{line} {order} stands twice in a row with other directions")
+        yield Setup(kind, line, order, repeats, directions, offset, mirror)
 
 
 def nodes_of(setup, blocks):
@@ -300,7 +313,8 @@ def make_run(plan, approach=None):
         approach: sense in which each axis moved last before each setup, (setups, 3); zeros if not
             told: while the laser is aligned, axes are moved to and fro, and no table tells how.
     """
-    columns = {name: [] for name in ("place", "time", "setup", "pass", "beam", "start", "came")}
+    names = ("place", "time", "setup", "pass", "beam", "start", "mirror", "came")
+    columns = {name: [] for name in names}
     rows, ways, clock, passes, number = [], [], 0.0, 0, -1
     step = np.asarray(plan.step)
     approach = np.zeros((len(plan.setups), 3)) if approach is None else approach
@@ -309,7 +323,8 @@ def make_run(plan, approach=None):
         forward = nodes_of(setup, plan.blocks) * step + np.asarray(setup.offset)
         # A table tells passes apart by their words; lines at other places count their repeats on.
         counted = counted + before.repeats if before and before.words == setup.words else 0
-        if not (plan.one_alignment and before and setup.order and before.line == setup.line):
+        same = before and (before.line, before.mirror) == (setup.line, setup.mirror)
+        if not (plan.one_alignment and setup.order and same):
             clock += plan.setup_time if number >= 0 else 0.0
             number += 1
             begin = forward[0]
@@ -330,7 +345,16 @@ def make_run(plan, approach=None):
                     ways.append(way if stop else np.zeros(3))
                     for name, value in zip(
                         columns,
-                        (place, clock, number, passes, beam_of(setup, step), begin, latest),
+                        (
+                            place,
+                            clock,
+                            number,
+                            passes,
+                            beam_of(setup, step),
+                            begin,
+                            setup.mirror,
+                            latest,
+                        ),
                         strict=True,
                     ):
                         columns[name].append(value)
@@ -352,6 +376,7 @@ def make_run(plan, approach=None):
         way=ways,
         beam=told["beam"],
         start=told["start"],
+        mirror=told["mirror"],
         air=air,
         pressure=pressure,
         humidity=humidity,

@@ -9,6 +9,8 @@ HEADER = (
     "time_s,kind,line,order,repeat,direction,stop,x_m,y_m,z_m,reading_m,"
     "air_temperature_degC,air_pressure_Pa,relative_humidity,material_temperature_degC"
 )
+MIRROR = ",mirror_offset_m"
+"""Column of a run with a mirror that is mounted elsewhere on some lines: X Y Z."""
 
 
 def table_rows(run, readings):
@@ -28,16 +30,21 @@ def table_rows(run, readings):
     ]
 
 
-def written(rows):
+def written(rows, header=HEADER):
     """Text of a table of rows."""
     text = io.StringIO()
-    text.write(HEADER + "\n")
+    text.write(header + "\n")
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
 def table_text(run, readings):
-    return written(table_rows(run, readings))
+    rows = table_rows(run, readings)
+    if not run.mirror.any():
+        return written(rows)
+    mounts = [" ".join(f"{value:g}" for value in place) for place in run.mirror]
+    told = [[*row, mount] for row, mount in zip(rows, mounts, strict=True)]
+    return written(told, HEADER + MIRROR)
 
 
 def case_text(plan):

@@ -11,6 +11,7 @@ from blind_gross import GROSS, OF_THE_TABLE, OUTLIER, draw_gross
 from blind_kinematics import Action
 from blind_machine import Machine
 from blind_plans import draw_plan, make_run, plan_of_file
+from blind_tables import case_text, table_text
 from refused import refused
 
 PLAN = """
@@ -26,7 +27,9 @@ one_alignment_per_diagonal: {one_alignment}
 lines:
   - {{kind: linear, names: [x], offset_m: [0.0, 0.04, 0.0], repeats: 1, directions: [forward]}}
   - {{kind: linear, names: [x]}}
+  - {{kind: linear, names: [x], mirror_offset_m: [0.0, 0.1, 0.0]}}
   - {{kind: step_diagonal, names: [npp, ppn], orders: [XYZ, ZYX], repeats: 1}}
+  - {{kind: step_diagonal, names: [ppn], mirror_offset_m: [0.1, 0.0, 0.0]}}
   - {{kind: diagonal, names: [pp0], offset_m: [0.0, 0.0, 0.03], repeats: 1}}
 sampling: {{dwell_s: 1.5, settle_s: 0.4, window_s: 0.6}}
 """
@@ -64,7 +67,7 @@ def test_a_plan_file_is_measured_as_the_project_itself_reads_it(one_alignment):
     setups = [plan.setup_of(line) for line in plan.lines for _ in line.stops(plan.volume)]
     told = dict(zip(run.setup, setups, strict=True))
     assert [told[number] for number in run.setup] == setups
-    assert len(told) == len(set(setups)) == (5 if one_alignment else 7)
+    assert len(told) == len(set(setups)) == (7 if one_alignment else 9)
     kinds = [(line.kind, line.name, line.order, line.direction) for line in plan.lines]
     passes = np.flatnonzero(run.number == 0)
     rows = [(row[0], row[1], row[2], row[4]) for row in (run.rows[place] for place in passes)]
@@ -73,8 +76,22 @@ def test_a_plan_file_is_measured_as_the_project_itself_reads_it(one_alignment):
 
 def test_passes_that_stand_beside_each_other_are_told_apart_by_their_repeats():
     run = further_run(some_plan())
-    words = [run.rows[place][:5] for place in np.flatnonzero(run.number == 0)]
+    begins = np.flatnonzero(run.number == 0)
+    words = [(*run.rows[place][:5], *run.mirror[place]) for place in begins]
     assert len(set(words)) == len(words)
+
+
+@pytest.mark.parametrize("one_alignment", [False, True])
+def test_a_mirror_mounted_elsewhere_reaches_the_workflow_by_the_table(tmp_path, one_alignment):
+    from stepdiag_ros.bags.table import load_table
+    from stepdiag_ros.metrology.effects.stops import stops_of
+
+    run = further_run(some_plan(), one_alignment)
+    (tmp_path / "run.csv").write_text(table_text(run, run.along))
+    (tmp_path / "case.yaml").write_text(case_text(run.plan))
+    measurement = load_table(tmp_path / "run.csv").measurement
+    np.testing.assert_array_equal(stops_of(measurement).mirror_offset, run.mirror)
+    assert np.count_nonzero(np.ptp(run.mirror, axis=0)) == 2
 
 
 def test_stops_take_the_dwell_and_the_way_at_the_feed():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells_for_tests import make_cell
+from cells_for_tests import make_cell, make_plan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refused import refused
@@ -83,6 +83,32 @@ def test_compensated_readings_are_the_true_displacement_in_changing_air():
     assert readings[-1].raw_displacement == pytest.approx(count, abs=1e-13)
     assert abs(readings[0].compensated_displacement) < 1e-15
     assert readings[-1].environment == pytest.approx(CELL.environment(10.0), abs=0.01)
+
+
+@pytest.mark.parametrize("again", ["", " #2"])
+def test_a_mirror_mounted_elsewhere_reads_the_turns_of_the_tool_there(again):
+    mount = (0.0, 0.1, 0.0)
+    plan = make_plan(diagonals=("ppp",), linear=())
+    plan = replace(plan, lines=tuple(replace(one, mirror_offset=mount) for one in plan.lines))
+    (setup,) = {plan.setup_of(line) for line in plan.lines}
+    device = laser()
+    device.begin_run(plan, START)
+    device.align(START, setup + again, "ppp", STEP, ORIGIN)
+    end = (0.06, 0.06, 0.06)
+    feed(device, START + 2 * SECOND, lambda seconds: end if seconds > 1.0 else ORIGIN)
+    read = device.poll(START + 2 * SECOND)[-1].compensated_displacement
+    there, usual = (
+        np.ptp(
+            CELL.displacement(
+                np.array([end, ORIGIN]),
+                CELL.alignment(setup + again, "ppp", STEP, ORIGIN, place),
+                place,
+            )
+        )
+        for place in (mount, ORIGIN)
+    )
+    assert read == pytest.approx(there, abs=5e-9)
+    assert abs(there - usual) > 50e-9
 
 
 def test_a_wrong_dead_path_and_a_wrong_sensor_leave_their_errors():

@@ -28,9 +28,9 @@ from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 
 TIME = 1_700_000_000_123_456_789
 AIR = Environment(20.1, 101325.5, 0.51, 19.9)
-LINEAR = Line("linear", "x", "", 2, "backward", (0.0, 0.12, 0.015))
+LINEAR = Line("linear", "x", "", 2, "backward", (0.0, 0.12, 0.015), mirror_offset=(0.0, 0.1, -0.02))
 TRACKED = Line("tracker", "north side:xyz", "", 4, "backward")
-DIAGONAL = Line("step_diagonal", "npp", "YZX", 1, "forward")
+DIAGONAL = Line("step_diagonal", "npp", "YZX", 1, "forward", mirror_offset=(0.1, 0.0, 0.0))
 COMMAND = StopCommand(41, 3, 2, "npp YZX", 7, "Y", (0.01, 0.02, 0.03), TIME - 5)
 
 STOP = SettledStop(

@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.discrepancy.joint import joined
 from stepdiag_ros.metrology.discrepancy.judging import CERTAINTY, Judge, chances_of
 from stepdiag_ros.metrology.discrepancy.rivals import Contest, FurtherReadings, Rival
+from stepdiag_ros.metrology.effects.abbe_offset import EFFECT as ABBE
 from stepdiag_ros.metrology.effects.angular_error import EFFECT as ANGULAR
 from stepdiag_ros.metrology.effects.axis_scale import EFFECT as SCALE
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
@@ -35,6 +36,7 @@ from stepdiag_ros.metrology.effects.servo_lag import EFFECT as LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as TURNING
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as DELAY
+from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
@@ -285,6 +287,15 @@ def test_feed_and_dwell_of_a_table_are_those_of_its_times():
     assert conditions_of(untold).feed > 0.0
 
 
+def test_moves_of_any_length_that_take_as_long_do_not_show_the_feed():
+    uneven = make_plan(blocks=6, step=(0.02, 0.01, 0.03))
+    run = simulate(uneven, CELL)
+    lines = tuple(replace(one, time=3.1 * np.arange(len(one.time))) for one in run.lines)
+    found = conditions_of(replace(run, lines=lines))
+    assert found.feed == 0.033
+    assert 2.0 < found.sampling.dwell < 3.1
+
+
 def test_axes_that_turn_are_no_rival_that_lines_are_sought_for_but_are_said_to_be_left_open():
     _, run = standard_runs.measured(rotation=20e-6, seed=5)
     diagnosis = diagnose(run)
@@ -293,3 +304,86 @@ def test_axes_that_turn_are_no_rival_that_lines_are_sought_for_but_are_said_to_b
     assert proposal.plan is not None
     assert all(TURNING.name not in labels for labels in proposal.rivals)
     assert any(TURNING.name in left.labels for left in proposal.left_open)
+
+
+@pytest.mark.parametrize("mount", [(0.1, 0.0, 0.0), (0.0, -0.05, 0.1)])
+def test_a_mirror_mounted_elsewhere_reads_the_rotations_by_its_arm(mount):
+    """The exact walk along the chain of a machine that turns agrees with the effect's column."""
+    plan = make_plan(blocks=6, step=(0.02, 0.02, 0.02), diagonals=("ppn",), linear=())
+    plan = replace(plan, lines=tuple(replace(one, mirror_offset=mount) for one in plan.lines))
+    turn = np.linspace(0.0, 40e-6, 7)
+    nodes = tuple(np.linspace(0.0, 0.12, 7) for _ in range(3))
+    plain = replace(CELL, errors=ErrorCurves.from_curves(nodes, {}))
+    turning = replace(plain, errors=ErrorCurves.from_curves(nodes, {"E_CZ": turn}))
+    found = simulate(plan, replace(turning, reading_noise=0.0), seed=1)
+    straight = simulate(plan, replace(plain, reading_noise=0.0), seed=1)
+    difference = np.concatenate(
+        [
+            one.displacement - other.displacement
+            for one, other in zip(found.lines, straight.lines, strict=True)
+        ]
+    )
+    column = ANGULAR.columns({"error": "E_CZ"}, stops_of(found))[:, 0] * 40e-6
+    np.testing.assert_allclose(difference, column - column[0], atol=2e-9)
+    elsewhere = replace(stops_of(found), mirror_offset=np.zeros((len(column), 3)))
+    usual = ANGULAR.columns({"error": "E_CZ"}, elsewhere)[:, 0] * 40e-6
+    assert np.ptp(column - usual) > 1e-6
+
+
+def test_a_turn_that_any_alignment_could_be_is_told_with_the_mirror_mounted_elsewhere():
+    cell = replace(CELL, chain="YXZ", effects=_acting(ANGULAR, {"error": "E_AX"}, linear=60e-6))
+    plan = replace(
+        make_plan(blocks=6, step=(0.02,) * 3, orders=("XYZ", "ZXY"), repeats=2), feed=0.05
+    )
+    catalogue = (ANGULAR, SAG)
+    run = simulate(plan, cell, seed=1)
+    diagnosis = diagnose(run, catalogue=catalogue)
+    (finding,) = diagnosis.findings
+    assert {"angular error E_AX", "sag along Z over X and Y"} <= {finding.label, *finding.ambiguous}
+    proposal = propose_extra(run, diagnosis, plan, catalogue=catalogue)
+    assert not proposal.left_open
+    assert proposal.certainty >= CERTAINTY
+    read = Plan.from_mapping(yaml.safe_load(proposal_text(proposal)), "extra.yaml")
+    assert read == proposal.plan
+    mounts = {line.mirror_offset for line in read.lines}
+    assert any(any(mount) for mount in mounts)
+    assert len({read.setup_of(line) for line in read.lines}) >= len(mounts)
+    both = diagnose(joined([run, simulate(read, another_day(cell), seed=2)]), catalogue=catalogue)
+    assert [(both.verdict, one.label) for one in both.findings] == [(NAMED, "angular error E_AX")]
+
+
+def test_servo_lag_and_trigger_delay_are_told_at_another_pace():
+    cell = replace(CELL, effects=_acting(DELAY, {}, delay=1e-3))
+    run = simulate(PLAN, cell, seed=1)
+    catalogue = (LAG, DELAY)
+    diagnosis = diagnose(run, catalogue=catalogue)
+    assert diagnosis.verdict == AMBIGUOUS, diagnosis.sentence
+    plan = propose_extra(run, diagnosis, PLAN, catalogue=catalogue).plan
+    assert plan.feed < PLAN.feed
+    assert plan.sampling.dwell > PLAN.sampling.dwell
+    both = diagnose(joined([run, simulate(plan, another_day(cell), seed=2)]), catalogue=catalogue)
+    assert [(both.verdict, one.label) for one in both.findings] == [
+        (NAMED, "position-trigger delay")
+    ]
+
+
+def test_names_of_one_alignment_that_is_over_are_one():
+    cell = replace(CELL, effects=_acting(COSINE, {"setup": "ppn XYZ"}, scale=40e-6))
+    one_order = diagnose(simulate(PLAN, cell, seed=1), catalogue=(COSINE, ABBE))
+    assert one_order.verdict == AMBIGUOUS, one_order.sentence
+    assert all(one.over and not one.equivalent for one in one_order.findings)
+    plan = make_plan(blocks=6, step=(0.02,) * 3, orders=("XYZ", "ZXY"), repeats=2)
+    diagnosis = diagnose(simulate(plan, cell, seed=1), catalogue=(COSINE, ABBE))
+    (finding,) = diagnosis.findings
+    assert diagnosis.verdict == NAMED, diagnosis.sentence
+    names = {finding.label, *finding.equivalent}
+    assert "cosine error of ppn XYZ" in names
+    assert len(names) > 1 and not finding.ambiguous
+    assert all("ppn XYZ" in name for name in names)
+    assert all(name in diagnosis.sentence for name in names)
+    assert finding.over
+
+
+def _acting(effect, setting, **sizes):
+    every = {size.name: 0.0 for size in effect.sizes}
+    return (ActiveEffect(effect, setting, {**every, **sizes}),)

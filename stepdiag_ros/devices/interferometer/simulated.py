@@ -93,6 +93,7 @@ class SimulatedInterferometer:
         self._breaks: list[tuple[int, int]] = []
         self._course: FollowedCourse | None = None
         self._tracked: dict[str, TrackedLine] = {}
+        self._mounts: dict[str, Point] = {}
 
     def begin_run(self, plan: Plan, start_ns: int) -> None:
         """Let the effects of the cell act in a run (see ``FollowsRun.begin_run``).
@@ -105,6 +106,7 @@ class SimulatedInterferometer:
         for line in plan.lines:
             self._cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
         self._tracked = {line.name: line.tracked for line in plan.lines if line.tracked is not None}
+        self._mounts = {plan.setup_of(line): line.mirror_offset for line in plan.lines}
         if self._cell.effects:
             begins = self._behaviour.weather_begins
             self._course = FollowedCourse(plan, self._cell, start_ns, begins, self._grid)
@@ -143,8 +145,10 @@ class SimulatedInterferometer:
         if line in self._tracked:
             station = self._cell.station(setup, self._tracked[line].station)
             return partial(self._cell.length, station=station)
-        alignment = self._cell.alignment(setup, line, step, start)
-        return partial(self._cell.displacement, alignment=alignment)
+        # A new zero (`` #2``) leaves the mirror where it is.
+        mount = self._mounts.get(setup.partition(" #")[0], (0.0, 0.0, 0.0))
+        alignment = self._cell.alignment(setup, line, step, start, mount)
+        return partial(self._cell.displacement, alignment=alignment, mount=mount)
 
     def _nominal(self, line: str, step: Point) -> BeamPath:
         if line in self._tracked:

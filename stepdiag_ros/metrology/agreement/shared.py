@@ -87,7 +87,13 @@ def _lines(measured: ComparedMeasurement) -> tuple[object, ...]:
         return ()
     volume = measured.measurement.volume
     kinds = {
-        (one.line.name, one.line.order, one.line.direction, one.line.offset)
+        (
+            one.line.name,
+            one.line.order,
+            one.line.direction,
+            one.line.offset,
+            one.line.mirror_offset,
+        )
         for one in measured.measurement.lines
     }
     return (measured.result.method, volume, tuple(sorted(kinds)))

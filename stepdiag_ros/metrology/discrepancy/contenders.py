@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.loose import loosened
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker
-from stepdiag_ros.metrology.discrepancy.rivals import Rival, is_bound
+from stepdiag_ros.metrology.discrepancy.rivals import Rival
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.measurement import Measurement
 
@@ -83,7 +83,7 @@ class Contenders:
         top = evidence[best[self._found.names[own]]]
         for name, place in best.items():
             candidate = self._found.candidates[place]
-            if evidence[place] > top - _BEHIND and not is_bound(candidate):
+            if evidence[place] > top - _BEHIND and not candidate.is_bound:
                 chance = finding.probability * float(np.exp(min(evidence[place] - top, 0.0)))
                 made.setdefault(name, Rival(candidate, max(chance, _UNLIKELY)))
         return list(made.values())

@@ -2,6 +2,10 @@
 
 Each option is one alignment of laser and mirror: a step diagonal in one or several orders of its
 moves, or a linear line along an edge of the box, in one or both directions, once or several times.
+
+A rotation of the tool that is the same wherever a beam meets it is nothing but another alignment:
+a plane mirror that turns shows no more. Only a beam that meets the tool elsewhere shows by how much
+it turns on the way, so lines are there too with the mirror mounted elsewhere.
 """
 
 from collections.abc import Iterator
@@ -24,12 +28,14 @@ from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, STEP_DIAGONAL
 from stepdiag_ros.metrology.simulation import stop_times
 
 _BOTH = (FORWARD, BACKWARD)
+_USUAL = (0.0, 0.0, 0.0)
 _LINEAR_REPEATS, _DIAGONAL_REPEATS = 4, 2
 _PASSES = (((FORWARD,), 1), (_BOTH, 1), (_BOTH, 2), (_BOTH, 4))
 """Directions and repeats of an option."""
 _THREE = (("XYZ", "YZX", "ZXY"), ("XZY", "YXZ", "ZYX"))
 """Orders that are measured in one alignment, the first as in Ibaraki & Hata 2010, section 4.2."""
-
+_MOUNT = 0.1
+"""m: as far as a bracket holds a mirror from its usual place."""
 _SLOWER = 0.5
 _OTHERWISE = (-1.0, 1.0, 0.5, -0.5)
 """Air temperature falls where it rose, pressure rises as it did, and so on."""
@@ -72,6 +78,30 @@ def alignments(volume: Volume, often: bool, axes: str = "XYZ") -> tuple[Option, 
     return tuple(made)
 
 
+def mounted_elsewhere(axes: str = "XYZ") -> tuple[Option, ...]:
+    """Return lines with the mirror mounted elsewhere on the tool, in both directions, twice.
+
+    Each is a step diagonal in its first order, or a linear line along an edge, with the mirror away
+    along X, Y or Z.
+
+    Args:
+        axes: that the lines may move; see ``plan.axes_at_hand``.
+    """
+    made = []
+    for mount in np.diag([_MOUNT] * len(AXES)):
+        away = (float(mount[0]), float(mount[1]), float(mount[2]))
+        for name in (*BODY_DIAGONALS, *FACE_DIAGONALS):
+            order = move_orders(name)[0]
+            if len(order) == len(axes) and set(order) == set(axes):
+                passes = _passes(STEP_DIAGONAL, name, (order,), _BOTH, _DIAGONAL_REPEATS, _USUAL)
+                made.append(Option(tuple(replace(line, mirror_offset=away) for line in passes)))
+        for name in axes.lower():
+            if not away["xyz".index(name)]:
+                passes = _passes(LINEAR, name, ("",), _BOTH, _LINEAR_REPEATS, _USUAL)
+                made.append(Option(tuple(replace(line, mirror_offset=away) for line in passes)))
+    return tuple(made)
+
+
 def parts(option: Option) -> tuple[Option, ...]:
     """Return what may be measured of an alignment instead of all of it, the fewest passes first."""
     lines = set(option.lines)
@@ -82,7 +112,7 @@ def parts(option: Option) -> tuple[Option, ...]:
     for directions, repeats in _PASSES:
         for orders in every if first.kind == STEP_DIAGONAL else (("",),):
             passes = _passes(first.kind, first.name, orders, directions, repeats, first.offset)
-            made = tuple(passes)
+            made = tuple(replace(line, mirror_offset=first.mirror_offset) for line in passes)
             if set(made) < lines:
                 found.append(Option(made))
     return tuple(sorted(found, key=lambda one: len(one.lines)))

@@ -32,6 +32,9 @@ CONSISTENT_LEVEL = 0.002
 LINE_AND_PARABOLA = ("linear", "quadratic")
 """Names of sizes that a share of the travel, and its square, are multiplied by."""
 
+_BOUND = {"setup", "line"}
+"""Keys of a setting that ties an effect to one alignment or pass of one run."""
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -53,6 +56,11 @@ class Candidate:
         return np.column_stack(
             [effect.columns(self.setting, stops), effect.unknown(self.setting, stops)]
         )
+
+    @property
+    def is_bound(self) -> bool:
+        """Say whether the effect belongs to one alignment or one pass, and is over with it."""
+        return not _BOUND.isdisjoint(self.setting)
 
     @property
     def family(self) -> str:
@@ -115,6 +123,9 @@ class Finding:
         runners_up: the best candidates of other names, best first.
         covariance: of the sizes, in the order of the effect's, SI, shape (sizes, sizes); NaN
             where the run does not determine a size.
+        over: every name that may be the cause belonged to an alignment or a pass, so that no
+            further measurement shows which it was.
+        equivalent: labels of names that are one with this: all belonged to the same alignment.
     """
 
     candidate: Candidate
@@ -127,6 +138,8 @@ class Finding:
     group: tuple[str, ...] = ()
     runners_up: tuple[RunnerUp, ...] = ()
     covariance: Vector = field(default_factory=lambda: np.full((0, 0), np.nan))
+    over: bool = False
+    equivalent: tuple[str, ...] = ()
 
     @property
     def over_travel(self) -> tuple[float, float, float] | None:
@@ -157,7 +170,8 @@ class Finding:
     def ambiguous(self) -> tuple[str, ...]:
         """Return the labels of other names that may as well be the cause."""
         rivals = tuple(other.label for other in self.runners_up if other.ambiguous)
-        return tuple(dict.fromkeys((*self.group, *rivals)))
+        open_names = dict.fromkeys((*self.group, *rivals))
+        return tuple(label for label in open_names if label not in self.equivalent)
 
     @property
     def active(self) -> ActiveEffect:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.extra_lines import Option, Weather, blank, plan_of
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
-from stepdiag_ros.metrology.discrepancy.rivals import Contest, FurtherReadings, is_bound
+from stepdiag_ros.metrology.discrepancy.rivals import Contest, FurtherReadings
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
@@ -50,7 +50,7 @@ def asked_of(contest: Contest) -> Booleans:
     and rivals that the runs so far rule out and no luck brings back.
     """
     chances = np.array([rival.probability for rival in contest.rivals])
-    bound = np.array([is_bound(rival.candidate) for rival in contest.rivals])
+    bound = np.array([rival.candidate.is_bound for rival in contest.rivals])
     asked: Booleans = np.tile((chances >= _NEGLIGIBLE * np.sum(chances))[:, None], len(chances))
     asked &= ~(bound[:, None] & bound) & ~np.eye(len(chances), dtype=bool)
     # The least chance of ruling out j, over all distances, is that at the one of worst luck.

@@ -2,8 +2,8 @@
 
 Where several effects close the gap of a run equally well, further lines are sought in which they
 differ: other orders of moves, other diagonals, both directions, repeats, linear lines along other
-edges of the box, a longer dwell. A set of lines is good enough if the evidence of all readings
-together will name the cause alone in 19 of 20 cases (``judging``).
+edges of the box, the mirror mounted elsewhere, a slower pace. A set of lines is good enough if the
+evidence of all readings together will name the cause alone in 19 of 20 cases (``judging``).
 Every alignment that is not needed is left out, then every pass; of what several orders of leaving
 out come to, the quickest is proposed.
 
@@ -12,7 +12,7 @@ that is over. Further readings show whether the cause was such a thing or is in 
 still; they need not show which of several alignments it was.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -20,7 +20,12 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline
 from stepdiag_ros.metrology.discrepancy.contenders import Contenders
-from stepdiag_ros.metrology.discrepancy.extra_lines import Option, alignments, parts
+from stepdiag_ros.metrology.discrepancy.extra_lines import (
+    Option,
+    alignments,
+    mounted_elsewhere,
+    parts,
+)
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.judging import (
     AS_BEFORE,
@@ -29,12 +34,14 @@ from stepdiag_ros.metrology.discrepancy.judging import (
     Judged,
     certainty_of,
 )
-from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival, is_bound
+from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.effects.servo_lag import EFFECT as SERVO_LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
+from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as TRIGGER_DELAY
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plan import Plan, axes_at_hand
+from stepdiag_ros.metrology.plan import Plan, Volume, axes_at_hand
 
 _SHUFFLES = 2
 _FOREMOST = 2
@@ -44,6 +51,8 @@ _MANY = 6
 """Alignments, beyond which it is tried whether more passes in fewer of them will do."""
 _SLOWER = 4.0
 """Factor of the dwell of an extra plan whose lines have to be slower than those of the run."""
+_LESS_FEED = 2.0
+"""Factor by which such a plan's feed is less."""
 _OF_A_KIND = 2
 """Rivals of one effect that belong to one alignment or pass: so many stand for all in the
 search."""
@@ -194,20 +203,41 @@ def propose(
         ]
 
     whole = contests(groups)
-    slow = replace(basis, sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell))
     axes = axes_at_hand(line.line for line in measurement.lines)
+    paced = any(_of_pace(one) for group in groups for one in group)
     judge, lost, everything = _least_lost(
-        (
-            (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), often)
-            for conditions, often in ((basis, False), (basis, True), (slow, False))
-        ),
-        {often: alignments(measurement.volume, often, axes) for often in (False, True)},
+        (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), lines)
+        for conditions, lines in _ways(basis, measurement.volume, axes, paced)
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
     search = _Search(judge, judge.among(few, contests(some)), everything, seconds)
     proposal = search.proposal(lost)
     return replace(proposal, left_open=(*proposal.left_open, *turning))
+
+
+def _ways(
+    basis: Plan, box: Volume, axes: str, paced: bool
+) -> Iterator[tuple[Plan, tuple[Option, ...]]]:
+    """Yield conditions and all lines under them, those that are the least trouble first."""
+    slow = replace(
+        basis,
+        feed=basis.feed / _LESS_FEED,
+        sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell),
+    )
+    once, often = (alignments(box, several, axes) for several in (False, True))
+    mounted = (*once, *mounted_elsewhere(axes))
+    if paced:
+        yield slow, once
+    yield basis, once
+    yield basis, often
+    yield basis, mounted
+    yield slow, mounted
+
+
+def _of_pace(rival: Rival) -> bool:
+    """Say whether an effect depends on how fast moves and stops follow one another."""
+    return rival.candidate.effect.name in (SERVO_LAG.name, TRIGGER_DELAY.name)
 
 
 def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
@@ -222,13 +252,13 @@ def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
 
 
 def _least_lost(
-    judges: Iterable[tuple[Judge, bool]], lines: Mapping[bool, tuple[Option, ...]]
+    judges: Iterable[tuple[Judge, tuple[Option, ...]]],
 ) -> tuple[Judge, list[tuple[Candidate, Candidate]], tuple[Option, ...]]:
     """Return the first judge with whom no pair has to be given up, else the one with the fewest."""
     tried = []
-    for judge, often in judges:
-        lost = judge.give_up(lines[often])
-        tried.append((judge, lost, lines[often]))
+    for judge, lines in judges:
+        lost = judge.give_up(lines)
+        tried.append((judge, lost, lines))
         if not lost:
             break
     return min(tried, key=lambda one: len(one[1]))
@@ -240,7 +270,7 @@ def _few(rivals: Sequence[Rival]) -> list[int]:
     places = []
     for place in sorted(range(len(rivals)), key=lambda one: -rivals[one].probability):
         candidate = rivals[place].candidate
-        if is_bound(candidate):
+        if candidate.is_bound:
             seen[candidate.effect.name] = seen.get(candidate.effect.name, 0) + 1
             if seen[candidate.effect.name] > _OF_A_KIND:
                 continue
@@ -413,19 +443,27 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
         how = (
             "changes at most half as fast as in the run, or in the other sense"
             if one.weather == SLOWER
-            else "changes in another proportion to the rest of the weather than in the run"
+            else "changes as much as in the run, but in another proportion to the rest of the"
+            " weather (at least by a factor of 2)"
         )
         words.append(
             f"To distinguish {labels}, measure again when the {' or the '.join(what)} {how}: on"
-            " another day or at another time of the day."
+            f" another day or at another time of the day{_warming(what)}."
         )
     return tuple(words)
+
+
+def _warming(what: Sequence[str]) -> str:
+    """Say how to come to another temperature of the machine without waiting for a day."""
+    if _WEATHER["material_temperature"] not in what:
+        return ""
+    return ", or after the axes were run to and fro for an hour, which warms the machine alone"
 
 
 def _bound_words(judge: Judge) -> list[LeftOpen]:
     found = []
     for contest in judge.contests:
-        bound = [one.candidate.label for one in contest.rivals if is_bound(one.candidate)]
+        bound = [one.candidate.label for one in contest.rivals if one.candidate.is_bound]
         if len(bound) > 1:
             found.append(
                 LeftOpen(
@@ -443,7 +481,8 @@ def _lost_words(lost: Sequence[tuple[Candidate, Candidate]]) -> list[LeftOpen]:
     for one, other in lost:
         words = (
             "No linear lines along the edges of the box and no step diagonals, however often"
-            f" repeated, distinguish {one.label} from {other.label}"
+            " repeated and wherever the mirror is mounted, distinguish"
+            f" {one.label} from {other.label}"
         )
         turning = [
             candidate.setting["error"]

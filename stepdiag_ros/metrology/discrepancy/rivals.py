@@ -35,9 +35,6 @@ _RANK_LIMIT = 1e-8
 _NOTHING = 1e-7
 """Share of a column that is rounding."""
 
-_BOUND = {"setup", "line"}
-"""Keys of a setting that ties an effect to one alignment or pass of one run."""
-
 Acting = Candidate | ActiveEffect
 
 
@@ -52,11 +49,6 @@ class Rival:
 
     candidate: Candidate
     probability: float
-
-
-def is_bound(candidate: Candidate) -> bool:
-    """Say whether an effect belongs to one alignment or one pass, and is over with it."""
-    return not _BOUND.isdisjoint(candidate.setting)
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,8 @@ def beside_rotations(diagnosis: Diagnosis, rotations: RotationTest, ahead: float
         f" {1.0 / chance:.2g}, too close to rule out",
         ambiguous=True,
     )
-    findings = (replace(first, runners_up=(*first.runners_up, rival)), *others)
+    shaken = replace(first, runners_up=(*first.runners_up, rival), over=False, equivalent=())
+    findings = (shaken, *others)
     verdict, sentence = explained_by(findings)
     return replace(diagnosis, verdict=verdict, sentence=sentence, findings=findings)
 
@@ -63,6 +64,22 @@ def explained_by(chosen: tuple[Finding, ...]) -> tuple[str, str]:
         words = "; ".join(
             f"{one.label}, or as well {', '.join(one.ambiguous)}" for one in open_names
         )
-        return verdicts.AMBIGUOUS, f"The gap closes, but this run cannot tell by what: {words}."
-    words = " and ".join(one.label for one in chosen)
+        ends = " or ".join(one.label for one in open_names if one.over)
+        over = (
+            f" No further measurement distinguishes {ends} from the others: all of them ended with"
+            " their alignments. Align those lines again."
+        )
+        return verdicts.AMBIGUOUS, (
+            f"The gap closes, but this run cannot tell by what: {words}.{over if ends else ''}"
+        )
+    words = " and ".join(map(_with_equivalents, chosen))
     return verdicts.NAMED, f"The model lacks {words}; with that, model and run agree."
+
+
+def _with_equivalents(finding: Finding) -> str:
+    if not finding.equivalent:
+        return finding.label
+    return (
+        f"{finding.label} (one with {', '.join(finding.equivalent)}: that alignment is over, and no"
+        " further measurement distinguishes them)"
+    )

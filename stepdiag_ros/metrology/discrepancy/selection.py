@@ -7,6 +7,7 @@ every effect of the catalogue is as likely as any other, and so is each of its s
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -251,7 +252,8 @@ class Selection:
         )
         values = {name: (value, u) for name, value, u in told}
         same = self._same(index)
-        return Finding(
+        rivals = self._runners_up(index, ranking, names, odds, same)
+        made = Finding(
             candidate=candidate,
             sizes={name: value for name, (value, _) in values.items()},
             standard_uncertainty={name: u for name, (_, u) in values.items()},
@@ -263,9 +265,20 @@ class Selection:
             p_value=self._luck.corrected(float(ranking.chance[index])),
             probability=float(odds[own]),
             group=tuple(self._found.candidates[other].label for other in same),
-            runners_up=self._runners_up(index, ranking, names, odds, same),
+            runners_up=rivals,
             covariance=covariance,
         )
+        return self._over(made)
+
+    def _over(self, finding: Finding) -> Finding:
+        """Return a finding that says whether any further measurement shows which name it has."""
+        others = [one for one in self._found.candidates if one.label in finding.ambiguous]
+        every = (finding.candidate, *others)
+        if not others or not all(one.is_bound for one in every):
+            return finding
+        setups = {one.setting.get("setup") for one in every}
+        same = len(setups) == 1 and None not in setups
+        return replace(finding, over=True, equivalent=finding.ambiguous if same else ())
 
     def _same(self, index: int) -> list[int]:
         """Return the best settings of other names that show the same whatever the readings."""

@@ -27,6 +27,8 @@ class Stops:
         position: m, shape (n, 3).
         direction: nominal unit vector of the beam, shape (n, 3).
         start: first stop of the line's forward direction, on the beam, m, shape (n, 3).
+        mirror_offset: of the mirror and the beam that meets it from their usual place on the tool,
+            m, shape (n, 3).
         way: the move that led to each stop, m, shape (n, 3); zeros at the first stop of a pass,
             whose approach the data do not contain, unless the pass was begun beyond it.
         approach_told: the run shows how the machine came to the stop; False at the first stop of a
@@ -55,6 +57,7 @@ class Stops:
     position: Vector
     direction: Vector
     start: Vector
+    mirror_offset: Vector
     way: Vector
     approach_told: NDArray[np.bool_]
     moved: Vector
@@ -111,7 +114,7 @@ class Stops:
     def arms(self) -> tuple[Vector, Vector, Vector]:
         """Return the arms v_i of X, Y, Z by which a rotation ε_i moves the reading, m, (n, 3) each.
 
-        A rotation ε_i adds (ε_i × n)·v_i, v_i = position - lever_i - start (see
+        A rotation ε_i adds (ε_i × n)·v_i, v_i = position - lever_i - start - mirror offset (see
         ``solvers.design``).
 
         Raises:
@@ -119,9 +122,8 @@ class Stops:
         """
         if not self.chain:
             raise ValueError("the machine's kinematic chain is not known; angular errors need it")
-        one, two, three = (
-            self.position - lever - self.start for lever in levers(self.position, self.chain)
-        )
+        away = self.position - self.start - self.mirror_offset
+        one, two, three = (away - lever for lever in levers(self.position, self.chain))
         return one, two, three
 
 
@@ -146,6 +148,9 @@ def stops_of(measurement: Measurement) -> Stops:
         position=np.concatenate(targets),
         direction=_repeat([_direction(line, measurement) for line in measurement.lines], lengths),
         start=_repeat([_start(line, measurement) for line in measurement.lines], lengths),
+        mirror_offset=_repeat(
+            [np.array(line.line.mirror_offset) for line in measurement.lines], lengths
+        ),
         way=way,
         approach_told=np.concatenate([_approach_told(line) for line in measurement.lines]),
         moved=_senses(way),

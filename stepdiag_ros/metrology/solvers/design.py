@@ -15,7 +15,8 @@ taken as zero. A reading then is
 
 with g the effective direction (unit vector), u the position from the first corner of the box, w
 that from the line's first forward stop, and A_i(u) the part of u that the axes after i in the chain
-make up. This is METROLOGY's first-order model, (ε_i × n)·(q - L_i - L0) = n·((q - L_i - L0) × ε_i),
+make up; in a setup whose mirror is mounted elsewhere, v_i is less by that offset. This is
+METROLOGY's first-order model, (ε_i × n)·(q - L_i - L0) = n·((q - L_i - L0) × ε_i),
 with L0 = first stop + mirror offset - dead path · n, after three steps:
 
 - The curves are those of the mirror's point with the other axes at the first corner q0: t_i here is
@@ -238,7 +239,8 @@ class Design:
         """
         position = self.observations.position[self.first]
         after = levers(position, self.chain)
-        arms = np.stack([self._way - after[axis] for axis in range(3)], axis=1)
+        reach = self.observations.reach[self.first]
+        arms = np.stack([reach - after[axis] for axis in range(3)], axis=1)
         step = np.asarray(self.observations.volume.step)
         for number, setup in enumerate(self.observations.setups):
             here = self._setup == number

@@ -4,7 +4,7 @@ Readings of one setup share one alignment and one unknown zero. Their noise is i
 differences between them are not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,7 @@ class Setup:
         direction: nominal unit vector of the beam, shape (3,).
         start: the line's first stop of its forward sense, from the first corner of the box, m,
             shape (3,); where the axes stand that do not move.
+        mirror_offset: of the mirror from its usual place on the tool, m, shape (3,).
     """
 
     name: str
@@ -44,6 +45,7 @@ class Setup:
     signs: Integers
     direction: Vector
     start: Vector
+    mirror_offset: Vector = field(default_factory=lambda: np.zeros(3))
 
     @property
     def diagonal(self) -> bool:
@@ -98,6 +100,17 @@ class Observations:
         starts = np.array([setup.start for setup in self.setups])[self.setup]
         covered: Vector = self.position - starts
         return covered
+
+    @cached_property
+    def reach(self) -> Vector:
+        """Return commanded positions from where the beam meets the mirror at first, m, (n, 3).
+
+        The arms of rotations begin there: at the line's first forward stop, or beside it as far as
+        the mirror is mounted elsewhere.
+        """
+        mounts = np.array([setup.mirror_offset for setup in self.setups])[self.setup]
+        reach: Vector = self.way - mounts
+        return reach
 
     @cached_property
     def excess(self) -> Vector:
@@ -218,7 +231,8 @@ def observe(measurement: Measurement) -> Observations:
             signs = line_signs(line.line.name)
             direction = beam_direction(line.line.name, np.asarray(volume.step))
             start = _start(line, volume, signs)
-            setups.append(Setup(line.setup, line.line.name, signs, direction, start))
+            mount = np.array(line.line.mirror_offset)
+            setups.append(Setup(line.setup, line.line.name, signs, direction, start, mount))
         used = setups[index[line.setup]]
         if used.line != line.line.name:
             raise Refusal(

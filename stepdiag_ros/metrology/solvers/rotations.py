@@ -120,11 +120,11 @@ def mode_readings(observations: Observations, chain: str, without: Sequence[str]
     volume = observations.volume
     travel = np.asarray(volume.step) * volume.blocks
     direction = np.array([setup.direction for setup in observations.setups])[observations.setup]
-    position, way = observations.position, observations.way
+    position, reach = observations.position, observations.reach
     parts = []
     chains = (chain,) if chain else CHAINS
     for one in chains:
-        arms = np.stack([way - lever for lever in levers(position, one)], axis=1)
+        arms = np.stack([reach - lever for lever in levers(position, one)], axis=1)
         of_all = rotation_readings(position / travel, direction, arms)
         parts.append(of_all.take(_places(without), axis=1))
     readings: Vector = np.column_stack(parts) / np.sqrt(len(chains))

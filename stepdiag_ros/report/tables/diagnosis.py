@@ -247,6 +247,11 @@ def group_sentences(findings: Sequence[Finding]) -> list[str]:
                 f"'{finding.label}' cannot be distinguished from {_listed(finding.ambiguous)}"
                 " by this run."
             )
+        if finding.equivalent:
+            sentences.append(
+                f"'{finding.label}' is one name with {_listed(finding.equivalent)}: that alignment"
+                " is over, and no further measurement distinguishes them."
+            )
     return sentences
 
 

@@ -6,7 +6,7 @@ the order in which the plan first comes to it, through the whole run.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.frames import (
     Triple,
     beam_length,
     first_stop,
+    mirror_on_tool,
     setup_placements,
 )
 from stepdiag_ros.metrology.geometry import Vector
@@ -60,9 +61,10 @@ class LineCourse:
 
 def courses(plan: Plan) -> tuple[LineCourse, ...]:
     """Return the lines in space of a plan, in the order in which it first comes to them."""
-    found: dict[tuple[str, str, str, Triple], list[int]] = {}
+    found: dict[tuple[str, str, str, Triple, Triple], list[int]] = {}
     for number, line in enumerate(plan.lines):
-        found.setdefault((line.kind, line.name, line.order, line.offset), []).append(number)
+        key = line.kind, line.name, line.order, line.offset, line.mirror_offset
+        found.setdefault(key, []).append(number)
     return tuple(LineCourse(plan.lines[passes[0]], tuple(passes)) for passes in found.values())
 
 
@@ -125,7 +127,8 @@ def progress_markers(plan: Plan, progress: DrawnProgress) -> tuple[Shape, ...]:
             line, plan.volume, progress.laser_distance, progress.mirror_offset
         )
         station = None if line.tracked is None else np.array(line.tracked.station)
-        shapes.extend(_optics(laser, plan.volume, progress, station))
+        there = replace(progress, mirror_offset=mirror_on_tool(line, progress.mirror_offset))
+        shapes.extend(_optics(laser, plan.volume, there, station))
     return tuple(shapes)
 
 
