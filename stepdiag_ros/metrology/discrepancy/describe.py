@@ -12,7 +12,7 @@ shapes, and what these leave is looked at in the same way.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ from stepdiag_ros.metrology.discrepancy.structure import (
 )
 from stepdiag_ros.metrology.discrepancy.windows import best_window
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 
 MOST_DEPENDENCES = 3
 """A gap that takes more of them is not understood."""
@@ -66,9 +66,14 @@ class _Weighed:
 
 @dataclass(frozen=True)
 class _Written:
-    """Shapes by which a family is written, and their columns beyond what is free, (rows, k)."""
+    """Shapes by which a family is written, their columns beyond what is free, (rows, k), and that.
+
+    Attributes:
+        beside: what is free with the family, orthonormal.
+    """
 
     shapes: tuple[str, ...]
+    beside: Vector
     columns: Vector
     gain: float
     worth: float
@@ -109,6 +114,9 @@ class Describer:
         self._families = list(families(stops))
         counts = Counter(len(one.drivers) for one in self._families)
         self._number = {number: float(np.log(count)) for number, count in counts.items()}
+        self._senseless = [
+            problem.left_of(stops.before_first_move(axis)) for axis in range(len(AXES))
+        ]
         # Size and memory of every draw's noise are estimated as those of the run.
         self._rng = np.random.default_rng(seed)
         self._variance = self._rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
@@ -126,7 +134,7 @@ class Describer:
                 break
             found.append(dependence)
             written.append(how)
-            beside = np.column_stack([beside, unit_span(how.columns)])
+            beside = np.column_stack([how.beside, unit_span(how.columns)])
         if not found:
             return None
         return Shapes(tuple(found), sum(one.worth for one in written))
@@ -138,8 +146,9 @@ class Describer:
         return bool(left @ left > freedom)
 
     def _dependence(self, gap: Vector, span: Vector) -> tuple[Dependence | None, _Written | None]:
-        weighed = [one for one in (self._weigh(each, gap, span) for each in self._families) if one]
-        weighed += self._window(gap, span)
+        besides = self._besides(span)
+        tried = [self._weigh(each, gap, besides[each.senses]) for each in self._families]
+        weighed = [one for one in (*tried, self._window(gap, span)) if one]
         if not weighed:
             return None, None
         weighed.sort(key=lambda one: -one.evidence)
@@ -148,11 +157,11 @@ class Describer:
             return None, None
         luck = np.full(_DRAWS, -np.inf)
         for one in weighed:
-            luck = np.maximum(luck, self._luck(one, span))
+            luck = np.maximum(luck, self._luck(one, besides[one.family.senses]))
         p_value = tail_of(luck, best.evidence)
         if p_value > FALSE_NAME_LEVEL:
             return None, None
-        written = self._write(best.family, gap, span)
+        written = self._write(best.family, gap, besides[best.family.senses])
         if written is None:
             return None, None
         close = [
@@ -168,6 +177,18 @@ class Describer:
             *best.dependence, written.shapes, written.gain, p_value, probability, rivals
         )
         return dependence, written
+
+    def _besides(self, span: Vector) -> Mapping[tuple[int, ...], Vector]:
+        """Return what is free beside a span with families of each set of senses, orthonormal.
+
+        Before an axis's first move in a setup, what depends on its sense may do anything.
+        """
+        made = {}
+        for senses in {one.senses for one in self._families} | {()}:
+            free = [self._senseless[axis] for axis in senses]
+            columns = np.column_stack([np.zeros((len(span), 0)), *free])
+            made[senses] = np.column_stack([span, unit_span(columns - span @ (span.T @ columns))])
+        return made
 
     def _columns(self, acts_on: str, shapes: Sequence[str]) -> Vector:
         """Return columns, each of such a size that it changes no reading by more than 1 m, (n, k).
@@ -193,6 +214,7 @@ class Describer:
 
     def _weigh(self, family: Family, gap: Vector, span: Vector, tried: int = 1) -> _Weighed | None:
         """Weigh a family by the products of its columns alone: most families are weighed once."""
+        gap = gap - span @ (span.T @ gap)
         raw = self._columns(family.acts_on, family.shapes)
         columns = self._problem.of(raw[self._problem.baseline.good])
         free = np.vstack([self._problem.span.T @ columns, span.T @ columns])
@@ -207,15 +229,14 @@ class Describer:
         (evidence,) = self._evidence(family, tried, values, parts[:, None] ** 2 / values[:, None])
         return _Weighed(family, float(evidence), tried)
 
-    def _window(self, gap: Vector, span: Vector) -> list[_Weighed]:
+    def _window(self, gap: Vector, span: Vector) -> _Weighed | None:
         """Weigh the window of time that fits best, as one of all that were tried."""
         if not np.all(np.isfinite(self._stops.time)):
-            return []
+            return None
         best = best_window(self._problem, self._stops, gap, span)
         if best is None:
-            return []
-        weighed = self._weigh(window(best.begin, best.end), gap, span, best.tried)
-        return [weighed] if weighed else []
+            return None
+        return self._weigh(window(best.begin, best.end), gap, span, best.tried)
 
     def _luck(self, weighed: _Weighed, span: Vector) -> Vector:
         """Return the evidence that noise gives a family in each draw, shape (draws,)."""
@@ -253,6 +274,7 @@ class Describer:
 
     def _write(self, family: Family, gap: Vector, span: Vector) -> _Written | None:
         """Write a family by few of its shapes, one after another; None if none is worth it."""
+        gap = gap - span @ (span.T @ gap)
         shapes = tuple(dict.fromkeys((*family.shapes, *family.fine)))
         left, real = self._left(family.acts_on, shapes, span)
         names = [shape for shape, shows in zip(shapes, real, strict=True) if shows]
@@ -268,7 +290,7 @@ class Describer:
             return None
         gain = float(np.sum((unit_span(left[:, chosen]).T @ gap) ** 2))
         worth = 0.5 * gain - price * len(chosen) - float(np.log(len(self._families)))
-        return _Written(tuple(names[one] for one in chosen), left[:, chosen], gain, worth)
+        return _Written(tuple(names[one] for one in chosen), span, left[:, chosen], gain, worth)
 
 
 def _gains(left: Vector, gap: Vector, chosen: Sequence[int]) -> Vector:

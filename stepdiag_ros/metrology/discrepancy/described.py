@@ -52,6 +52,7 @@ def described(
     if _is_too_large(problem):
         return diagnosis
     explained = diagnosis.verdict in (CONSISTENT, NAMED, AMBIGUOUS)
+    evidence = max(evidence, _worth_of_names(selection, problem, diagnosis.stops))
     describer = Describer(problem, diagnosis.stops, noise.freedom, seed)
     alone = describer(np.zeros((len(problem.gap), 0)))
     if alone is not None and (not explained or alone.evidence > evidence + np.log(EVIDENCE_RATIO)):
@@ -86,6 +87,38 @@ def description_worth(problem: Whitened, stops: Stops, noise: Noise, seed: int) 
     return -np.inf if alone is None else alone.evidence - float(np.log(EVIDENCE_RATIO))
 
 
+def _worth_of_names(selection: Selection, problem: Whitened, stops: Stops) -> float:
+    """Return the evidence of the chosen effects as a description has it, by Schwarz's criterion.
+
+    What a run does not determine of an effect is free, and counts for it neither way.
+    """
+    if not selection.chosen:
+        return 0.0
+    columns, free = _columns_of(selection.candidates, problem, stops)
+    gap = problem.gap - free @ (free.T @ problem.gap)
+    gain = float(np.sum((unit_span(columns).T @ gap) ** 2))
+    price = 0.5 * columns.shape[1] * float(np.log(len(gap)))
+    tried: float = selection.evidence - selection.weighed
+    return 0.5 * gain - price - tried
+
+
+def _columns_of(
+    candidates: Sequence[Candidate], problem: Whitened, stops: Stops
+) -> tuple[Vector, Vector]:
+    """Return the columns of sizes beyond what is free, and what is free beside the baseline.
+
+    Args:
+        candidates: of which the columns are.
+        problem: whitened, the baseline projected out.
+        stops: of the run.
+    """
+    acting = [(one.effect, one.setting) for one in candidates]
+    unknown = [effect.unknown(setting, stops) for effect, setting in acting]
+    free = unit_span(problem.left_of(np.column_stack(unknown)))
+    columns = problem.left_of(np.column_stack([one.columns(at, stops) for one, at in acting]))
+    return columns - free @ (free.T @ columns), free
+
+
 def _is_too_large(problem: Whitened) -> bool:
     return problem.span.size > _LARGEST
 
@@ -99,9 +132,8 @@ def _made(
 ) -> Diagnosis:
     """Return a diagnosis by shapes, alone or beside named effects."""
     empty = [*names, *_unfitted(shapes)]
-    parts = [one.candidate.effect.columns(one.candidate.setting, diagnosis.stops) for one in empty]
-    columns = problem.left_of(np.column_stack(parts))
-    span = unit_span(columns)
+    columns, free = _columns_of([one.candidate for one in empty], problem, diagnosis.stops)
+    span = np.column_stack([free, unit_span(columns)])
     left = problem.gap - span @ (span.T @ problem.gap)
     (after,) = LackOfFitTest(problem, diagnosis.stops, noise)((left, span))
     description = Description(shapes.dependences)

@@ -8,6 +8,7 @@ are few and are used to find on what the gap depends; the fine ones to write it 
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -19,6 +20,7 @@ from stepdiag_ros.metrology.effects.learned_shape import (
     TIMES,
     driver,
     factor,
+    quantities,
 )
 from stepdiag_ros.metrology.effects.passes import line_name
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -54,6 +56,12 @@ class Family:
     shapes: tuple[str, ...]
     factors: tuple[tuple[str, ...], ...]
     price: float = 0.0
+
+    @cached_property
+    def senses(self) -> tuple[int, ...]:
+        """Return the axes of whose last move the sense counts."""
+        names = quantities(self.shapes[0])
+        return tuple(axis for axis, letter in enumerate(AXES) if f"sense_{letter}" in names)
 
     @property
     def fine(self) -> tuple[str, ...]:

@@ -36,11 +36,7 @@ class Backlash(Effect):
 
         The direction of approach to a setup's first stop is unknown.
         """
-        axis = AXES.index(setting["axis"])
-        before = stops.last_sense[:, axis] == 0.0
-        columns = before[:, None] & (stops.setup[:, None] == np.arange(len(stops.setups)))
-        free: Vector = columns[:, np.any(columns, axis=0)].astype(np.float64)
-        return free
+        return stops.before_first_move(AXES.index(setting["axis"]))
 
 
 EFFECT = Backlash()

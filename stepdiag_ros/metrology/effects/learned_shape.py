@@ -318,6 +318,13 @@ class Learned(Effect):
         del stops
         return iter(())
 
+    def unknown(self, setting: Setting, stops: Stops) -> Vector:
+        """Return a column for the stops of each setup before the axis moves whose sense counts."""
+        names = quantities(str(setting["shape"]))
+        axes = [axis for axis, letter in enumerate(AXES) if f"sense_{letter}" in names]
+        free = [stops.before_first_move(axis) for axis in axes]
+        return np.column_stack(free) if free else super().unknown(setting, stops)
+
     def amount(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Vector:
         """Return amplitude times the product of the factors at each stop, shape (n,).
 

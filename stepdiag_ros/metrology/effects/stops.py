@@ -105,6 +105,16 @@ class Stops:
         runs: NDArray[np.int64] = np.array([line.run for line in self.lines])[self.pass_index]
         return runs
 
+    def before_first_move(self, axis: int) -> Vector:
+        """Return a column for the stops of each setup before an axis's first move there, (n, k).
+
+        From where the axis came to them is not known. Setups without such a stop have no column.
+        """
+        before = self.last_sense[:, axis] == 0.0
+        columns = before[:, None] & (self.setup[:, None] == np.arange(len(self.setups)))
+        free: Vector = columns[:, np.any(columns, axis=0)].astype(np.float64)
+        return free
+
     @property
     def duration(self) -> float:
         """Return the time from the first stop to the last, s; of the longest of several runs."""
