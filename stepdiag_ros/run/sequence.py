@@ -201,7 +201,7 @@ class Sequence:
         self.text = "pausing after this stop"
 
     def check_resumable(self) -> None:
-        """Say whether there is something to resume, whoever else would have to be ready for it.
+        """Check that there is something to resume, whether or not all nodes are ready.
 
         Raises:
             Refusal: there is nothing to resume.

@@ -43,7 +43,7 @@ _SIZES = np.geomspace(0.01e-6, 30e-6, 14)
 """Typical amplitudes over which the evidence is averaged, m of the largest change of a reading."""
 _DRAWS = 300
 _LEAST_EVIDENCE = 0.0
-"""A dependence that is no likelier than none is not looked at closely."""
+"""A dependence as likely as no dependence is not looked at closely."""
 _HIDDEN = 1e-3
 """Share of a column beyond what is free below which nothing but rounding is left of it."""
 _NEW = 1e-2

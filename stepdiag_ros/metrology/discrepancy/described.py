@@ -97,9 +97,8 @@ def _worth_of_names(selection: Selection, problem: Whitened, stops: Stops) -> fl
     columns, free = _columns_of(selection.candidates, problem, stops)
     gap = problem.gap - free @ (free.T @ problem.gap)
     gain = float(np.sum((unit_span(columns).T @ gap) ** 2))
-    price = 0.5 * columns.shape[1] * float(np.log(len(gap)))
-    tried: float = selection.evidence - selection.weighed
-    return 0.5 * gain - price - tried
+    price = 0.5 * int(columns.shape[1]) * float(np.log(len(gap)))
+    return 0.5 * gain - price - (selection.evidence - selection.weighed)
 
 
 def _columns_of(

@@ -30,7 +30,7 @@ class Window:
 
 
 def best_window(problem: Whitened, stops: Stops, gap: Vector, span: Vector) -> Window | None:
-    """Return the window that takes most of a gap; None where there is none to try.
+    """Return the window that takes most of a gap; None without any window to try.
 
     Args:
         problem: whitened, the baseline projected out.

@@ -29,6 +29,7 @@ factor               value, with u the share of the travel of the axis, 0 to 1
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -132,17 +133,14 @@ _Names = tuple[str, ...]
 _Form = tuple[re.Pattern[str], Callable[..., Vector], Callable[..., str], Callable[..., _Names]]
 
 
-def _forms() -> Iterator[_Form]:
-    """Yield of each factor its pattern, value, words and the quantities of ``domain``."""
+def _forms_of_motion() -> Iterator[_Form]:
+    """Yield of each factor of places and senses its pattern, value, words and quantities."""
 
     def of_place(of: str, *_: str) -> str:
         return "the length of the beam's path" if of == PATH else f"the place of {of.upper()}"
 
     def place(of: str, *_: str) -> _Names:
         return PLACES if of == PATH else (f"{of.upper()}_m",)
-
-    def time(*_: str) -> _Names:
-        return ("time_s",)
 
     for pattern, value in (
         (rf"{_OF}\^(\d)", lambda at, of, power: _place(at, of) ** int(power)),
@@ -170,25 +168,21 @@ def _forms() -> Iterator[_Form]:
         lambda axis, *_: f"the time since {axis.upper()} turned round",
         lambda axis, *_: (f"sense_{axis.upper()}", f"since_reversal_{axis.upper()}_s"),
     )
-    yield (
-        re.compile(r"t\^(\d)"),
-        lambda stops, power: (stops.time / HOUR) ** int(power),
-        lambda *_: "time",
-        time,
-    )
-    yield re.compile(rf"start {_NUMBER}s"), _start, lambda *_: "time", time
-    yield (
-        re.compile(rf"from {_NUMBER}s to {_NUMBER}s"),
-        _window,
-        lambda *_: "time, between two jumps",
-        time,
-    )
-    yield (
-        re.compile(rf"(sin|cos) t/{_NUMBER}s"),
-        _wave,
-        lambda *_: "time, periodically",
-        time,
-    )
+
+
+def _forms_of_time() -> Iterator[_Form]:
+    """Yield the same of each factor of time and temperature."""
+
+    def time(*_: str) -> _Names:
+        return ("time_s",)
+
+    for pattern, value, words in (
+        (r"t\^(\d)", lambda stops, power: (stops.time / HOUR) ** int(power), "time"),
+        (rf"start {_NUMBER}s", _start, "time"),
+        (rf"from {_NUMBER}s to {_NUMBER}s", _window, "time, between two jumps"),
+        (rf"(sin|cos) t/{_NUMBER}s", _wave, "time, periodically"),
+    ):
+        yield re.compile(pattern), value, partial(_constant, words), time
     yield (
         re.compile(r"(material|air)\^(\d)"),
         _temperature,
@@ -197,7 +191,11 @@ def _forms() -> Iterator[_Form]:
     )
 
 
-_FORMS = tuple(_forms())
+def _constant(words: str, *_: str) -> str:
+    return words
+
+
+_FORMS = (*_forms_of_motion(), *_forms_of_time())
 
 
 def factor(text: str, stops: Stops | Places) -> Vector:
