@@ -75,7 +75,7 @@ class HandCourse:
         self._wait_for_setup()
 
     def check_resumable(self) -> None:
-        """Check that there is something to resume, whether or not all nodes are ready.
+        """Refuse unless the run can be resumed, whether or not all nodes are ready.
 
         Raises:
             Refusal: nothing is waited for.

@@ -201,7 +201,7 @@ class Sequence:
         self.text = "pausing after this stop"
 
     def check_resumable(self) -> None:
-        """Check that there is something to resume, whether or not all nodes are ready.
+        """Refuse unless the run can be resumed, whether or not all nodes are ready.
 
         Raises:
             Refusal: there is nothing to resume.
