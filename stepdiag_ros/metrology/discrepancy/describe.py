@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail_of
 from stepdiag_ros.metrology.discrepancy.findings import Dependence
-from stepdiag_ros.metrology.discrepancy.loose import unit_span
+from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL
 from stepdiag_ros.metrology.discrepancy.structure import (
     Family,
@@ -36,19 +36,25 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
 MOST_DEPENDENCES = 3
-"""A gap that takes more of them is not understood."""
+"""A gap that takes more of them, or of them and named effects, is not understood."""
 MOST_SHAPES = 6
 """Shapes by which one dependence is written down."""
 _SIZES = np.geomspace(0.01e-6, 30e-6, 14)
 """Typical amplitudes over which the evidence is averaged, m of the largest change of a reading."""
 _DRAWS = 300
+_WORTH_A_LOOK = 0.2
+"""Probability of what a dependence leaves above which it is noise."""
 _LEAST_EVIDENCE = 0.0
 """A dependence as likely as no dependence is not looked at closely."""
 _HIDDEN = 1e-3
 """Share of a column beyond what is free below which nothing but rounding is left of it."""
 _NEW = 1e-2
 """Share of a column beyond chosen ones below which it adds nothing new."""
-_RANK_LIMIT = 1e-9
+_RANK_LIMIT = 1e-6
+"""Share of the largest squared length below which rounding decides: what is hidden is taken off."""
+
+_Senses = tuple[int, ...]
+"""Axes of whose last move the sense counts."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +121,9 @@ class Describer:
         counts = Counter(len(one.drivers) for one in self._families)
         self._number = {number: float(np.log(count)) for number, count in counts.items()}
         self._senseless = [
-            problem.left_of(stops.before_first_move(axis)) for axis in range(len(AXES))
+            span_beyond(problem, stops.before_first_move(axis)) for axis in range(len(AXES))
         ]
+        self._freedom = noise_freedom
         # Size and memory of every draw's noise are estimated as those of the run.
         self._rng = np.random.default_rng(seed)
         self._variance = self._rng.chisquare(noise_freedom, _DRAWS) / noise_freedom
@@ -143,7 +150,7 @@ class Describer:
         """Say whether what is beyond a span is worth another look."""
         left = self._problem.gap - span @ (span.T @ self._problem.gap)
         freedom = self._problem.freedom - span.shape[1]
-        return bool(left @ left > freedom)
+        return bool(chi2.sf(left @ left, freedom) < _WORTH_A_LOOK)
 
     def _dependence(self, gap: Vector, span: Vector) -> tuple[Dependence | None, _Written | None]:
         besides = self._besides(span)
@@ -155,10 +162,7 @@ class Describer:
         best = weighed[0]
         if best.evidence < _LEAST_EVIDENCE:
             return None, None
-        luck = np.full(_DRAWS, -np.inf)
-        for one in weighed:
-            luck = np.maximum(luck, self._luck(one, besides[one.family.senses]))
-        p_value = tail_of(luck, best.evidence)
+        p_value = self._chance(weighed, best.evidence, besides)
         if p_value > FALSE_NAME_LEVEL:
             return None, None
         written = self._write(best.family, gap, besides[best.family.senses])
@@ -178,16 +182,39 @@ class Describer:
         )
         return dependence, written
 
-    def _besides(self, span: Vector) -> Mapping[tuple[int, ...], Vector]:
+    def _chance(
+        self,
+        weighed: Sequence[_Weighed],
+        evidence: float,
+        besides: Mapping[_Senses, Vector],
+    ) -> float:
+        """Return the probability that noise gives any family such evidence.
+
+        A ratio of likelihoods has the mean 1 under noise, and so has the sum over all families with
+        what they cost: noise exceeds e^E in no more than one run in e^E (Markov's inequality), or
+        in one in (1 + 2E/ν)^(ν/2) where ν degrees of freedom determine its size. Where half of the
+        evidence would do by this bound, it is the answer; else noise is drawn.
+        """
+        freedom = self._freedom
+        bound, half = (
+            (1.0 + 2.0 * e / freedom) ** (-0.5 * freedom) for e in (evidence, evidence / 2)
+        )
+        if half < FALSE_NAME_LEVEL:
+            return float(bound)
+        luck = np.full(_DRAWS, -np.inf)
+        for one in weighed:
+            luck = np.maximum(luck, self._luck(one, besides[one.family.senses]))
+        return tail_of(luck, evidence)
+
+    def _besides(self, span: Vector) -> Mapping[_Senses, Vector]:
         """Return what is free beside a span with families of each set of senses, orthonormal.
 
         Before an axis's first move in a setup, what depends on its sense may do anything.
         """
         made = {}
         for senses in {one.senses for one in self._families} | {()}:
-            free = [self._senseless[axis] for axis in senses]
-            columns = np.column_stack([np.zeros((len(span), 0)), *free])
-            made[senses] = np.column_stack([span, unit_span(columns - span @ (span.T @ columns))])
+            free = np.column_stack([span, *(self._senseless[axis] for axis in senses)])
+            made[senses] = unit_span(free)
         return made
 
     def _columns(self, acts_on: str, shapes: Sequence[str]) -> Vector:

@@ -7,7 +7,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import coverage_factor
-from stepdiag_ros.metrology.discrepancy.describe import Describer, Shapes
+from stepdiag_ros.metrology.discrepancy.describe import MOST_DEPENDENCES, Describer, Shapes
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -20,7 +20,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Finding,
 )
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
-from stepdiag_ros.metrology.discrepancy.loose import unit_span
+from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
 from stepdiag_ros.metrology.effects.learned_rotation import learned
@@ -61,8 +61,9 @@ def described(
             return made
     if explained:
         return diagnosis
-    beside = describer(selection.span()) if selection.chosen else None
-    if beside is not None:
+    names = len(selection.chosen)
+    beside = describer(selection.span()) if 0 < names < MOST_DEPENDENCES else None
+    if beside is not None and names + len(beside.dependences) <= MOST_DEPENDENCES:
         made = _made(diagnosis, beside, problem, selection.findings(), noise)
         if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
             return made
@@ -98,7 +99,7 @@ def _worth_of_names(selection: Selection, problem: Whitened, stops: Stops) -> fl
     gap = problem.gap - free @ (free.T @ problem.gap)
     gain = float(np.sum((unit_span(columns).T @ gap) ** 2))
     price = 0.5 * int(columns.shape[1]) * float(np.log(len(gap)))
-    return 0.5 * gain - price - (selection.evidence - selection.weighed)
+    return 0.5 * gain - price + selection.prior
 
 
 def _columns_of(
@@ -113,7 +114,7 @@ def _columns_of(
     """
     acting = [(one.effect, one.setting) for one in candidates]
     unknown = [effect.unknown(setting, stops) for effect, setting in acting]
-    free = unit_span(problem.left_of(np.column_stack(unknown)))
+    free = span_beyond(problem, np.column_stack(unknown))
     columns = problem.left_of(np.column_stack([one.columns(at, stops) for one, at in acting]))
     return columns - free @ (free.T @ columns), free
 

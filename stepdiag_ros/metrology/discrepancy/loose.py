@@ -43,6 +43,8 @@ passes.
 _SIZES = 40
 _DRAWS = 4000
 _RANK_LIMIT = 1e-9
+_FOLLOWED = 1e-3
+"""Share of a column beyond the baseline below which only rounding is left of it."""
 
 
 def loosened(baseline: Baseline, stops: Stops, loose: Loose) -> Baseline:
@@ -110,6 +112,20 @@ def unit_span(columns: Vector) -> Vector:
     left, values, _ = np.linalg.svd(columns, full_matrices=False)
     span: Vector = left[:, values > _RANK_LIMIT**0.5 * values[0]]
     return span
+
+
+def span_beyond(problem: Whitened, columns: Vector) -> Vector:
+    """Return orthonormal columns that span what the baseline cannot follow of columns, (rows, k).
+
+    Of a column that the baseline follows, only rounding is left, which spans nothing.
+
+    Args:
+        problem: whitened, the baseline projected out.
+        columns: of all stops, m, shape (n, k).
+    """
+    left = problem.left_of(columns)
+    before = np.linalg.norm(columns, axis=0) / problem.noise
+    return unit_span(left[:, np.linalg.norm(left, axis=0) > _FOLLOWED * before])
 
 
 def estimate_wander(

@@ -100,8 +100,19 @@ class Selection:
         effects are tried together, the better they fit by luck (Scott & Berger 2010, Annals of
         Statistics 38, 2587).
         """
+        return self.evidence - len(self.chosen) * self._price
+
+    @property
+    def prior(self) -> float:
+        """Return ln of the probability of the choice before the run, among all that were tried."""
+        shares = self._found.share[self.chosen]
+        return float(np.sum(np.log(shares))) - len(self.chosen) * self._price
+
+    @property
+    def _price(self) -> float:
+        """Return what it costs that each effect is one of all that were tried."""
         tried = len({one.effect.name for one in self._found.candidates})
-        return self.evidence - len(self.chosen) * float(np.log(max(tried, 1)))
+        return float(np.log(max(tried, 1)))
 
     def span(self) -> Vector:
         """Return orthonormal columns of the chosen candidates, shape (rows, k)."""
