@@ -30,7 +30,7 @@ columns of a run table, in SI units, one row a stop in order of time:
   reading_m (zero at the line's first stop), air_temperature_degC,
   air_pressure_Pa, relative_humidity (0 to 1), material_temperature_degC;
   and only where they are needed (docs/import.md): setup, overrun_m,
-  standard_uncertainty_m, settled, attempt, line_index
+  mirror_offset_m, standard_uncertainty_m, settled, attempt, line_index
 
 examples:
   stepdiag import run.csv                    writes run.mcap beside it

@@ -276,6 +276,7 @@ def test_plans_in_files_and_in_run_descriptions(mapping):
 
 
 SETTINGS = {str: TEXTS, int: st.integers(0, 10**9), float: st.floats(1e-9, 1e9)}
+SHAPES = ("x^1", "y>0.5 * sense z", "line run 2: ppp * path~0.4", "creep x 40s", "air^1 * t^2")
 FINITE = st.floats(-1e9, 1e9)
 PROVENANCES = st.builds(
     Provenance,
@@ -295,6 +296,8 @@ def model_effects(draw):
         )
         for key in effect.keys
     }
+    if effect.learned:
+        setting["shape"] = draw(st.sampled_from(SHAPES))
     size = st.floats(0.0, 1e9) if effect.typical else FINITE
     return ModelEffect(
         ActiveEffect(effect, setting, {one.name: draw(size) for one in effect.sizes}),

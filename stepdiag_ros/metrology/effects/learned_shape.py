@@ -155,7 +155,7 @@ def _forms_of_motion() -> Iterator[_Form]:
         lambda _, axis, *__: f"the place of {axis.upper()}, periodically",
         lambda _, axis, *__: place(axis),
     )
-    yield re.compile(r"line (\S+)"), _line, lambda *_: "the line", lambda *_: ()
+    yield re.compile(r"line (.+)"), _line, lambda *_: "the line", lambda *_: ()
     yield (
         re.compile(r"sense ([xyz])"),
         _sense,
