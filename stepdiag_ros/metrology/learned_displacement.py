@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.effects.domain import PLACES
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import (
     READING,
+    THE_LINE,
     TIMES,
     LearnedShape,
     Places,
@@ -139,6 +140,7 @@ def is_geometric(effect: ModelEffect) -> bool:
     return (
         isinstance(effect.active.effect, LearnedShape)
         and setting["acts_on"] != READING
+        and THE_LINE not in depends_on(effect)
         and all(name in PLACES for name in quantities(str(setting["shape"])))
     )
 

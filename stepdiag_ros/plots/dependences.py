@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.discrepancy.findings import Dependence, Diagnosis, Finding
+from stepdiag_ros.metrology.effects.learned_rotation import learned
 from stepdiag_ros.metrology.effects.learned_shape import READING, product_of, quantity
-from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.style import AFTER, GREY, Sheet, panel_title, scales, zero_line
 
@@ -64,22 +65,32 @@ def gap_dependences(
             label="formula ± U (95 %)",
         )
         zero_line(panel)
-        what = "reading" if one.acts_on == READING else f"displacement along {one.acts_on}"
-        panel_title(panel, f"{what} / µm")
+        panel_title(panel, _ordinate(one))
         scales(panel, f"{words}{f' / {unit}' if unit else ''}")
     heading = "On what the gap depends: the formula, and the readings beside it"
     return sheet.finish(heading if title is None else title, stamp=stamp)
 
 
-def _direction(one: Dependence, diagnosis: Diagnosis) -> Vector:
+def _ordinate(one: Dependence) -> str:
     if one.acts_on == READING:
-        return np.ones(len(diagnosis.stops.time))
-    direction: Vector = diagnosis.stops.direction[:, AXES.index(one.acts_on)]
-    return direction
+        return "reading / µm"
+    if one.acts_on in ROTATIONS:
+        return f"rotation {one.acts_on} / µrad"
+    return f"displacement along {one.acts_on} / µm"
+
+
+def _direction(one: Dependence, diagnosis: Diagnosis) -> Vector:
+    """Return what a reading changes by a unit of what acts: 1, a direction cosine, or an arm, m."""
+    stops = diagnosis.stops
+    effect = learned(one.acts_on)
+    # A power of 0 of a place is 1 everywhere.
+    unit = {"acts_on": one.acts_on, "shape": "x^0"}
+    return effect.change(unit, {"amplitude": 1.0}, stops).readings(stops)
 
 
 def _seen(one: Dependence, diagnosis: Diagnosis) -> Any:
-    return np.abs(_direction(one, diagnosis)) > _LEAST_SHARE
+    seen = np.abs(_direction(one, diagnosis))
+    return seen > _LEAST_SHARE * (np.max(seen) if one.acts_on in ROTATIONS else 1.0)
 
 
 def _displacement(

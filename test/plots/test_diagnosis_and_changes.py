@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from metrology.hidden_runs import hidden_run
 from refused import refused
 from results_by_hand import make_result
 
@@ -13,7 +14,9 @@ from stepdiag_ros.compensation.remaining import AxisRemainder, BeforeAndAfter, R
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation.diagnosing import Reference, diagnose_reproducibly, summary_of
 from stepdiag_ros.metrology.agreement import ComparedMeasurement, compare
+from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import NAMED
+from stepdiag_ros.metrology.effects.effect import Change
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.visibility import visibility
@@ -193,3 +196,19 @@ def test_what_tables_leave_is_drawn_in_both_directions():
     assert list(legend_entries(single.axes)) == ["before", "after (computed)"]
     said = [text.get_text() for text in figure.texts]
     assert "volume: rms 3.000 µm → 0.300 µm, largest 6.000 µm → unknown" in said
+
+
+def test_a_described_rotation_is_drawn_in_microradians_over_what_it_depends_on():
+    def turning(stops):
+        turn = np.zeros_like(stops.position)
+        turn[:, 0] = 100e-6 * stops.share[:, 0] * stops.time / stops.duration
+        return Change(rotations={0: turn}).readings(stops)
+
+    figure = plots.gap_dependences(diagnose(hidden_run(shape=turning)))
+    panels = figure.axes
+    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels[:2]] == [
+        "rotation E_AX / µrad"
+    ] * 2
+    (formula,) = [one for one in panels[0].containers if one.get_label().startswith("formula")]
+    largest = np.max(np.abs(formula.lines[0].get_ydata()))
+    assert 60.0 < largest < 110.0

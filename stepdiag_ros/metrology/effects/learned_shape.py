@@ -50,6 +50,8 @@ SPOT = 0.1
 """Width of a spot as a share of the travel (standard deviation of its bell)."""
 HOUR, MINUTE = 3600.0, 60.0
 PATH = "path"
+THE_LINE = "the line"
+"""What a shape depends on that is there on some lines alone; it is no place of the machine."""
 _OF = rf"([xyz]|{PATH})"
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
@@ -155,7 +157,7 @@ def _forms_of_motion() -> Iterator[_Form]:
         lambda _, axis, *__: f"the place of {axis.upper()}, periodically",
         lambda _, axis, *__: place(axis),
     )
-    yield re.compile(r"line (.+)"), _line, lambda *_: "the line", lambda *_: ()
+    yield re.compile(r"line (.+)"), _line, lambda *_: THE_LINE, lambda *_: ()
     yield (
         re.compile(r"sense ([xyz])"),
         _sense,
@@ -269,7 +271,7 @@ def quantity(shape: str, place: int, stops: Stops) -> tuple[Vector, str]:
     words = driver(text)
     if words.startswith("the length"):
         return stops.along * IN_MILLI, "mm"
-    if words == "the line":
+    if words == THE_LINE:
         return stops.pass_index.astype(np.float64), "number of the pass"
     axis = next((letter for letter in AXES if f" {letter}" in words), "")
     if words.startswith("the place"):
