@@ -80,7 +80,7 @@ def _ordinate(one: Dependence) -> str:
 
 
 def _direction(one: Dependence, diagnosis: Diagnosis) -> Vector:
-    """Return what a reading changes by a unit of what acts: 1, a direction cosine, or an arm, m."""
+    """Return the change of each reading for a unit amplitude: 1, a direction cosine, or m/rad."""
     stops = diagnosis.stops
     effect = learned(one.acts_on)
     # A power of 0 of a place is 1 everywhere.

@@ -51,7 +51,7 @@ SPOT = 0.1
 HOUR, MINUTE = 3600.0, 60.0
 PATH = "path"
 THE_LINE = "the line"
-"""What a shape depends on that is there on some lines alone; it is no place of the machine."""
+"""Words for a shape that acts on some lines only, wherever the machine is."""
 _OF = rf"([xyz]|{PATH})"
 _NUMBER = r"(\d+(?:\.\d+)?)"
 
