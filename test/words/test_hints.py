@@ -23,6 +23,7 @@ def of(acts_on, *drivers):
         (of("reading", "the line", "the length of the beam's path"), "warmer"),
         (of("X", "the place of X, periodically", "the place of Y"), "within its period"),
         (of("E_CX", "the place of X", "the material temperature"), "warms up"),
+        (of("E_AX", "the place of X", "time"), "away from every sensor"),
         (of("reading", "the place of X", "the place of Y"), "refractive index"),
     ],
 )
