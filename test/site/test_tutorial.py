@@ -131,11 +131,3 @@ def test_the_second_measurement_is_as_much_better_as_the_tutorial_says(said):
     assert told["volume, worst"][1] < 0.15
     assert found["volume, worst"][1] < 0.15
     assert "times better" in said["5_again"][1]
-
-
-def test_ten_minutes_of_reading_lead_to_the_worst_error():
-    """From the README to the end of page 2: at most 2,000 words, at 200 a minute."""
-    readme = (TUTORIAL.parents[1] / "README.md").read_text(encoding="utf-8")
-    assert "docs/tutorial/2_read.md" in readme or "docs/tutorial/index.md" in readme
-    pages = [readme, page("index"), page("1_measure"), page("2_read")]
-    assert sum(len(text.split()) for text in pages) <= 2000
