@@ -8,10 +8,17 @@ from hidden_runs import NOISE, hidden_run
 from refused import refused
 
 from stepdiag_ros.configuration import load_cell, load_plan
-from stepdiag_ros.metrology.discrepancy import CONSISTENT, DESCRIBED, UNEXPLAINED, diagnose
+from stepdiag_ros.metrology.discrepancy import (
+    AMBIGUOUS,
+    CONSISTENT,
+    DESCRIBED,
+    UNEXPLAINED,
+    diagnose,
+)
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.describe import Describer
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, extend
+from stepdiag_ros.metrology.discrepancy.findings import dependence_words
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.structure import columns_of, factors_of, families
 from stepdiag_ros.metrology.discrepancy.windows import best_window
@@ -247,6 +254,32 @@ def test_a_slow_change_is_not_taken_for_a_zero_that_scatters():
     assert diagnosis.verdict == DESCRIBED
     assert (found.acts_on, found.drivers) == ("X", ("time, periodically",))
     assert not diagnosis.loose.zero
+
+
+def test_a_name_and_a_formula_that_are_as_likely_are_both_stated():
+    def sagging(stops):
+        return stops.direction[:, 1] * 1.1 * SIZE * stops.share[:, 0] * stops.share[:, 2] ** 2
+
+    diagnosis = diagnose(hidden_run(shape=sagging))
+    assert diagnosis.verdict == AMBIGUOUS
+    (finding,) = diagnosis.findings
+    assert finding.label == "sag along Y over X and Z"
+    (rival,) = (one for one in finding.runners_up if one.ambiguous)
+    assert dependence_words("Y", ("the place of X", "the place of Z")) in rival.label
+    assert 1 / 21 < rival.probability < 20 / 21
+
+
+def test_a_window_is_one_of_all_that_were_tried():
+    run = hidden_run(shape=jumping)
+    stops = steadied(stops_of(run))
+    problem = whitened(fit_baseline(run, stops), NOISE, 0.0)
+    none = np.zeros((len(problem.gap), 0))
+    shapes = Describer(problem, stops, 100.0, 0)(none)
+    assert shapes.dependences[0].drivers == ("time, between two jumps",)
+    best = best_window(problem, stops, problem.gap, none)
+    price = 0.5 * np.log(len(problem.gap)) + np.log(best.tried)
+    assert shapes.dependences[1:] == ()
+    assert shapes.evidence < 0.5 * shapes.gain - price
 
 
 def test_the_shapes_of_a_run_of_days_are_written_as_a_model_reads_them():

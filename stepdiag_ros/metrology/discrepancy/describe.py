@@ -165,7 +165,7 @@ class Describer:
         p_value = self._chance(weighed, best.evidence, besides)
         if p_value > FALSE_NAME_LEVEL:
             return None, None
-        written = self._write(best.family, gap, besides[best.family.senses])
+        written = self._write(best, gap, besides[best.family.senses])
         if written is None:
             return None, None
         close = [
@@ -296,11 +296,15 @@ class Describer:
         evidence = (0.5 - 0.5 / spread) @ squares - 0.5 * np.sum(np.log(spread), axis=1)[:, None]
         largest = np.max(evidence, axis=0)
         mean: Vector = largest + np.log(np.mean(np.exp(evidence - largest), axis=0))
-        price = family.price + self._number[len(family.drivers)] + float(np.log(tried))
-        return mean - price
+        return mean - self._price(family, tried)
 
-    def _write(self, family: Family, gap: Vector, span: Vector) -> _Written | None:
+    def _price(self, family: Family, tried: int) -> float:
+        """Return the evidence that a family costs as one of those with as many quantities."""
+        return family.price + self._number[len(family.drivers)] + float(np.log(tried))
+
+    def _write(self, weighed: _Weighed, gap: Vector, span: Vector) -> _Written | None:
         """Write a family by few of its shapes, one after another; None if none is worth it."""
+        family = weighed.family
         gap = gap - span @ (span.T @ gap)
         shapes = tuple(dict.fromkeys((*family.shapes, *family.fine)))
         left, real = self._left(family.acts_on, shapes, span)
@@ -316,7 +320,7 @@ class Describer:
         if not chosen:
             return None
         gain = float(np.sum((unit_span(left[:, chosen]).T @ gap) ** 2))
-        worth = 0.5 * gain - price * len(chosen) - float(np.log(len(self._families)))
+        worth = 0.5 * gain - price * len(chosen) - self._price(family, weighed.tried)
         return _Written(tuple(names[one] for one in chosen), span, left[:, chosen], gain, worth)
 
 

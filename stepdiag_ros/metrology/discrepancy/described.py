@@ -18,15 +18,20 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Description,
     Diagnosis,
     Finding,
+    RunnerUp,
 )
 from stepdiag_ros.metrology.discrepancy.lack_of_fit import LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.noise import Noise
+from stepdiag_ros.metrology.discrepancy.rotation_finding import shaken_by
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, Selection
 from stepdiag_ros.metrology.effects.learned_rotation import learned
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
+_EXPLAINED = (CONSISTENT, NAMED, AMBIGUOUS)
+_APART = 9.0
+"""χ² between what two explanations leave of the readings below which these say the same."""
 _LARGEST = 3_000_000
 """Readings times free values of a run beyond which the search would take minutes."""
 
@@ -51,14 +56,18 @@ def described(
     """
     if _is_too_large(problem):
         return diagnosis
-    explained = diagnosis.verdict in (CONSISTENT, NAMED, AMBIGUOUS)
+    explained = diagnosis.verdict in _EXPLAINED
     evidence = max(evidence, _worth_of_names(selection, problem, diagnosis.stops))
     describer = Describer(problem, diagnosis.stops, noise.freedom, seed)
     alone = describer(np.zeros((len(problem.gap), 0)))
-    if alone is not None and (not explained or alone.evidence > evidence + np.log(EVIDENCE_RATIO)):
+    ahead = -np.inf if alone is None else alone.evidence - evidence
+    if alone is not None and (not explained or ahead > -np.log(EVIDENCE_RATIO)):
         made = _made(diagnosis, alone, problem, (), noise)
+        if explained and _says_the_same(diagnosis, made):
+            return diagnosis
         if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
-            return made
+            clearly = not explained or ahead > np.log(EVIDENCE_RATIO)
+            return made if clearly else _or_without_a_name(diagnosis, alone, ahead)
     if explained:
         return diagnosis
     names = len(selection.chosen)
@@ -139,11 +148,12 @@ def _made(
     description = Description(shapes.dependences)
     if not names:
         description = _with_nearest(description, shapes.gain, diagnosis)
+    explained = not names and diagnosis.verdict in _EXPLAINED
     covariance = np.linalg.pinv(columns.T @ columns)
     return replace(
         diagnosis,
         verdict=DESCRIBED,
-        sentence=_sentence(description, [one.label for one in names]),
+        sentence=_sentence(description, [one.label for one in names], explained),
         findings=_fitted(empty, np.linalg.pinv(columns) @ problem.gap, covariance, noise),
         partial=(),
         covariance=covariance,
@@ -155,6 +165,39 @@ def _made(
         patterns_after=(),
         description=description,
     )
+
+
+def _says_the_same(named: Diagnosis, described: Diagnosis) -> bool:
+    """Say whether one name leaves the same readings as a formula of no fewer terms."""
+    if len(named.findings) != 1 or named.findings[0].candidate.effect.typical:
+        return False
+    apart = (named.residual_after - described.residual_after) / named.noise
+    fewer = len(described.findings) < len(named.findings[0].sizes)
+    return bool(np.nansum(apart**2) < _APART) and not fewer
+
+
+def _or_without_a_name(diagnosis: Diagnosis, shapes: Shapes, ahead: float) -> Diagnosis:
+    """Return a diagnosis of one name that says that a description cannot be ruled out either.
+
+    Args:
+        diagnosis: by names.
+        shapes: by which the run is described.
+        ahead: evidence of the description over that of the names.
+    """
+    if len(diagnosis.findings) != 1:
+        return diagnosis
+    chance = float(np.exp(ahead))
+    words = " and ".join(dict.fromkeys(one.words for one in shapes.dependences))
+    count = sum(len(one.shapes) for one in shapes.dependences)
+    rival = RunnerUp(
+        f"something without a name ({words})",
+        shapes.gain,
+        chance / (1.0 + chance),
+        f"lowers χ² by {shapes.gain:.3g} with a formula of {count} terms: odds {chance:.2g} to 1,"
+        " too close to rule out",
+        ambiguous=True,
+    )
+    return shaken_by(rival, diagnosis)
 
 
 def _unfitted(shapes: Shapes) -> list[Finding]:
@@ -210,11 +253,14 @@ def _with_nearest(description: Description, gain: float, diagnosis: Diagnosis) -
     return replace(description, nearest=taken.label, nearest_share=share)
 
 
-def _sentence(description: Description, names: Sequence[str]) -> str:
+def _sentence(description: Description, names: Sequence[str], explained: bool) -> str:
     words = "; and ".join(dict.fromkeys(one.words for one in description.dependences))
     beside = f"Beside {'; '.join(names)}, it" if names else "It"
-    near = ""
+    start, near = "No effect of the catalogue closes the gap", ""
+    if explained:
+        start = "A formula explains the gap better than any effect of the catalogue"
     if description.nearest:
-        percent = f"{100.0 * description.nearest_share:.0f} %"
-        near = f" Nearest in the catalogue: {description.nearest} ({percent} of the gap)."
-    return f"No effect of the catalogue closes the gap. {beside} is {words}.{near}"
+        percent = f"{100.0 * description.nearest_share:.0f} % of the gap"
+        odds = f", at odds of less than 1 to {EVIDENCE_RATIO:g}" if explained else ""
+        near = f" Nearest in the catalogue: {description.nearest} ({percent}{odds})."
+    return f"{start}. {beside} is {words}.{near}"

@@ -42,7 +42,6 @@ def beside_rotations(diagnosis: Diagnosis, rotations: RotationTest, ahead: float
     chance = float(np.exp(ahead))
     if not diagnosis.findings or chance * EVIDENCE_RATIO < 1.0:
         return diagnosis
-    first, *others = diagnosis.findings
     rival = RunnerUp(
         SEVERAL_ANGULAR_ERRORS.name,
         rotations.gain,
@@ -51,6 +50,12 @@ def beside_rotations(diagnosis: Diagnosis, rotations: RotationTest, ahead: float
         f" {1.0 / chance:.2g}, too close to rule out",
         ambiguous=True,
     )
+    return shaken_by(rival, diagnosis)
+
+
+def shaken_by(rival: RunnerUp, diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis whose first finding has one more rival that is not ruled out."""
+    first, *others = diagnosis.findings
     shaken = replace(first, runners_up=(*first.runners_up, rival), over=False, equivalent=())
     findings = (shaken, *others)
     verdict, sentence = explained_by(findings)
