@@ -9,6 +9,7 @@ import time
 from collections import defaultdict
 
 import aiohttp
+from patience import PATIENCE
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE, TIME, PLAYBACK_STATE = 1, 2, 5
@@ -46,7 +47,7 @@ class Viewer:
 
     def __enter__(self):
         self._thread.start()
-        assert self._advertised.wait(20.0), self._failure
+        assert self._advertised.wait(PATIENCE), self._failure
         assert self._failure is None
         return self
 
@@ -55,7 +56,7 @@ class Viewer:
         # Where the server has ended first, so has the loop.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._task.cancel)
-        self._thread.join(20.0)
+        self._thread.join(PATIENCE)
 
     def subscribe(self, *names):
         """Subscribe to topics; to all if none is named."""
@@ -80,7 +81,7 @@ class Viewer:
         """Begin to read."""
         self._reads.set()
 
-    def wait(self, condition, limit=30.0, work=lambda: None):
+    def wait(self, condition, limit=PATIENCE, work=lambda: None):
         """Wait until a condition holds; ``work`` is called again and again meanwhile."""
         end = time.monotonic() + limit
         while not condition():
@@ -93,7 +94,7 @@ class Viewer:
         return f"{counts}, states {self.states[-3:]}, {self.complaints}, {self._failure}"
 
     def _send(self, what):
-        asyncio.run_coroutine_threadsafe(what, self._loop).result(20.0)
+        asyncio.run_coroutine_threadsafe(what, self._loop).result(PATIENCE)
 
     def _run(self):
         try:

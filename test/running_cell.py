@@ -1,6 +1,7 @@
 """A simulated cell of real node processes, and an operator who hears it."""
 
 import re
+import time
 
 import pytest
 from patience import PATIENCE
@@ -73,7 +74,7 @@ class RunningCell:
         self.operator = OperatorNode()
         self.said = {topic: [] for topic in {topics.RUN_STATE, *kept}}
         for topic, heard in self.said.items():
-            self.operator.listen(topic, heard.append)
+            self.operator.listen(topic, heard.append, keep_all=True)
 
     def __enter__(self):
         self.processes.__enter__()
@@ -91,7 +92,20 @@ class RunningCell:
         rclpy.try_shutdown()
 
     def wait(self, condition, what):
-        if not self.operator.spin_until(condition, PATIENCE):
+        """Wait until a condition holds.
+
+        A look at it may take long, as one into a browser does on a busy computer: the operator
+        listens for as long after it, so that what is heard does not fall behind what is said.
+        """
+
+        def holds():
+            begun = time.monotonic()
+            if condition():
+                return True
+            self.operator.spin_until(lambda: False, time.monotonic() - begun)
+            return False
+
+        if not self.operator.spin_until(holds, PATIENCE):
             raise AssertionError(f"not in {PATIENCE} s: {what}\n{self.last_words()}")
 
     def last_words(self):

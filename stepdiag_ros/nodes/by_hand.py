@@ -171,7 +171,7 @@ class ByHandNode(StepdiagNode):
         elif course.state is State.RUNNING:
             missing = self._movers() + self.watch.missing(REQUIRED)
             if missing:
-                course.fault(missing[0])
+                course.fault("; ".join(missing))
         self._publish_changes()
 
     def _publish_changes(self) -> None:

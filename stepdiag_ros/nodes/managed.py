@@ -259,6 +259,12 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
             with self.failing(f"read the {self.thing}"):
                 self.poll(self.device)
 
+    def _look_around(self) -> None:
+        # A process that did not get the computer for a while has not read what the device said
+        # meanwhile: it listens before it judges the device by its silence.
+        self.look_at_device()
+        super()._look_around()
+
     def fail(self, text: str) -> None:
         """Close a device that has failed; the node is unconfigured then."""
         self._failure = text

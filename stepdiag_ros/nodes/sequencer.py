@@ -285,7 +285,7 @@ class SequencerNode(StepdiagNode):
             if self._sequence.active:
                 missing = self.watch.missing(self._needed)
                 if missing:
-                    self._sequence.fault(missing[0])
+                    self._sequence.fault("; ".join(missing))
             self._sequence.update(self.now(), self.real_time())
         self._publish_changes()
 

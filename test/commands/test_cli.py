@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 from stepdiag_ros import __version__, cli, topics
@@ -590,7 +591,7 @@ def test_help_needs_no_slow_import():
         "print([name for name in slow if name in sys.modules])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=PATIENCE
     )
     assert done.stdout == "[]\n"
 
@@ -628,7 +629,7 @@ def test_a_reader_that_goes_away_is_no_error(bag):
         stdout=write,
         stderr=subprocess.PIPE,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     os.close(write)
@@ -641,7 +642,7 @@ def test_closed_outputs_are_no_error(bag):
     done = subprocess.run(
         f"{sys.executable} -m stepdiag_ros.cli solve {bag} --pictures none >&- 2>&-",
         shell=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0
@@ -652,7 +653,7 @@ def test_a_terminal_without_greek_letters_gets_question_marks(bag):
         [sys.executable, "-m", "stepdiag_ros.cli", "solve", str(bag), "--pictures", "none"],
         capture_output=True,
         env={**os.environ, "PYTHONIOENCODING": "ascii"},
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0

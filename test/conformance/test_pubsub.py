@@ -139,6 +139,7 @@ def test_depth_one_keeps_the_newest(node: Any) -> None:
     publisher = node.create_publisher(Int32, "chat", 100)
     for number in range(50):
         publisher.publish(Int32(data=number))
+    assert spin_until(node, lambda: bool(got))
     spin_until(node, lambda: False, 0.2)
     assert got == [49]
 

@@ -53,7 +53,8 @@ def test_timer_keeps_its_period(node: Any) -> None:
     timer = node.create_timer(0.02, lambda: calls.append(time.monotonic()))
     started = time.monotonic()
     assert spin_until(node, lambda: len(calls) == 25)
-    assert 0.48 < calls[-1] - started < 1.5
+    # Never early; what a busy computer misses is skipped, and makes it later.
+    assert 0.48 < calls[-1] - started < PATIENCE
     timer.cancel()
     count = len(calls)
     spin_until(node, lambda: False, 0.1)
@@ -94,34 +95,29 @@ def test_simulated_time(ros: Any) -> None:
     node.create_timer(1.0, lambda: calls.append(node.get_clock().now().nanoseconds))
     clock = node.get_clock()
 
-    def tick(seconds: float) -> None:
+    def tick(seconds: float, count: int) -> None:
+        """Let it be so late, and see how often the timer has called by then."""
         message = ClockMsg()
         message.clock = _time_message(seconds)
         publisher.publish(message)
         wanted = int(seconds * 1e9)
-        assert spin_until(node, lambda: clock.now().nanoseconds == wanted)
+        assert spin_until(node, lambda: clock.now().nanoseconds == wanted and len(calls) >= count)
         spin_until(node, lambda: False, 0.03)
+        assert len(calls) == count
 
     assert clock.now().nanoseconds == 0
     spin_until(node, lambda: False, 1.2)
     assert calls == []
-    tick(0.5)
-    assert calls == []
-    tick(1.25)
-    assert calls == [1_250_000_000]
-    tick(1.75)
-    assert len(calls) == 1
-    tick(9.5)
-    assert calls[1:] == [9_500_000_000]
-    tick(9.9)
-    assert len(calls) == 2
+    tick(0.5, 0)
+    tick(1.25, 1)
+    tick(1.75, 1)
+    tick(9.5, 2)
+    assert calls == [1_250_000_000, 9_500_000_000]
+    tick(9.9, 2)
     # The clock is set back, as when a bag starts again.
-    tick(2.0)
-    assert len(calls) == 2
-    tick(2.9)
-    assert len(calls) == 2
-    tick(3.1)
-    assert len(calls) == 3
+    tick(2.0, 2)
+    tick(2.9, 2)
+    tick(3.1, 3)
     # Back to the system's time.
     result = node.set_parameters([Parameter("use_sim_time", value=False)])[0]
     assert result.successful

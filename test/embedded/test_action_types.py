@@ -226,11 +226,11 @@ def test_a_long_goals_result_is_kept_from_its_end_on(ros: Any, node: Any) -> Non
     from rclpy.action import ActionClient, ActionServer
 
     def execute(handle: Any) -> Any:
-        time.sleep(0.4)
+        time.sleep(2.2)
         handle.succeed()
         return Fibonacci.Result(sequence=[1])
 
-    ActionServer(node, Fibonacci, "count", execute, result_timeout=0.3)
+    ActionServer(node, Fibonacci, "count", execute, result_timeout=2.0)
     client = ActionClient(node, Fibonacci, "count")
     assert client.wait_for_server(timeout_sec=PATIENCE)
     sent = client.send_goal_async(Fibonacci.Goal())

@@ -47,12 +47,9 @@ def machine_tool(make_instance) -> LinuxCncInstance:
 
 
 @pytest.fixture
-def watched(machine_tool, request) -> Iterator[Watched]:
-    """The driver, allowed to move, with the machine at 0, 0, 0.
-
-    Its dead-man is slow by default, so that a busy computer does not act as one.
-    """
-    made = Watched(machine_tool.socket, getattr(request, "param", 2.0), patience=PATIENCE)
+def watched(machine_tool) -> Iterator[Watched]:
+    """The driver, allowed to move, with the machine at 0, 0, 0."""
+    made = Watched(machine_tool.socket, patience=PATIENCE)
     made.reset()
     for number, axis in enumerate("XYZ"):
         there = [1e3 * value for value in made.position()]

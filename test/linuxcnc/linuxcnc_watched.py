@@ -4,7 +4,9 @@ import errno
 import math
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from patience import PATIENCE
@@ -15,21 +17,24 @@ from stepdiag_ros.devices.cnc import CncEvent, CncState, PositionSample, StateCh
 from stepdiag_ros.devices.cnc.linuxcnc import LinuxCnc
 from stepdiag_ros.devices.cnc.linuxcnc_instance import LinuxCncInstance
 
+T = TypeVar("T")
+DEAD_MAN = 2.0
+"""Seconds; the longest that the driver may be given."""
+SLOW = 0.02
+"""Feed, m/s, of moves that something is to happen to, which a busy computer delays."""
+
 
 class Watched:
     """A driver that is polled as the bridge does it, and what it has told.
 
     Args:
         path: of the agent's socket.
-        dead_man: s.
         patience: s in which the agent may see that the client before has gone.
         silence: s without a word from the agent, after which it counts as dead.
     """
 
-    def __init__(
-        self, path: Path, dead_man: float = 2.0, patience: float = 0.0, silence: float = 20.0
-    ) -> None:
-        settings = {"socket": str(path), "dead_man_s": dead_man, "silence_s": silence}
+    def __init__(self, path: Path, patience: float = 0.0, silence: float = 20.0) -> None:
+        settings = {"socket": str(path), "dead_man_s": DEAD_MAN, "silence_s": silence}
         make = prepare("cnc", "linuxcnc", settings, Surroundings(load_machine("demo")[0]))
         self.events: list[CncEvent] = []
         end = time.monotonic() + patience
@@ -54,6 +59,13 @@ class Watched:
     def wait(self, seconds: float) -> "Watched":
         end = time.monotonic() + seconds
         return self.until(lambda: time.monotonic() > end)
+
+    def meanwhile(self, action: Callable[[], T]) -> T:
+        """Return what an action returns, which may take longer than the dead-man waits."""
+        with ThreadPoolExecutor() as beside:
+            done = beside.submit(action)
+            self.until(done.done)
+        return done.result()
 
     def until_moved(self) -> "Watched":
         """Wait until the axes have moved by 2 mm: a busy computer begins late."""
@@ -98,11 +110,20 @@ class Watched:
 
 
 def at_rest(instance: LinuxCncInstance) -> float:
-    """Return where X stands, mm, by LinuxCNC's own word; waits until it does."""
+    """Return where X stands, mm, by LinuxCNC's own word; waits until it does.
+
+    An axis that is somewhere twice is not at rest on a busy computer, where LinuxCNC itself may
+    pause in mid-move: it must not be commanded to move either.
+    """
     end = time.monotonic() + PATIENCE
     places = [math.nan, math.inf]
-    while places[-1] != places[-2]:
+    while places[-1] != places[-2] or velocity(instance) != 0.0:
         assert time.monotonic() < end, "X does not come to rest"
         time.sleep(0.1)
         places.append(float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")))
     return places[-1]
+
+
+def velocity(instance: LinuxCncInstance) -> float:
+    """Return how fast LinuxCNC commands the axes to move just now, mm/s."""
+    return float(instance.run("halcmd", "getp", "motion.current-vel"))

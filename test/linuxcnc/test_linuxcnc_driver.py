@@ -4,15 +4,15 @@ import contextlib
 import errno
 import json
 import math
+import re
 import select
 import socket
 import time
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from cnc_conformance import CHECKS, Rig
-from linuxcnc_watched import Watched, at_rest
+from linuxcnc_watched import DEAD_MAN, SLOW, Watched, at_rest, velocity
 from patience import PATIENCE
 from refused import a_fault, refused
 
@@ -53,8 +53,9 @@ class RawClient:
                 self.state = told
             yield told
 
-    def hello(self, dead_man=2.0):
-        return self.ask("hello", protocol=1, window=WINDOW, hold=0.02, dead_man=dead_man, rate=50)
+    def hello(self):
+        # The longest dead-man that there is: nobody says that he lives while the test waits.
+        return self.ask("hello", protocol=1, window=WINDOW, hold=0.02, dead_man=5.0, rate=50)
 
     def start(self):
         """Say start as an operator does: again, until the axes stand."""
@@ -97,23 +98,42 @@ def test_a_move_ends_when_the_actual_position_is_there_and_stays(watched):
     end = watched.until_state(CncState.READY)
     assert [change.state for change in watched.states()] == [CncState.MOVING, CncState.READY]
     assert abs(end.position[0] - 0.03) <= WINDOW
-    times = np.array([sample.time for sample in watched.samples()])
+    # One more sample, in case that none has come since the position is within the window.
+    watched.position()
+    samples = watched.samples()
+    times = np.array([sample.time for sample in samples])
     assert np.all(np.diff(times) > 0)
-    assert begun - 1e9 < times[0] and begun < times[-1] < time.time_ns()
-    assert 120.0 < (len(times) - 1) / (times[-1] - times[0]) * 1e9 < 220.0
-    # Within the window for the hold time before the end, and not long before.
-    within = [s.time for s in watched.samples() if abs(s.position[0] - 0.03) <= WINDOW]
-    held = (end.time - min(within)) * 1e-9
-    assert 0.01 < held < 0.15
-    # 30 mm at 100 mm/s with 2 m/s² and a lag of 10 ms: not much earlier, not much later.
-    assert 0.35 < (end.time - begun) * 1e-9 < 1.0
+    assert begun < end.time <= times[-1] < time.time_ns()
+    # Never faster than asked; how much slower a busy computer is, LinuxCNC's agent cannot help:
+    # test_linuxcnc_agent.py has its rate.
+    assert (len(times) - 1) / (times[-1] - times[0]) * 1e9 < 220.0
+    # Within the window for the hold time before the end ...
+    outside = [s.time for s in samples if abs(s.position[0] - 0.03) > WINDOW]
+    within = [s for s in samples if abs(s.position[0] - 0.03) <= WINDOW]
+    assert end.time - max(outside) >= 0.02e9
+    # ... and not long before: less than 0.15 s at 200 samples a second, of which there are fewer
+    # where the agent has to wait for the computer.
+    assert len([s for s in within if s.time <= end.time]) < 30
     # The lag of the drives is seen: these are no commanded positions.
-    positions = np.array([sample.position[0] for sample in watched.samples()])
-    assert np.all(np.diff(positions) > -1e-9)
-    for sample in watched.samples()[-3:]:
+    assert np.all(np.diff([sample.position[0] for sample in samples]) > -1e-9)
+    for sample in within:
         assert sample.motors == pytest.approx(sample.position, abs=1e-6)
-    watched.wait(0.2)
-    assert abs(watched.samples()[-1].position[0] - 0.03) < 1e-9
+    watched.until(lambda: abs(watched.samples()[-1].position[0] - 0.03) < 1e-9)
+
+
+def test_a_move_has_the_feed_that_was_asked(watched, machine_tool):
+    watched.go(500.0, 0.0, 0.0)
+    watched.until_moved()
+
+    def full_speed():
+        told = 0.0
+        while told < 99.9999 and watched.driver.state is CncState.MOVING:
+            told = velocity(machine_tool)
+        return told
+
+    assert watched.meanwhile(full_speed) == pytest.approx(100.0)
+    watched.driver.stop(time.time_ns(), "enough")
+    watched.until_state(CncState.STOPPED)
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +224,7 @@ def test_the_agent_itself_refuses_what_the_driver_would_have_let_pass(machine_to
 
 
 def test_a_stop_brakes_at_once_and_holds_until_a_reset(watched):
-    watched.go(500.0, 0.0, 0.0)
+    watched.go(500.0, 0.0, 0.0, feed=SLOW)
     watched.until_moved()
     before = watched.samples()[-1].position[0]
     watched.driver.stop(time.time_ns(), "enough")
@@ -212,7 +232,7 @@ def test_a_stop_brakes_at_once_and_holds_until_a_reset(watched):
         watched.driver.reset(time.time_ns())
     end = watched.until_state(CncState.STOPPED)
     assert end.reason == "enough"
-    # 0.1 m/s: braked within 2.5 mm, and what it goes until the word is there on a busy computer.
+    # 20 mm/s: braked within 0.1 mm, and what it goes until the word is there on a busy computer.
     assert end.position[0] - before < 0.05
     with refused(MoveRefused, "not_ready", "stopped", aspect="state"):
         watched.go(0.0, 0.0, 0.0)
@@ -229,12 +249,12 @@ def test_a_stop_brakes_at_once_and_holds_until_a_reset(watched):
 def test_e_stop_and_power_off_are_faults_until_an_operator_has_seen_to_it(
     watched, machine_tool, step, words
 ):
-    watched.go(500.0, 0.0, 0.0)
+    watched.go(500.0, 0.0, 0.0, feed=SLOW)
     watched.until_moved()
-    machine_tool.operate(step)
+    watched.meanwhile(lambda: machine_tool.operate(step))
     fault = watched.until_state(CncState.FAULT)
     assert fault.reason == words
-    assert 0.001 < fault.position[0] < 0.1
+    assert 0.001 < fault.position[0] < 0.499, "it is not on its way"
     with refused(MoveRefused, "rejected") as caught:
         watched.driver.reset(time.time_ns())
     assert words in str(caught.value), "the reason of the fault"
@@ -248,9 +268,9 @@ def test_e_stop_and_power_off_are_faults_until_an_operator_has_seen_to_it(
 
 
 def test_a_frozen_encoder_is_a_following_error(watched, machine_tool):
-    watched.go(200.0, 0.0, 0.0)
+    watched.go(500.0, 0.0, 0.0, feed=SLOW)
     watched.until_moved()
-    machine_tool.freeze("X")
+    watched.meanwhile(lambda: machine_tool.freeze("X"))
     fault = watched.until_state(CncState.FAULT)
     machine_tool.thaw("X")
     assert "joint 0 following error" in fault.reason and "switched off" in fault.reason
@@ -263,7 +283,7 @@ def test_a_frozen_encoder_at_the_end_of_a_move_is_not_in_position(watched, machi
     # Too short a way for a following error: LinuxCNC itself calls the move done.
     machine_tool.freeze("X")
     watched.go(0.1, 0.0, 0.0)
-    watched.until(lambda: watched.driver.state is not CncState.MOVING, 10.0)
+    watched.until(lambda: watched.driver.state is not CncState.MOVING)
     machine_tool.thaw("X")
     fault = watched.states()[-1]
     assert fault.state is CncState.FAULT
@@ -271,22 +291,23 @@ def test_a_frozen_encoder_at_the_end_of_a_move_is_not_in_position(watched, machi
     watched.reset()
 
 
-@pytest.mark.parametrize("watched", [0.5], indirect=True)
 def test_silence_of_the_client_brakes_the_machine(machine_tool, watched):
-    watched.go(800.0, 0.0, 0.0)
+    watched.go(800.0, 0.0, 0.0, feed=SLOW)
     watched.until_moved()
     begun = watched.samples()[-1].position[0]
     # Nobody polls: the bridge hangs.
     place = at_rest(machine_tool)
     watched.until(lambda: watched.driver.state is CncState.STOPPED)
-    assert "the client was silent for 0.5" in watched.states()[-1].reason
-    # 0.5 s at 0.1 m/s and the braking, and 2 s more on a busy computer: the agent is no real-time
-    # program. The move is of 800 mm.
-    assert 30.0 < place - 1e3 * begun < 250.0
+    reason = watched.states()[-1].reason
+    silent = re.fullmatch(r"the client was silent for (\d+\.\d+) s", reason)
+    assert float(silent.group(1)) >= DEAD_MAN
+    # The dead-man and the braking, and more on a busy computer: the agent is no real-time program.
+    # The move is of 800 mm.
+    assert place - 1e3 * begun < 1e3 * SLOW * DEAD_MAN + 200.0
 
 
 def test_a_connection_that_ends_brakes_the_machine_and_no_move_is_repeated(machine_tool, watched):
-    watched.go(800.0, 0.0, 0.0)
+    watched.go(800.0, 0.0, 0.0, feed=SLOW)
     watched.until_moved()
     watched.driver.close()
     first = at_rest(machine_tool)
@@ -349,12 +370,8 @@ def test_another_protocol_is_refused(raw):
 
 def test_a_second_client_is_refused_and_the_first_one_goes_on(machine_tool, watched):
     watched.go(30.0, 0.0, 0.0)
-    with ThreadPoolExecutor() as beside:
-        second = beside.submit(Watched, machine_tool.socket)
-        # The first one is polled meanwhile, as by a bridge, or its dead-man would stop the machine.
-        watched.until(second.done)
     with refused(OSError, errno=errno.EBUSY):
-        second.result()
+        watched.meanwhile(lambda: Watched(machine_tool.socket))
     assert watched.until_state(CncState.READY).position[0] == pytest.approx(0.03, abs=WINDOW)
 
 

@@ -1,13 +1,14 @@
 """A whole step-diagonal measurement on a real LinuxCNC, with an e-stop on the way."""
 
 import json
+import math
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from linuxcnc_watched import at_rest
 from patience import PATIENCE
 
 from stepdiag_ros.bags.reader import BagReader
@@ -41,7 +42,7 @@ class Run:
 
         self.instance = instance
         self.held: list[tuple[State, str]] = []
-        self.position_in_hold: list[str] = []
+        self.position_in_hold: list[float] = []
         self.silences = 0
         device = folder / "linuxcnc.yaml"
         # A busy computer is no dead controller.
@@ -51,7 +52,8 @@ class Run:
             operator = OperatorNode()
             peers = operator.watch.peers
             assert operator.spin_until(
-                lambda: len(peers) == len(nodes) and not any(p.faulty for p in peers.values()), 40.0
+                lambda: len(peers) == len(nodes) and not any(p.faulty for p in peers.values()),
+                PATIENCE,
             ), {peer.role: peer.text for peer in peers.values()}
             run = FollowedRun(operator, self.tell, lambda: self.check(processes), self.go_on)
             self.bag = run.measure().bag
@@ -61,7 +63,7 @@ class Run:
 
     def tell(self, told) -> None:
         if told.done >= 25 and not self.held and not self.position_in_hold:
-            self.position_in_hold.append("")
+            self.position_in_hold.append(math.nan)
             self.instance.operate("STATE_ESTOP")
 
     def go_on(self, state: State, text: str) -> bool:
@@ -70,9 +72,7 @@ class Run:
             self.silences += 1
             return True
         for _ in range(2):
-            time.sleep(0.2)
-            position = self.instance.run("halcmd", "getp", "joint.0.motor-pos-fb")
-            self.position_in_hold.append(position)
+            self.position_in_hold.append(at_rest(self.instance))
         self.instance.operate("STATE_ESTOP_RESET", "STATE_ON")
         self.held.append((state, text))
         return True

@@ -7,6 +7,7 @@ import time
 
 import pytest
 from cnc_conformance import CHECKS, Rig
+from linuxcnc_watched import SLOW, at_rest
 from patience import PATIENCE
 from refused import refused
 
@@ -116,7 +117,7 @@ def until_sampled(device):
 def begin_to_move(device, y, z):
     """Start a long move of X, and wait until the axis moves."""
     begun = until_sampled(device)[-1].position[0]
-    device.start_move(time.time_ns(), (0.8, y, z), 0.1, "X")
+    device.start_move(time.time_ns(), (0.8, y, z), SLOW, "X")
     while until_sampled(device)[-1].position[0] < begun + 0.01:
         assert device.state is CncState.MOVING
 
@@ -160,10 +161,7 @@ def test_closing_in_mid_move_aborts_it(server):
     _, y, z = until_sampled(device)[0].position
     begin_to_move(device, y, z)
     device.close()
-    time.sleep(0.5)
-    first = float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb"))
-    time.sleep(0.2)
-    assert float(instance.run("halcmd", "getp", "joint.0.motor-pos-fb")) == first < 700.0
+    assert at_rest(instance) < 700.0
 
 
 def test_wrong_passwords_and_wrong_servers_are_said(server):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from test_managed_nodes import RUN, Bench, set_now
 
 from stepdiag_ros import devices, topics
@@ -18,7 +19,7 @@ from stepdiag_ros.nodes.links import message_class, quality
 from stepdiag_ros.run.sequence import Answer
 
 BAG = Path(__file__).parents[1] / "data" / "bags" / "schema_1.mcap"
-LIMIT = 0.3
+LIMIT = 1.0
 """Real seconds of silence after which the machine is stopped here."""
 
 
@@ -105,6 +106,15 @@ def reason(cell, number):
 
 def wait(cell, number, answer):
     cell.until(lambda: answer in answers(cell, number))
+
+
+def wait_permitted(cell, number, condition):
+    """Wait until something holds, and confirm a command as the sequencer does meanwhile."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, (cell.said(), Mill.stopped)
+        rest(cell, 0.05)
+        cell.permit(number)
 
 
 def rest(cell, seconds):
@@ -200,7 +210,7 @@ def test_no_replay_begins_beside_a_live_bridge(bench):
     cell = ready(bench())
     command = [sys.executable, "-m", "stepdiag_ros.cli", "replay", str(BAG)]
     replay = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    cell.until(lambda: replay.poll() is not None, 30.0)
+    cell.until(lambda: replay.poll() is not None)
     assert replay.returncode == 1
     assert "a cnc_bridge node runs already: end it" in replay.stderr.read()
 
@@ -243,11 +253,7 @@ def test_a_controller_that_says_done_too_early_or_falls_silent_is_stopped(bench)
     Mill.off = 4e-6
     cell.permit(1)
     cell.send(1, 0.01)
-    for _ in range(30):
-        rest(cell, 0.05)
-        cell.permit(1)
-        if Answer.FAULT in answers(cell, 1):
-            break
+    wait_permitted(cell, 1, lambda: Answer.FAULT in answers(cell, 1))
     assert "the move is done, but X is 4 µm off its target" in reason(cell, 1)
     assert Answer.IN_POSITION not in answers(cell, 1) and "4 µm" in Mill.stopped
 
@@ -257,11 +263,7 @@ def test_a_controller_that_says_done_too_early_or_falls_silent_is_stopped(bench)
     cell.send(2, 0.02)
     wait(cell, 2, Answer.MOVING)
     Mill.mute = True
-    for _ in range(30):
-        rest(cell, 0.05)
-        cell.permit(2)
-        if Mill.stopped.startswith("the axes move"):
-            break
+    wait_permitted(cell, 2, lambda: Mill.stopped.startswith("the axes move"))
     assert Mill.stopped == f"the axes move, but no actual position has come for {LIMIT:g} s"
 
 
@@ -322,9 +324,7 @@ def test_whoever_publishes_commands_beside_the_sequencer_stops_the_machine(bench
     cell.send(1, 0.01)
     wait(cell, 1, Answer.MOVING)
     alone = (0, "commands are taken from node /manager alone")
-    while findings(cell, "sequencer") != alone:
-        rest(cell, 0.05)
-        cell.permit(1)
+    wait_permitted(cell, 1, lambda: findings(cell, "sequencer") == alone)
     # It does not even say anything, and may take the sequencer's own name.
     node, _ = rogue(cell, name)
     wait(cell, 1, Answer.STOPPED)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rclpy
 from patience import PATIENCE
 from program_run import Instrument, run_program
 from ros_processes import ros  # noqa: F401
@@ -35,8 +36,12 @@ def laser(ros):  # noqa: F811
         def __init__(self):
             super().__init__("interferometer")
             self.readings = self.announce(topics.READING)
-            self.state = None
-            self.listen(topics.RUN_STATE, lambda message: setattr(self, "state", message))
+            self.state, self.texts = None, set()
+            self.listen(topics.RUN_STATE, self.hear)
+
+        def hear(self, message):
+            self.state = message
+            self.texts.add(message.text)
 
         def until(self, true):
             end = time.monotonic() + PATIENCE
@@ -86,16 +91,15 @@ def test_a_run_is_followed_recorded_and_assembled_the_same_again(laser, tmp_path
         assert laser.state.text.startswith("by hand: align laser and mirror for x")
         assert laser.ask("resume").success
         ready = seen.arrivals[1] + 9_000_000_000
-        texts = set()
         for reading in seen.readings:
             if reading.time >= ready:
                 laser.readings.publish(from_reading(reading, "laser"))
-                ros_spin(laser, texts)
+                rclpy.spin_once(laser, timeout_sec=0.005)
         laser.until(lambda: laser.state.state == State.FINISHED)
         assert laser.state.text == "all lines are measured by hand"
         laser.until(lambda: any(tmp_path.glob("*.mcap")))
         laser.until(lambda: "closed" in (tmp_path / "logs" / "recorder.log").read_text())
-    assert "by hand: stop 2 of x forward, repeat 0 found" in texts
+    assert "by hand: stop 2 of x forward, repeat 0 found" in laser.texts
     (bag,) = tmp_path.glob("*.mcap")
     run = load_run(bag)
     (line,) = run.lines
@@ -105,13 +109,6 @@ def test_a_run_is_followed_recorded_and_assembled_the_same_again(laser, tmp_path
     (same,) = (event for event in again if isinstance(event, MeasuredLine))
     assert np.array_equal(line.displacement, same.displacement)
     assert np.array_equal(line.time, same.time)
-
-
-def ros_spin(laser, texts):
-    import rclpy
-
-    rclpy.spin_once(laser, timeout_sec=0.005)
-    texts.add(laser.state.text)
 
 
 def test_a_replay_of_a_run_found_in_a_file_gives_the_same_bytes(tmp_path, capsys):

@@ -64,6 +64,14 @@ def parameter_file(folder):
     """Return a cell of simulated devices as a machine would be described, on the real clock."""
     given = {name: {"device": "simulated"} for name in ("cnc_bridge", "weather", "interferometer")}
     given |= {"recorder": {"folder": str(folder / "bags")}, "sequencer": {"plan": "quick"}}
+    given |= {"assembler": {}}
+    # A computer that is busy with all nodes at once is no danger to this machine.
+    for name in ("interferometer", "assembler", "recorder"):
+        given[name]["reading_timeout"] = 30.0
+    given["cnc_bridge"] |= {"silence_limit": 10.0, "position_timeout": 30.0}
+    given["recorder"]["position_timeout"] = 30.0
+    for own in given.values():
+        own["heartbeat_timeout"] = 30.0
     path = folder / "cell.yaml"
     path.write_text(
         json.dumps({f"/**/{name}": {"ros__parameters": own} for name, own in given.items()})

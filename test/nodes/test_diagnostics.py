@@ -25,7 +25,6 @@ from stepdiag_ros.nodes.sequencer import SequencerNode
 from stepdiag_ros.nodes.solver import SolverNode
 from stepdiag_ros.nodes.weather import WeatherNode
 from stepdiag_ros.parameters.nodes import NODES
-from stepdiag_ros.run import supervision
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State
 
@@ -39,8 +38,9 @@ KINDS = (
     InterferometerNode,
     SequencerNode,
 )
-TIMEOUT = 1.0
+TIMEOUT = 2.0
 """Real seconds after which the devices' data are stale here; receivers wait a little longer."""
+STALE = f"has come for more than {TIMEOUT:g} s"
 
 
 @pytest.fixture
@@ -48,8 +48,6 @@ def cell(monkeypatch, tmp_path):
     meddling.clear()
     monkeypatch.setitem(devices._DRIVERS, ("cnc", "meddled"), "meddled_devices:cnc")
     monkeypatch.setitem(devices._DRIVERS, ("interferometer", "meddled"), "meddled_devices:laser")
-    # All nodes share a thread: on a busy computer they are slow together, which is no fault here.
-    monkeypatch.setattr(supervision, "SILENCE_LIMIT", 60.0)
     for kind in (InterferometerNode, BridgeNode):
         monkeypatch.setattr(kind, "poll_period", 0.01)
     made = Cell(tmp_path)
@@ -63,7 +61,8 @@ class Cell:
     def __init__(self, folder):
         laser = {"device": "meddled", "rate": 100.0, "reading_timeout": TIMEOUT, "hold_after": 0.1}
         machine = {"device": "meddled", "position_timeout": TIMEOUT, "hardware_id": "mill 7"}
-        # As above: what is slow is the thread, and the machine is none that could hit anything.
+        # All nodes share a thread: on a busy computer they are slow together, which is no fault
+        # here, and the machine is none that could hit anything.
         machine["silence_limit"] = 10.0
         given = {
             # The weather is that of a simulated cell.
@@ -75,6 +74,7 @@ class Cell:
         }
         file = folder / "parameters.yaml"
         nodes = {f"/cell/{name}": {"ros__parameters": values} for name, values in given.items()}
+        nodes["/**"] = {"ros__parameters": {"heartbeat_timeout": 60.0}}
         file.write_text(yaml.safe_dump(nodes))
         rclpy.init(args=["--ros-args", "-r", "__ns:=/cell", "--params-file", str(file)])
         self.nodes = {kind.role: kind() for kind in KINDS}
@@ -83,6 +83,8 @@ class Cell:
         for node in (*self.nodes.values(), self.listener):
             self.executor.add_node(node)
         self.said, self.times, self.arrays = {}, {}, []
+        # Names and statuses in the order in which they were heard.
+        self.heard = []
         self.listener.create_subscription(
             message_class(topics.DIAGNOSTICS),
             "/diagnostics",
@@ -95,6 +97,7 @@ class Cell:
         self.arrays.append(array)
         for status in array.status:
             assert status.name not in [s.name for s in array.status if s is not status]
+            self.heard.append((status.name.removeprefix("cell/"), status))
             self.said[status.name.removeprefix("cell/")] = status
             self.times.setdefault(status.name, []).append(time.monotonic())
 
@@ -106,15 +109,29 @@ class Cell:
                 raise AssertionError(f"not in {limit} s: {what}; {told}")
             self.executor.spin_once(0.02)
 
-    def hears(self, name, level, words=""):
-        """Wait until a status is told at a level, with these words in its message."""
+    def hears(self, name, level, words="", since=None):
+        """Wait until a status is told at a level, with these words in its message.
+
+        Args:
+            name: of the status.
+            level: of it.
+            words: in it.
+            since: number of statuses heard before, for one that may have passed again; None for one
+                that holds now.
+        """
+        found = []
 
         def told():
-            status = self.said.get(name)
-            return status is not None and ord(status.level) == level and words in status.message
+            now = [(name, self.said[name])] if name in self.said else []
+            found[:] = (
+                status
+                for its, status in (now if since is None else self.heard[since:])
+                if its == name and ord(status.level) == level and words in status.message
+            )
+            return bool(found)
 
         self.until(told, f"{name}: {level!r} '{words}'")
-        return {entry.key: entry.value for entry in self.said[name].values}
+        return {entry.key: entry.value for entry in found[-1].values}
 
     def tells(self, name, key, words):
         """Wait until a value of a status has these words in it."""
@@ -165,7 +182,7 @@ def test_what_goes_wrong_is_told_in_words_stops_the_run_and_passes(cell):
     values = cell.hears("interferometer: rate", Level.OK)
     assert 90.0 <= float(values["readings a second (Hz)"]) <= 110.0
     values = cell.hears("interferometer: weather", Level.OK)
-    assert float(values["age of the air pressure (s)"]) < 2.0
+    assert 0.0 <= float(values["age of the air pressure (s)"]) < 60.0
     assert cell.said["cnc_bridge: axes"].hardware_id == "mill 7"
     assert cell.said["interferometer: beam"].hardware_id == "meddled interferometer"
 
@@ -180,15 +197,17 @@ def test_what_goes_wrong_is_told_in_words_stops_the_run_and_passes(cell):
     meddling.clear()
 
     # A reading that the instrument itself has lost is missed by all who take them.
+    before = len(cell.heard)
     meddling.add("skip")
     for node in ("interferometer", "assembler", "recorder"):
-        values = cell.hears(f"{node}: sequence", Level.WARN, "is missing")
+        # It is told for two seconds: on a busy computer it has passed before the next is heard.
+        values = cell.hears(f"{node}: sequence", Level.WARN, "is missing", before)
         assert values["missing"] == "1" and values["first missing"] == values["last missing"]
     assert cell.state() is State.RUNNING
 
     # Readings that stop, stop the run; everyone sees why; it goes on once they are back.
     meddling.add("mute")
-    cell.hears("interferometer: beam", Level.STALE, "no reading has come for more than 1 s")
+    cell.hears("interferometer: beam", Level.STALE, f"no reading {STALE}")
     cell.hears("interferometer: heartbeat", Level.ERROR, "no reading has come")
     cell.await_state(State.FAULT)
     cell.hears("sequencer: run", Level.ERROR, "interferometer: no reading has come")
@@ -203,7 +222,7 @@ def test_what_goes_wrong_is_told_in_words_stops_the_run_and_passes(cell):
 
     # Positions that stop do the same.
     meddling.add("hold")
-    cell.hears("cnc_bridge: axes", Level.STALE, "no actual position has come for more than 1 s")
+    cell.hears("cnc_bridge: axes", Level.STALE, f"no actual position {STALE}")
     cell.await_state(State.FAULT)
     cell.hears("sequencer: run", Level.ERROR, "cnc_bridge: no actual position")
     meddling.clear()
@@ -214,10 +233,12 @@ def test_what_goes_wrong_is_told_in_words_stops_the_run_and_passes(cell):
 
     # A lost beam costs the line, not the run; the next setup has a zero of its own.
     cell.until(lambda: cell.sequencer._progress().stop >= 1, "a stop has settled")
+    before = len(cell.heard)
     meddling.add("lose")
     cell.hears("interferometer: beam", Level.ERROR, "the beam is lost")
     meddling.clear()
-    cell.hears("interferometer: beam", Level.WARN, "the beam was lost for a moment")
+    # Until the next setup, which may be soon.
+    cell.hears("interferometer: beam", Level.WARN, "the beam was lost for a moment", before)
     cell.tells("assembler: stops", "last rejection", "the zero is lost: the beam was lost")
     cell.until(lambda: is_measured_again(cell), "the line is measured again")
     cell.hears("interferometer: beam", Level.OK, "the beam is there")

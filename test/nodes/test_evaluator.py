@@ -55,7 +55,7 @@ def test_the_evaluator_publishes_each_test_when_it_is_complete(tmp_path: Path):
             peers = operator.watch.peers
             assert operator.spin_until(
                 lambda: any(p.role == "evaluator" and p.run_id == RUN_ID for p in peers.values()),
-                90.0,
+                PATIENCE,
             )
             operator.spin_until(lambda: bool(heard), 0.5)
             assert not heard

@@ -21,6 +21,7 @@ from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.bridge import BridgeNode
 from stepdiag_ros.nodes.interferometer import InterferometerNode
 from stepdiag_ros.nodes.links import message_class, quality
+from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import Answer, State
 
 RUN = "20260101T000000Z-abcdef"
@@ -287,6 +288,16 @@ def test_no_beam_is_set_up_while_inactive_and_a_failed_alignment_closes_the_inst
     assert "beam" not in cell.node.facts
     cell.await_state("active")
     assert cell.said()[0] == 0
+
+
+def test_a_device_is_heard_before_it_is_judged_by_its_silence(bench):
+    cell = bench(InterferometerNode, "reading_timeout:=0.3")
+    cell.await_state("active")
+    (beam,) = (task for task in cell.node.health._tasks if task.name == "beam")
+    # Nothing of this process runs for a while, as on a busy computer; then comes this first.
+    time.sleep(0.4)
+    cell.node._look_around()
+    assert beam.found.level is not Level.STALE and not beam.found.forbids
 
 
 def set_now(message, node):

@@ -93,9 +93,11 @@ class Bench:
 
 
 @pytest.fixture
-def bench():
+def bench(monkeypatch):
     import rclpy
 
+    # A goal that waits for nodes waits for as long as the test may take.
+    monkeypatch.setattr("stepdiag_ros.nodes.measure_action.START_PATIENCE", PATIENCE)
     made = Bench()
     yield made
     made.executor.shutdown()
@@ -193,7 +195,8 @@ def test_a_goal_waits_for_nodes_that_are_starting(bench):
     bench.spin(lambda: bench.feedback)
     told = bench.feedback[0]
     assert told.run_id == "" and told.stops_total == 0 and math.isnan(told.remaining_time)
-    assert told.text == f"waiting for nodes that may be starting, for 10 s at most: {UNHEARD}"
+    most = f"for {PATIENCE:g} s at most"
+    assert told.text == f"waiting for nodes that may be starting, {most}: {UNHEARD}"
     # No other goal overtakes it, and nothing has begun.
     other = bench.get(bench.send("demo")[1]).result
     assert other.outcome == REFUSED_OUTCOME and "another goal waits for the nodes" in other.text

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
+from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
@@ -68,11 +69,12 @@ def test_the_recorder_writes_into_another_folder_and_knows_all_parameters(tmp_pa
     known = recorder._collector.values
 
     def wait_for(condition):
-        for _ in range(2000):
-            if condition():
-                return True
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > end:
+                return False
             executor.spin_once(timeout_sec=0.01)
-        return False
+        return True
 
     try:
         assert first.is_dir()

@@ -34,7 +34,7 @@ def ask(monkeypatch):
             return response
 
         bridge.create_service(Trigger, "cnc_bridge/reset", answer)
-        assert node._reset_client.wait_for_service(5.0)
+        assert node._reset_client.wait_for_service(PATIENCE)
         node._reset_machine(lambda: done.append(True))
         deadline = time.monotonic() + PATIENCE
         while node._after_reset is not None and time.monotonic() < deadline:

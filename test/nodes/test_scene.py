@@ -104,7 +104,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
     try:
         with Processes([NodeProcess("scene", {"frame_prefix": "cell_1/"})], tmp_path):
             peers = operator.watch.peers
-            seen(lambda: any(peer.role == "scene" for peer in peers.values()), 30.0)
+            seen(lambda: any(peer.role == "scene" for peer in peers.values()))
 
             # Before any run: the tool alone, and no word of a box or of a setup.
             # Positions are heard on best effort: one that comes too early is not sent again.
@@ -143,7 +143,7 @@ def test_a_viewer_sees_the_run_whenever_it_comes(tmp_path: Path):
 
             # Another method, while it runs; who comes now sees all of it, in one message a topic.
             client = operator.create_client(SetParameters, "/scene/set_parameters")
-            assert client.wait_for_service(5.0)
+            assert client.wait_for_service(PATIENCE)
             request = SetParameters.Request()
             request.parameters = [filled_parameter("method", "conventional")]
             outlets[topics.VOLUMETRIC_ERRORS].publish(

@@ -79,19 +79,34 @@ def test_a_node_that_asks_one_that_has_joined_is_waited_for_though_it_was_ready(
     assert sequencer.start()
 
 
-@pytest.mark.parametrize("heard", ["before the start", "in the run"])
-def test_a_run_is_stopped_by_the_loss_of_a_weather_node_that_it_has_had(sequencer, heard):
+def started(sequencer, *welcome):
+    """Let a run begin with the nodes that it requires, and these."""
     stand(sequencer)
-    for role in REQUIRED:
+    for role in (*REQUIRED, *welcome):
         hear(sequencer, role)
-    if heard == "before the start":
-        hear(sequencer, "weather")
     sequencer.start()
-    hear(sequencer, "weather")
     sequencer._taking_up = None
     sequencer._begin()
     sequencer._update()
     assert sequencer._progress().state is State.RUNNING
+
+
+def test_a_run_that_is_stopped_by_several_nodes_at_once_names_them_all(sequencer):
+    """Whoever mends the first only would be refused, and a silent node may not be the cause."""
+    started(sequencer)
+    sequencer.watch.lost["/recorder"] = "recorder node /recorder is silent for 2.1 s"
+    hear(sequencer, "interferometer", faulty=True, text="no reading has come")
+    sequencer._update()
+    progress = sequencer._progress()
+    assert progress.state is State.FAULT
+    for reason in ("/recorder is silent", "interferometer: no reading has come"):
+        assert reason in progress.text
+
+
+@pytest.mark.parametrize("heard", ["before the start", "in the run"])
+def test_a_run_is_stopped_by_the_loss_of_a_weather_node_that_it_has_had(sequencer, heard):
+    started(sequencer, *(["weather"] if heard == "before the start" else []))
+    hear(sequencer, "weather")
     sequencer.watch.lost["/weather"] = "weather node /weather is silent for 2.1 s"
     sequencer._update()
     progress = sequencer._progress()

@@ -71,7 +71,7 @@ PATIENCE = {
     "recorder": {"reading_timeout": 10.0, "position_timeout": 10.0},
 }
 """Node → parameters of which it gets others than in a cell."""
-UP, MENDED, ASKED = 120.0, 60.0, 3.0
+UP, MENDED, ASKED = 300.0, 300.0, 3.0
 """s in which all nodes are up, in which what was mended works again, and between two requests to
 go on."""
 SILENT = "is silent for"

@@ -42,13 +42,13 @@ def moving(peer, feed=0.05, **changed):
     return operator
 
 
-def fault(operator, limit=PATIENCE):
-    return operator.until_state(CncState.FAULT, limit).reason
+def fault(operator):
+    return operator.until_state(CncState.FAULT).reason
 
 
-def fails(operator, error, words, limit=PATIENCE):
+def fails(operator, error, words):
     with refused(error, words):
-        operator.watch(limit)
+        operator.watch(PATIENCE)
 
 
 def test_it_asks_for_everything_before_it_is_ready_and_moves_nothing(peer):
@@ -253,7 +253,7 @@ def test_a_step_that_ends_somewhere_else_is_a_fault(peer):
 def test_a_machine_that_stands_still_in_a_step_is_a_fault_and_held(peer):
     operator = moving(peer)
     peer._move = lambda _: None
-    assert "have stood for 3 s away from the target" in fault(operator, 6.0)
+    assert "have stood for 3 s away from the target" in fault(operator)
     operator.watch(0.1)
     assert peer._state == "Hold:1"
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import fake_launch
 import pytest
 from foxglove_viewer import Viewer
+from patience import PATIENCE
 from refused import refused
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -66,7 +67,7 @@ class Played:
 
     def __exit__(self, *_):
         self._stop.set()
-        self._thread.join(20.0)
+        self._thread.join(PATIENCE)
         self._replay.close()
 
 
@@ -210,7 +211,7 @@ def test_the_command_serves_a_bag_until_it_is_told_to_end(bag):
             viewer.subscribe()
             viewer.wait(lambda: viewer.messages[STATE])
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 0
+            assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
         _, more = process.communicate()

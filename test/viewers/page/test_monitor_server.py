@@ -7,6 +7,7 @@ from concurrent.futures import Future
 
 import aiohttp
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 from stepdiag_ros.metrology.refusal import Refusal
@@ -60,7 +61,7 @@ class Served:
         self.server.close()
 
 
-async def update(viewer, limit=20.0):
+async def update(viewer, limit=PATIENCE):
     message = await asyncio.wait_for(viewer.receive_json(), limit)
     await viewer.send_str(str(message.get("number")))
     return message
@@ -110,12 +111,12 @@ def test_the_server_speaks_though_nothing_changes(monkeypatch):
 
 
 def test_a_viewer_that_takes_nothing_is_cut_off_and_delays_nobody(monkeypatch):
-    monkeypatch.setattr(server_module, "STALL_LIMIT", 1.0)
+    monkeypatch.setattr(server_module, "STALL_LIMIT", 3.0)
 
     async def talk(client):
         stalled = await client.ws_connect("/live")
         await stalled.send_json({"token": ""})
-        await asyncio.wait_for(stalled.receive_json(), 20.0)  # and never says that it has it
+        await asyncio.wait_for(stalled.receive_json(), PATIENCE)  # and never says that it has it
         async with client.ws_connect("/live") as viewer:
             await viewer.send_json({"token": ""})
             await update(viewer)
@@ -125,7 +126,7 @@ def test_a_viewer_that_takes_nothing_is_cut_off_and_delays_nobody(monkeypatch):
                 served.state.take(AxisPlace(seen, (seen * 1e-3, 0.0, 0.0)))
                 got = await update(viewer)
                 assert got["sections"]["position"]["at"][0] == pytest.approx(seen)
-            rest = [await asyncio.wait_for(stalled.receive(), 20.0) for _ in range(1)]
+            rest = [await asyncio.wait_for(stalled.receive(), PATIENCE) for _ in range(1)]
             return seen, rest
 
     with Served() as served:
@@ -139,7 +140,7 @@ def test_a_slow_viewer_gets_the_newest_and_not_all():
     async def talk(client):
         async with client.ws_connect("/live") as viewer:
             await viewer.send_json({"token": ""})
-            first = await asyncio.wait_for(viewer.receive_json(), 20.0)
+            first = await asyncio.wait_for(viewer.receive_json(), PATIENCE)
             for k in range(50):
                 served.state.take(AxisPlace(k, (k * 1e-3, 0.0, 0.0)))
             await viewer.send_str(str(first["number"]))
@@ -280,7 +281,7 @@ def test_what_is_no_greeting_closes_the_socket_and_nothing_is_logged(text, caplo
     async def talk(client):
         async with client.ws_connect("/live") as viewer:
             await viewer.send_str(text)
-            return await asyncio.wait_for(viewer.receive(), 20.0)
+            return await asyncio.wait_for(viewer.receive(), PATIENCE)
 
     with Served() as served:
         answer = visit(served, talk)

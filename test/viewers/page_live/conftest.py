@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE
 from running_cell import RunningCell, fixture_of
 
 from stepdiag_ros import topics
@@ -33,7 +34,7 @@ def browser():
         pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
     with sync_playwright() as playwright:
         made = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"], timeout=120_000
+            executable_path=program, args=["--no-sandbox", "--disable-gpu"], timeout=1e3 * PATIENCE
         )
         yield made
         made.close()
@@ -51,7 +52,7 @@ class Pages:
             viewport={"width": width, "height": 900}, color_scheme=scheme
         )
         page = context.new_page()
-        page.set_default_timeout(60_000)
+        page.set_default_timeout(1e3 * PATIENCE)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
         page.goto(url)

@@ -393,8 +393,11 @@ class Agent:
                     f"LinuxCNC calls the move done, but {name} is {1e6 * max(off):.3g} um off"
                 )
             return
-        move.within_since = move.within_since or now
-        if now - move.within_since >= self._hold:
+        # From after the first position within to before the last: a busy computer, which may
+        # interrupt this between position and clock, makes the hold longer, never shorter.
+        if move.within_since is None:
+            move.within_since = time.monotonic()
+        elif controller.looked - move.within_since >= self._hold:
             self._move = None
 
     def _stands(self) -> bool:

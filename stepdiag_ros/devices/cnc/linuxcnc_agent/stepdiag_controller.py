@@ -53,6 +53,8 @@ class Controller:
         # Machine units a metre.
         self.per_metre = 1000.0 * self.stat.linear_units
         self.time = time.time_ns()
+        # When the present status was asked for, s of a clock that never steps.
+        self.looked = time.monotonic()
         self.position = (0.0, 0.0, 0.0)
         self._slow, self._dead = "", False
         self._slow_at = 0.0
@@ -86,6 +88,7 @@ class Controller:
 
     def look(self) -> None:
         """Take the present status."""
+        self.looked = time.monotonic()
         try:
             self.stat.poll()
         except linuxcnc.error as error:

@@ -9,6 +9,7 @@ const at = (id) => document.getElementById(id);
 const token = takeToken();
 let socket = null;
 let heard = 0; // time of the last message of the server
+let awaited = 0; // time since which this connection owes a message
 let everHeard = false;
 let refused = false;
 let hello = {};
@@ -34,7 +35,10 @@ function takeToken() {
 function connect() {
   const mine = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   socket = mine;
-  mine.onopen = () => mine.send(JSON.stringify({ token }));
+  mine.onopen = () => {
+    awaited = performance.now();
+    mine.send(JSON.stringify({ token }));
+  };
   mine.onmessage = (event) => {
     if (mine !== socket) return;
     const told = JSON.parse(event.data);
@@ -43,7 +47,7 @@ function connect() {
       contact("refused", told.refused);
       return;
     }
-    heard = performance.now();
+    heard = awaited = performance.now();
     everHeard = true;
     take(told);
     mine.send(String(told.number));
@@ -68,8 +72,9 @@ function watch() {
   if (everHeard && silent < SILENT_MS) return;
   const since = new Date(Date.now() - silent).toLocaleTimeString([], { hour12: false });
   contact("lost", everHeard ? `no contact since ${since}` : "no contact yet");
-  // A connection can be dead without anybody having said so.
-  if (everHeard && socket.readyState === WebSocket.OPEN) {
+  // A connection can be dead without anybody having said so; a new one is given time to begin.
+  const dumb = performance.now() - awaited >= SILENT_MS;
+  if (everHeard && dumb && socket.readyState === WebSocket.OPEN) {
     const dead = socket;
     socket = null;
     dead.close();
