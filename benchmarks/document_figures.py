@@ -1,4 +1,4 @@
-"""Figures in the documents that a computation gives: writes them, or says which are of old.
+"""Lists computed figures of the documents that are out of date, or renews them.
 
 Each figure stands in its document between two comments, or where an expression finds it. A test
 compares all of them with what is computed (``test/documents/test_document_figures.py``). After a
@@ -225,8 +225,13 @@ def alike(text: str, other: str) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put them into the documents")
-    parser.add_argument("--only", choices=tuple(FIGURES), action="append", help="and again")
+    parser.add_argument("--write", action="store_true", help="renew them in the documents")
+    parser.add_argument(
+        "--only",
+        choices=tuple(FIGURES),
+        action="append",
+        help="renew or check this figure only; may be repeated",
+    )
     arguments = parser.parse_args()
     old = 0
     for name in arguments.only or FIGURES:

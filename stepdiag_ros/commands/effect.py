@@ -75,7 +75,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _model(name: str) -> "MachineModel":
-    """Load a model; where there is none, say when the diagnosis writes one."""
+    """Load a model; a refusal also says when the diagnosis writes one."""
     from stepdiag_ros.configuration import load_model
     from stepdiag_ros.metrology.refusal import Refusal, fields_of
 
