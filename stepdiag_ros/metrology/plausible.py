@@ -2,10 +2,10 @@
 
 Rotations of the axes. Step diagonals and linear lines see few of the nine rotations (33 of 108
 values for one move order: ``rigid_body``), yet all of them act on the result. Taking the unseen
-ones as zero makes an uncertainty that is too small. They are taken instead as random functions: zero at the
-first node, of an unknown common size ``s``, which the standard deviation of a rotation at the far
-end of its travel is. Each is a Brownian path over the travel, the roughest curve that a guideway
-makes, by its leading sine functions (Karhunen and Loève):
+ones as zero makes an uncertainty that is too small. They are taken instead as random functions:
+zero at the first node, of an unknown common size ``s``, which the standard deviation of a rotation
+at the far end of its travel is. Each is a Brownian path over the travel, the roughest curve that a
+guideway makes, by its leading sine functions (Karhunen and Loève):
 
     ε(u) = s Σ_j c_j √2 sin((j - 1/2) π u) / ((j - 1/2) π),     c_j independent, variance 1.
 

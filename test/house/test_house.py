@@ -1,6 +1,7 @@
 """The rules of the house that a machine can check."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -190,6 +191,15 @@ def imported(path):
             package, _, below = name.partition(".")
             if package == "stepdiag_ros" and below not in ("", "__version__"):
                 yield below
+
+
+def test_the_table_of_folders_is_in_the_order_of_imports():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.split("| folder | contents |", 1)[1].split("\n\n", 1)[0]
+    rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| ")]
+    listed = [name for row in rows for name in re.findall("`(.+?)`", row)]
+    package = ROOT / "stepdiag_ros"
+    assert listed == [floor for floor in FLOORS if (package / floor).is_dir()]
 
 
 def test_imports_point_inwards():
