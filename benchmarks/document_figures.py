@@ -1,4 +1,4 @@
-"""Figures in the documents that a computation gives: writes them, or says which are of old.
+"""Lists computed figures of the documents that are out of date, or renews them.
 
 Each figure stands in its document between two comments, or where an expression finds it. A test
 compares all of them with what is computed (``test/documents/test_document_figures.py``). After a
@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.metrology.solvers.catalogue import own_methods
 from stepdiag_ros.metrology.table_one import TableOneRow, table_one
 from stepdiag_ros.text.numbers import plain, plus_minus
 from stepdiag_ros.words.diagnosis import sizes_words
@@ -158,11 +159,23 @@ def catalogue_table() -> str:
             f"`{size.name}`: {size.low:g} to {size.high:g} {size.unit}" for size in effect.sizes
         )
         rows.append(f"| {effect.name} | {effect.sentence} | {keys} | {sizes} |")
-    return "\n" + "\n".join(rows) + "\n"
+    return block(rows)
+
+
+def solvers_table() -> str:
+    """Return the solvers of the package: title, the lines that each needs, and its source."""
+    rows = ["| method | title | needs | source |", "|---|---|---|---|"]
+    rows += [
+        f"| `{one.name}` | {one.title} | {one.needs} | {one.source} |"
+        for one in own_methods()
+        if one.solve is not None
+    ]
+    return block(rows)
 
 
 FIGURES = {
     "catalogue": Figure("docs/effects.md", marked("catalogue"), catalogue_table),
+    "solvers": Figure("docs/methods.md", marked("solvers"), solvers_table),
     "named effects": Figure("docs/diagnose.md", marked("named effects"), named_effects),
     "seen patterns": Figure("docs/diagnose.md", marked("seen patterns"), seen_patterns),
     "table 1": Figure("docs/ibaraki_hata.md", marked("table 1"), table_1_beside_the_paper),
@@ -225,8 +238,13 @@ def alike(text: str, other: str) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put them into the documents")
-    parser.add_argument("--only", choices=tuple(FIGURES), action="append", help="and again")
+    parser.add_argument("--write", action="store_true", help="renew them in the documents")
+    parser.add_argument(
+        "--only",
+        choices=tuple(FIGURES),
+        action="append",
+        help="renew or check this figure only; may be repeated",
+    )
     arguments = parser.parse_args()
     old = 0
     for name in arguments.only or FIGURES:

@@ -83,6 +83,7 @@ def pytest_configure(config):
     sys.dont_write_bytecode = False
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
     """Run one process more than there are processors: quick live tests wait for half of their time.
 

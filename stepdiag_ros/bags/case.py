@@ -121,7 +121,7 @@ def is_assumed_name(machine: str) -> bool:
 
 
 def read_case(path: Path) -> Case:
-    """Read a case file (form: METROLOGY, "Run tables and cases").
+    """Read a case file (form: ``docs/import.md``, "Run tables").
 
     Raises:
         TableError: not there, not readable, or a value is wrong; names the file and the key.

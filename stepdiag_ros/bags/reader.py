@@ -54,7 +54,11 @@ def map_file(path: Path) -> mmap.mmap:
         raise BagError(f"{path} cannot be read: {error.strerror}") from None
     if data[: len(layout.MAGIC)] != layout.MAGIC:
         data.close()
-        raise BagError(f"{path} is not an MCAP file", fault="wrong_kind")
+        raise BagError(
+            f"{path} is not an MCAP file. Make a bag from a measurement in another format with:"
+            " stepdiag import",
+            fault="wrong_kind",
+        )
     return data
 
 

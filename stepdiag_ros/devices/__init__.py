@@ -5,9 +5,10 @@ nanoseconds, and calls ``poll`` for the events since the last call. It does not 
 unless its library needs one. ``prepare`` finds a driver by its name, checks its settings, and
 returns a function that opens the device; a device object is open until its ``close``.
 
-Drivers of other packages are found by entry points: group ``stepdiag_ros.cnc``,
-``stepdiag_ros.interferometer`` or ``stepdiag_ros.weather``, name of the driver, a function like
-those in the table below.
+A driver of this package is a module of ``cnc``, ``interferometer`` or ``weather`` that has a
+function ``from_settings``; the name of the module is that of the driver. Drivers of other packages
+are found by entry points: group ``stepdiag_ros.cnc``, ``stepdiag_ros.interferometer`` or
+``stepdiag_ros.weather``, name of the driver, such a function.
 
 No call takes long: the node is silent while it opens or polls a device, and after 2 s the other
 nodes treat it as lost. Opening a device, and any of its methods, may raise OSError (the device does
@@ -19,6 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
+from pkgutil import iter_modules
 from typing import Any, Literal, overload
 
 from stepdiag_ros.devices.cnc import CncDevice
@@ -31,6 +33,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 
 Kind = Literal["cnc", "interferometer", "weather"]
 Device = CncDevice | InterferometerDevice | WeatherDevice
+_Driver = Callable[..., Callable[[int], Device]]
 
 
 @dataclass(frozen=True)
@@ -55,28 +58,9 @@ class Surroundings:
         return self.machine
 
 
-_DRIVERS: dict[tuple[Kind, str], str] = {
-    ("cnc", "simulated"): "stepdiag_ros.devices.cnc.simulated:from_settings",
-    ("cnc", "grbl"): "stepdiag_ros.devices.cnc.grbl:from_settings",
-    ("cnc", "opcua"): "stepdiag_ros.devices.cnc.opcua:from_settings",
-    ("cnc", "linuxcnc"): "stepdiag_ros.devices.cnc.linuxcnc:from_settings",
-    ("cnc", "linuxcncrsh"): "stepdiag_ros.devices.cnc.linuxcncrsh:from_settings",
-    ("cnc", "ros2_control"): "stepdiag_ros.devices.cnc.ros2_control:from_settings",
-    ("interferometer", "simulated"): "stepdiag_ros.devices.interferometer.simulated:from_settings",
-    ("interferometer", "line_protocol"): (
-        "stepdiag_ros.devices.interferometer.line_protocol:from_settings"
-    ),
-    ("interferometer", "file_tail"): "stepdiag_ros.devices.interferometer.file_tail:from_settings",
-    ("interferometer", "ids3010"): "stepdiag_ros.devices.interferometer.ids3010:from_settings",
-    ("weather", "simulated"): "stepdiag_ros.devices.weather.simulated:from_settings",
-    ("weather", "line_protocol"): "stepdiag_ros.devices.weather.line_protocol:from_settings",
-}
-"""Kind and name of a driver → module and function; imported only when it is asked for."""
-
-
 def known_drivers(kind: Kind) -> list[str]:
     """Return the names of all drivers of a kind, those of other packages last."""
-    own = [name for other, name in _DRIVERS if other == kind]
+    own = [name for name in _modules(kind) if _own_driver(kind, name) is not None]
     return own + sorted(entry.name for entry in entry_points(group=_group(kind)))
 
 
@@ -121,11 +105,23 @@ def prepare(
     return _driver(kind, name)(settings, surroundings)
 
 
-def _driver(kind: Kind, name: str) -> Callable[..., Callable[[int], Device]]:
-    found: list[Callable[..., Callable[[int], Device]]] = []
-    if place := _DRIVERS.get((kind, name)):
-        module, function = place.split(":")
-        found.append(getattr(import_module(module), function))
+def _modules(kind: Kind) -> list[str]:
+    folder = import_module(f"{__name__}.{kind}")
+    return sorted(one.name for one in iter_modules(folder.__path__))
+
+
+def _own_driver(kind: Kind, module: str) -> _Driver | None:
+    """Import a module of a kind; return its driver, or None where it is only a part of one."""
+    driver: _Driver | None = getattr(
+        import_module(f"{__name__}.{kind}.{module}"), "from_settings", None
+    )
+    return driver
+
+
+def _driver(kind: Kind, name: str) -> _Driver:
+    found: list[_Driver] = []
+    if name in _modules(kind) and (own := _own_driver(kind, name)) is not None:
+        found.append(own)
     for entry in entry_points(group=_group(kind), name=name):
         try:
             found.append(entry.load())

@@ -4,7 +4,7 @@ A program of another plan may have steps so near to those of this one that each 
 itself (``rest_matching.Tolerance``). What it cannot do is stay near over a whole line, for no
 machine and no setup is that wrong. From a line's first stop to any other the reading goes by
 
-    n·q + d·q + what the machine, the air and the beam do to it      (METROLOGY, forward model)
+    n·q + d·q + what the machine, the air and the beam do to it      (``forward``)
 
 with q from the first stop to the other, n the beam and d ⊥ n the tilt of the mirror. So it may be
 off by

@@ -1,11 +1,11 @@
 """What may act on a measurement although no reading shows it, and how large it plausibly is.
 
-Rotations of the axes. Step diagonals and linear lines see few of the nine rotations (METROLOGY: 33
-of 108 values for one move order), yet all of them act on the result. Taking the unseen ones as zero
-makes an uncertainty that is too small. They are taken instead as random functions: zero at the
-first node, of an unknown common size ``s``, which the standard deviation of a rotation at the far
-end of its travel is. Each is a Brownian path over the travel, the roughest curve that a guideway
-makes, by its leading sine functions (Karhunen and Loève):
+Rotations of the axes. Step diagonals and linear lines see few of the nine rotations (33 of 108
+values for one move order: ``rigid_body``), yet all of them act on the result. Taking the unseen
+ones as zero makes an uncertainty that is too small. They are taken instead as random functions:
+zero at the first node, of an unknown common size ``s``, which the standard deviation of a rotation
+at the far end of its travel is. Each is a Brownian path over the travel, the roughest curve that a
+guideway makes, by its leading sine functions (Karhunen and Loève):
 
     ε(u) = s Σ_j c_j √2 sin((j - 1/2) π u) / ((j - 1/2) π),     c_j independent, variance 1.
 
@@ -111,7 +111,7 @@ def modes(share: Vector) -> Vector:
 def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
     """Return what each mode of each rotation, of size 1 rad, adds to readings, m.
 
-    To first order it is (ε × n)·v with the arm v of the axis (METROLOGY, forward model).
+    To first order it is (ε × n)·v with the arm v of the axis (``forward``).
 
     Args:
         share: position of X, Y, Z over the travel, shape (n, 3).

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan, Sampling, Volume
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.candidates import (
     BLOCKS,
     PURPOSES,
@@ -23,8 +24,6 @@ from stepdiag_ros.planning.expectation import PlanExpectation, expect, worst
 from stepdiag_ros.planning.moves import Point
 from stepdiag_ros.run.feasibility import beyond_machine
 
-COVERAGE_FACTOR = 1.96
-"""Of an expanded uncertainty: 95 % of a normal distribution."""
 _ENOUGH = 2.0
 """Without a wish, a plan is good enough whose uncertainty is within this factor of the best."""
 _CLEARLY = 0.9

@@ -1,7 +1,8 @@
-"""A package of its own for an effect: module, test and record, to be edited by who names it.
+"""A package of its own for an effect: module, test and pyproject.toml, for its author to edit.
 
 The layout is that of ``docs/effects.md``. The module holds the formula that a model has learned, or
-an example; the test computes the formula once more by hand.
+an example; the test computes the formula once more by hand. What happens in the machine is left
+empty: the catalogue refuses the effect until its author states it.
 """
 
 import re
@@ -28,8 +29,9 @@ from stepdiag_ros.metrology.model import MachineModel, ModelEffect
 from stepdiag_ros.metrology.refusal import Refusal
 
 _EXAMPLE = ModelEffect(
-    ActiveEffect(LEARNED, {"acts_on": "Y", "shape": "x^1 * z^1"}, {"amplitude": 1e-6}), {}
+    ActiveEffect(LEARNED, {"acts_on": "Z", "shape": "sin t/300s"}, {"amplitude": 1e-6}), {}
 )
+"""A swing with the period of a cooling unit, which no effect of the catalogue is."""
 _BOX = (0.0, 0.1)
 """Of a test where no domain is known, m."""
 _NAME = "[a-z][a-z0-9]*(?:[ _-][a-z0-9]+)*"
@@ -47,8 +49,8 @@ class {kind}(Effect):
     """{title}: replace this sentence by what the effect moves, and how."""
 
     name = "{name}"
-    sentence = "Replace this sentence by what happens in the machine, for an engineer."
-    source = "{source}"
+    sentence = ""  # to be stated: what happens in the machine, for an engineer
+    source = "{source}"{unsourced}
     sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the first shape is 1"),){needs}
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
@@ -265,7 +267,7 @@ def _domain(effects: Sequence[ModelEffect]) -> Domain:
 
 def _source(effects: Sequence[ModelEffect], model: MachineModel | None) -> str:
     if model is None:
-        return "replace by the document that describes the effect"
+        return ""
     bag = effects[0].provenance.bag or "a run that the model does not name"
     return f"learned from {re.sub(r'[^A-Za-z0-9 .+_-]', '_', bag)}"
 
@@ -307,6 +309,7 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
     return _MODULE.format(
         **given,
         source=source,
+        unsourced="" if source else "  # to be stated: the document that describes the effect",
         imports="\n".join(imports),
         box=box,
         needs=f"\n    needs = ({', '.join(temperatures)},)" if temperatures else "",

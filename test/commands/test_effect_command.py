@@ -1,7 +1,9 @@
 """``stepdiag effect new``: the package of an effect, whose test passes and fails by its formula."""
 
 import re
+import shlex
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,8 @@ import yaml
 from refused import refused
 
 from stepdiag_ros import cli
-from stepdiag_ros.metrology.effects import catalogue
+from stepdiag_ros.metrology import registry
+from stepdiag_ros.metrology.effects import ENTRY_POINTS, catalogue
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.report.effect_package import checked_name, package_of
 
@@ -95,10 +98,44 @@ def test_the_generated_test_passes_and_fails_if_the_sign_is_turned(tmp_path, sha
 def test_without_a_model_there_is_an_example_to_be_edited(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert new("plain-thing") == 0
-    assert "plain_thing" in capsys.readouterr().err
+    # pip takes a name without a slash as that of a package in its index.
+    (installed,) = re.findall("'pip install (.*?)'", capsys.readouterr().err)
+    assert installed == "./plain_thing"
     assert failing(tmp_path / "plain_thing", "plain_thing") == []
     record = (tmp_path / "plain_thing" / "pyproject.toml").read_text()
     assert 'plain_thing = "plain_thing:EFFECT"' in record and 'name = "plain-thing"' in record
+
+
+def test_a_folder_that_is_given_is_installed_as_a_path(tmp_path, capsys):
+    folder = tmp_path / "of mine"
+    assert new("plain-thing", "--output", folder) == 0
+    (installed,) = re.findall("'pip install ('.*?')'", capsys.readouterr().err)
+    assert shlex.split(installed) == [str(folder)]
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_the_catalogue_refuses_it_until_its_author_states_what_happens(
+    tmp_path, monkeypatch, learned
+):
+    model = ("--model", model_of(tmp_path, EVERY[:1])) if learned else ()
+    assert new("bend-to-state", *model, "--output", tmp_path / "package") == 0
+    module = tmp_path / "package" / "bend_to_state.py"
+    point = EntryPoint("bend_to_state", "bend_to_state:EFFECT", ENTRY_POINTS)
+    monkeypatch.setattr(registry, "installed_points", lambda _: [point])
+    monkeypatch.syspath_prepend(str(module.parent))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for empty, stated in (
+        ("sentence", "The column bends."),
+        *(() if learned else (("source", "Manual of the machine."),)),
+    ):
+        with refused(Refusal, "wrong_kind", f"'{empty}'"):
+            catalogue()
+        text = module.read_text()
+        assert text.count(f'    {empty} = ""') == 1
+        module.write_text(text.replace(f'    {empty} = ""', f'    {empty} = "{stated}"'))
+        sys.modules.pop("bend_to_state")
+    assert catalogue()["bend to state"].sentence == "The column bends."
+    sys.modules.pop("bend_to_state")
 
 
 @pytest.mark.parametrize("there", ["quadrant_bend.py", "test_quadrant_bend.py", "pyproject.toml"])
@@ -128,6 +165,14 @@ def test_a_model_that_has_learned_nothing_is_refused(tmp_path):
     path = tmp_path / "model.yaml"
     path.write_text("curves: free\n")
     assert new("bend", "--model", path, "--output", tmp_path / "none") == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_model_that_is_not_there_says_after_which_verdicts_one_is_written(tmp_path, capsys):
+    name = str(tmp_path / "none.yaml")
+    assert new("bend", "--model", name, "--output", tmp_path / "none") == 1
+    told = capsys.readouterr().err
+    assert name in told and "NAMED" in told and "DESCRIBED" in told
     assert not (tmp_path / "none").exists()
 
 

@@ -43,7 +43,8 @@ def test_a_named_effect_takes_the_place_of_its_description(tmp_path):
     site.mkdir()
     record = tomllib.loads((package / "pyproject.toml").read_text())
     (module,) = record["tool"]["setuptools"]["py-modules"]
-    texts = {module: (package / f"{module}.py").read_text()}
+    made = (package / f"{module}.py").read_text()
+    texts = {module: made.replace('sentence = ""', 'sentence = "The column bends at a corner."')}
     project = record["project"]
     install(site, project["name"], texts, project["entry-points"], project["version"])
     found = {}

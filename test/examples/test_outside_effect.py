@@ -1,6 +1,6 @@
 """An effect of another package, as ``docs/effects.md`` has it: installed, hidden, named, modelled.
 
-The two files are taken from that page, and installed as a distribution of their own in a folder on
+The files are taken from that page, and installed as a distribution of their own in a folder on
 the path; every command runs in a process of its own, which finds the effect by its entry point.
 """
 
@@ -31,8 +31,10 @@ write_run({folder!r}, yaml.safe_load(open({cell!r})))
 """
 
 
-def _block(language):
-    (text,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+def _block(language, file=""):
+    """Return the one block of a language on the page, or the one that a file's name introduces."""
+    before = f"`{re.escape(file)}`:\n\n" if file else ""
+    (text,) = re.findall(rf"{before}```{language}\n(.*?)```", PAGE, re.DOTALL)
     return text
 
 
@@ -43,7 +45,7 @@ def installed(tmp_path_factory):
     project = tomllib.loads(_block("toml"))
     described = project["project"]
     modules = project["tool"]["setuptools"]["py-modules"]
-    texts = dict.fromkeys(modules, _block("python"))
+    texts = dict.fromkeys(modules, _block("python", "cooler_cycle.py"))
     install(folder, described["name"], texts, described["entry-points"], described["version"])
     return folder
 
@@ -206,9 +208,36 @@ def test_a_package_that_is_broken_is_named_in_one_sentence(installed, hidden, tm
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "failing"),
+    [
+        ("", "", set()),
+        ("np.sin(phase)", "-np.sin(phase)", {"test_the_formula_by_hand"}),
+        (
+            "stops.duration > 2.0 * period",
+            "True",
+            {"test_a_run_of_less_than_two_periods_cannot_show_it"},
+        ),
+        (
+            "phase = 2.0 * np.pi * stops.time",
+            "phase = 2.0 * np.pi * 300.0 * stops.share[:, 2]",
+            {"test_the_formula_by_hand", "test_it_is_named_where_it_is_hidden"},
+        ),
+    ],
+    ids=["as shown", "sign", "always tried", "an error curve"],
+)
+def test_the_tests_of_the_page_pass_and_can_fail(tmp_path, right, wrong, failing):
+    module, tests = "cooler_cycle.py", "test_cooler_cycle.py"
+    (tmp_path / module).write_text(_block("python", module).replace(right, wrong))
+    (tmp_path / tests).write_text(_block("python", tests))
+    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path, site=tmp_path)
+    assert set(re.findall(r"^FAILED .*::(\w+)", done.stdout, re.MULTILINE)) == failing, done.stdout
+    assert f"{3 - len(failing)} passed" in done.stdout, done.stdout
+
+
 def test_the_example_is_clean(tmp_path):
     source = tmp_path / "cooler_cycle.py"
-    source.write_text(_block("python"))
+    source.write_text(_block("python", "cooler_cycle.py"))
     settings = ROOT / "pyproject.toml"
     for check in (("ruff", "check"), ("ruff", "format", "--check")):
         done = python("-m", *check, "--config", settings, source)

@@ -35,7 +35,7 @@ def measured(step, seed=0, noise=0.0):
 
 
 def first_order(measurement, curves, tilts):
-    """Return the excess of the readings to the first order (METROLOGY, forward model)."""
+    """Return the excess of the readings to the first order (``forward``)."""
     observations = observe(measurement)
     values = np.zeros(len(observations.displacement))
     for row, setup_index in enumerate(observations.setup):

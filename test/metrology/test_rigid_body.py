@@ -75,7 +75,7 @@ def rank(design):
     ],
 )
 def test_joint_rank_of_the_nine_rotations_with_four_diagonals(orders, linear, expected):
-    """METROLOGY.md: of 108 for N = 12; the rank over that of translations and setups."""
+    """Of 108 for N = 12; the rank over that of translations and setups."""
     plan = make_plan(12, orders=orders, linear=linear)
     observations = observe(simulate(plan, make_cell(high=(0.12,) * 3)))
     assert rank(Design(observations, "YXZ")) - rank(Design(observations)) == expected

@@ -29,7 +29,7 @@ def truth_of(measured):
 @pytest.mark.parametrize(
     ("plan", "freedom"),
     [
-        # METROLOGY: degrees of freedom for N = 12
+        # Degrees of freedom for N = 12
         ({"diagonals": ("ppp", "npp", "pnp"), "linear": ()}, 0),
         ({"diagonals": ("ppp", "npp", "pnp")}, 33),
         ({}, 67),

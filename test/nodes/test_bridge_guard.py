@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from drivers_for_tests import bring_drivers
 from patience import PATIENCE
 from test_managed_nodes import RUN, Bench, set_now
 
-from stepdiag_ros import devices, topics
+from stepdiag_ros import topics
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.devices.cnc import CncState, PositionSample, StateChange, Traits
@@ -70,7 +71,7 @@ def mill(*_):
 
 @pytest.fixture
 def bench(monkeypatch):
-    monkeypatch.setitem(devices._DRIVERS, ("cnc", "fake"), "test_bridge_guard:mill")
+    bring_drivers(monkeypatch, ("cnc", "fake", "test_bridge_guard:mill"))
     for name, value in {"off": 0.0, "mute": False, "done": True, "moves": 0, "stopped": ""}.items():
         monkeypatch.setattr(Mill, name, value)
     monkeypatch.setattr(Mill, "traits", Traits(dead_man=0.1))

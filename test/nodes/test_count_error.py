@@ -2,10 +2,11 @@
 
 import pytest
 import rclpy
+from drivers_for_tests import bring_drivers
 from fake_devices import FakeDevice
 from test_managed_nodes import RUN, Bench, set_now
 
-from stepdiag_ros import devices, topics
+from stepdiag_ros import topics
 from stepdiag_ros.devices.interferometer import STATUS_COUNT_ERROR, STATUS_OK
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.nodes import sequencer
@@ -41,7 +42,7 @@ def jumpy(*_):
 
 
 def test_a_count_that_jumps_while_the_axes_stand_is_told_with_every_reading(monkeypatch):
-    monkeypatch.setitem(devices._DRIVERS, ("interferometer", "fake"), "test_count_error:jumpy")
+    bring_drivers(monkeypatch, ("interferometer", "fake", "test_count_error:jumpy"))
     monkeypatch.setattr(JumpyLaser, "off", 0.0)
     cell = Bench(InterferometerNode)
     try:

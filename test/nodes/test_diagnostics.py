@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
+from drivers_for_tests import bring_drivers
 from meddled_devices import meddling
 from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from refused import refused
 
-from stepdiag_ros import devices, topics
+from stepdiag_ros import topics
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.assembler import AssemblerNode
 from stepdiag_ros.nodes.bridge import BridgeNode
@@ -46,8 +47,11 @@ STALE = f"has come for more than {TIMEOUT:g} s"
 @pytest.fixture
 def cell(monkeypatch, tmp_path):
     meddling.clear()
-    monkeypatch.setitem(devices._DRIVERS, ("cnc", "meddled"), "meddled_devices:cnc")
-    monkeypatch.setitem(devices._DRIVERS, ("interferometer", "meddled"), "meddled_devices:laser")
+    bring_drivers(
+        monkeypatch,
+        ("cnc", "meddled", "meddled_devices:cnc"),
+        ("interferometer", "meddled", "meddled_devices:laser"),
+    )
     for kind in (InterferometerNode, BridgeNode):
         monkeypatch.setattr(kind, "poll_period", 0.01)
     made = Cell(tmp_path)

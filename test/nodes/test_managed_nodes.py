@@ -5,6 +5,7 @@ import time
 import fake_devices
 import pytest
 import rclpy
+from drivers_for_tests import bring_drivers
 from fake_devices import FakeCnc, asked, broken
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -13,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from refused import refused
 from std_srvs.srv import Trigger
 
-from stepdiag_ros import devices, topics
+from stepdiag_ros import topics
 from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.devices.cnc import CncState
 from stepdiag_ros.metrology.refusal import Refusal
@@ -34,8 +35,11 @@ SILENCE = 0.15
 def drivers(monkeypatch):
     fake_devices.forget()
     monkeypatch.setattr(FakeCnc, "braking", False)
-    monkeypatch.setitem(devices._DRIVERS, ("cnc", "fake"), "fake_devices:cnc")
-    monkeypatch.setitem(devices._DRIVERS, ("interferometer", "fake"), "fake_devices:laser")
+    bring_drivers(
+        monkeypatch,
+        ("cnc", "fake", "fake_devices:cnc"),
+        ("interferometer", "fake", "fake_devices:laser"),
+    )
 
 
 class Bench:

@@ -3,7 +3,7 @@
 Run as ``python test/reference/certify_rigid_body.py``; writes ``rigid_body_*.json``. Model, to the
 first order of the rotations: s = g·(w + Σ t_i(q_i) + Σ (w - A_i) × ε_i(q_i)) + c with w the way
 from the line's first stop and A_i the part of the position that the axes after i in the chain make
-up (METROLOGY: (ε × n)·(q - L - L0), the reference being the first corner of the box).
+up (``forward``: (ε × n)·(q - L - L0), the reference being the first corner of the box).
 
 Not all of it is determined. Two solutions hold different unknowns at zero; a value that is the same
 in both, to five digits of the errors' size, is certified. (Beyond the first order, what is held

@@ -4,8 +4,7 @@ Free are the nine translational curves at every node, two tilts for each diagona
 for each setup (``solvers.design``), a zero for each pass where passes were zeroed one by one,
 the first stops of passes of which is not known how the machine came to them, a scale of each axis
 in each run after the first where several are joined (``joint``), and the sizes of effects that the
-model says are to be fitted. A smoother baseline makes false names
-(METROLOGY, "What a test plan can and cannot see").
+model says are to be fitted. A smoother baseline makes false names.
 
 The exact model is fitted once; from there on everything is linear: what an effect of a micrometre
 changes in tilts and curves acts on the readings by products of a few nanometres at most.

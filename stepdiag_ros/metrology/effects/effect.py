@@ -71,7 +71,7 @@ class Change:
     def readings(self, stops: Stops) -> Vector:
         """Return what that adds to the readings, to first order, m, shape (n,).
 
-        n·t + Σ (ε_i × n)·v_i + the reading's own change (METROLOGY's forward model).
+        n·t + Σ (ε_i × n)·v_i + the reading's own change (``forward``, first order).
 
         Raises:
             ValueError: an axis turns, but the chain is not known.

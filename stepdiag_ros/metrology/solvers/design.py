@@ -16,7 +16,7 @@ taken as zero. A reading then is
 with g the effective direction (unit vector), u the position from the first corner of the box, w
 that from the line's first forward stop, and A_i(u) the part of u that the axes after i in the chain
 make up; in a setup whose mirror is mounted elsewhere, v_i is less by that offset. This is
-METROLOGY's first-order model, (ε_i × n)·(q - L_i - L0) = n·((q - L_i - L0) × ε_i),
+the first-order model of ``forward``, (ε_i × n)·(q - L_i - L0) = n·((q - L_i - L0) × ε_i),
 with L0 = first stop + mirror offset - dead path · n, after three steps:
 
 - The curves are those of the mirror's point with the other axes at the first corner q0: t_i here is

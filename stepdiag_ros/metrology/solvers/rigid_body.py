@@ -1,7 +1,7 @@
 """All eighteen error curves of the rigid-body model at once, in one weighted least squares.
 
 Unknowns: nine translations and nine rotations, free at every node; two angles for every diagonal
-setup; one zero for every pass. The model is that of METROLOGY (Ibaraki & Hata 2010, eq. 23, for
+setup; one zero for every pass. The model is that of ``forward`` (Ibaraki & Hata 2010, eq. 23, for
 any chain) with the effective direction of each setup exact; ``design`` derives it.
 
 Reference point: the curves are those of the mirror's point with the other axes at the first corner

@@ -71,8 +71,8 @@ def _setup(readings: Readings, instrument: Instrument, models_cosine: bool) -> l
 
     With the mirror's normal turned by t and the beam by r against it, a reading is along
     m/(l·m) = m·(1 + r²/2): to the first order t·q, which diagonals show and linear lines do not; to
-    the second the cosine errors -t²/2 and +r²/2 of the whole displacement (METROLOGY, "Forward
-    model", with δl = t - r, δm = t).
+    the second the cosine errors -t²/2 and +r²/2 of the whole displacement (``forward``, with
+    δl = t - r, δm = t).
     """
     seen = readings.observations
     nominal = seen.displacement
