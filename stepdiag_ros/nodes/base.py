@@ -20,6 +20,7 @@ from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
 from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
 from stepdiag_ros.run.supervision import (
+    BYSTANDERS,
     HEARTBEAT_PERIOD,
     HELD,
     TIME_SOURCE,
@@ -190,8 +191,10 @@ class StepdiagNode(DeclaringNode, LinkedNode):
                 self.unwell(self._twin_words)
                 continue
             self.watch.heard(name, peer)
-            source, stamp = peer.facts.get(TIME_SOURCE, ""), to_nanoseconds(array.header.stamp)
-            self._clockwork.hear(name, source, stamp, self.now())
+            # Only data are laid side by side, and commands and views have none.
+            if BYSTANDERS.isdisjoint((self.role, peer.role)):
+                source, stamp = peer.facts.get(TIME_SOURCE, ""), to_nanoseconds(array.header.stamp)
+                self._clockwork.hear(name, source, stamp, self.now())
             self.on_heartbeat(peer)
 
     @property

@@ -46,6 +46,14 @@ def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
     assert folder == tmp_path / "stepdiag_results"
 
 
+def test_a_namespace_can_be_rehearsed_in_the_simulated_cell(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nodes, _ = nodes_for("--plan", "quick", "--namespace", "/cell_1")
+    assert {node.name for node in nodes} > {"clock", "sequencer", "bridge"}
+    for node in nodes:
+        assert "-r __ns:=/cell_1 " in " ".join(node.command())
+
+
 @pytest.mark.parametrize("option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here"])
 def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell_file, capsys):
     assert cli.main(["cell", "--parameters", cell_file(), option]) == 1
@@ -55,7 +63,6 @@ def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["--namespace", "/cell_1"], "--parameters"),
         (["--parameters", "nowhere.yaml"], "nowhere.yaml"),
     ],
 )

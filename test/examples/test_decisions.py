@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from refused import refused
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 EXAMPLE = runpy.run_path(str(EXAMPLES / "supervise.py"))
@@ -75,9 +76,10 @@ def test_a_sequencer_that_was_never_there_is_told_from_one_that_is_silent(monkey
     supervisor._found = False
     supervisor.check()  # it may still be discovered
     supervisor._heard = time.monotonic() - 11.0
-    with pytest.raises(TimeoutError, match="/elsewhere"):
+    with refused(TimeoutError, None, "/elsewhere", "ROS_DOMAIN_ID"):
         supervisor.check()
     supervisor._found = True
     supervisor._heard = time.monotonic() - 3.0
-    with pytest.raises(TimeoutError, match="silent"):
+    with pytest.raises(TimeoutError) as info:
         supervisor.check()
+    assert "/elsewhere" not in str(info.value)
