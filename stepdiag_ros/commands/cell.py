@@ -3,12 +3,14 @@
 import argparse
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
-from stepdiag_ros.commands.output import progress_bar, say
+from stepdiag_ros.commands.output import number, progress_bar, say
 from stepdiag_ros.commands.run import add_cell_options, cell_nodes
+from stepdiag_ros.metrology.units import MICRO
 
 if TYPE_CHECKING:
     from stepdiag_ros.processes.following import RunNews
@@ -17,6 +19,13 @@ if TYPE_CHECKING:
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
     add_cell_options(parser, plan="demo", factor=1.0)
+    parser.add_argument(
+        "--tolerance",
+        type=partial(number, low=1e-6, high=1e5),
+        metavar="UM",
+        help="largest permissible error vector in the volume, µm; result/verdict then states"
+        " whether the machine conforms (ISO 14253-1)",
+    )
     add_common(parser, "output", help=f"folder for bags and logs (default: {RESULTS})")
     # Without defaults, so that an option which does not fit a machine can be refused.
     simulated = {one.dest: one.default for one in parser._actions if one.dest != "help"}
@@ -78,6 +87,14 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
     if arguments.parameters is None:
         chosen = {name: getattr(arguments, name) for name in given}
         nodes, folder = cell_nodes(argparse.Namespace(**{**arguments.simulated, **chosen}))
+        if arguments.tolerance is not None:
+            tolerance = {"tolerance": arguments.tolerance * MICRO}
+            nodes = [
+                replace(one, parameters={**one.parameters, **tolerance})
+                if one.name == "solver"
+                else one
+                for one in nodes
+            ]
         return _in_namespace(nodes, arguments.namespace), folder
     if given:
         raise ValueError(
@@ -114,6 +131,7 @@ COMMAND = Command(
     "  stepdiag cell --plan quick --factor 10   in one terminal\n"
     "  stepdiag measure                         in another: start a run and follow it\n"
     "  stepdiag monitor                         in a third: watch it in the browser\n"
+    "  stepdiag cell --tolerance 10             with a verdict on conformity\n"
     "  stepdiag cell --parameters cell.yaml     the nodes of a machine\n"
     "Each simulated cell needs a ROS domain of its own, also in a namespace, because all simulated"
     " cells of a domain\nwould share /clock. A machine may share its domain with one of them.",

@@ -211,11 +211,11 @@ def summary_of(
 def when_over(summary: DiagnosisSummary) -> DiagnosisSummary:
     """Return the same of a run that has ended.
 
-    What would make a plan testable is no advice for one that was not measured to its end.
+    Advice on a plan is left out where the plan was not measured to its end.
     """
     if summary.verdict == NOT_TESTABLE and summary.lines < summary.lines_planned:
         reason = (
-            "Whether model and run agree cannot be told: only"
+            "The lines do not show whether model and run agree: only"
             f" {summary.lines} of {summary.lines_planned} lines are measured."
         )
         return replace(summary, run_over=True, sentence=reason)

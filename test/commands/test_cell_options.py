@@ -46,6 +46,14 @@ def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
     assert folder == tmp_path / "stepdiag_results"
 
 
+def test_a_tolerance_reaches_the_solver_in_metres(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = {node.name: node.parameters for node in nodes_for("--tolerance", "10")[0]}
+    assert given["solver"]["tolerance"] == pytest.approx(10e-6)
+    assert not any("tolerance" in own for name, own in given.items() if name != "solver")
+    assert all("tolerance" not in node.parameters for node in nodes_for()[0])
+
+
 def test_a_namespace_can_be_rehearsed_in_the_simulated_cell(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nodes, _ = nodes_for("--plan", "quick", "--namespace", "/cell_1")
@@ -54,7 +62,9 @@ def test_a_namespace_can_be_rehearsed_in_the_simulated_cell(tmp_path, monkeypatc
         assert "-r __ns:=/cell_1 " in " ".join(node.command())
 
 
-@pytest.mark.parametrize("option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here"])
+@pytest.mark.parametrize(
+    "option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here", "--tolerance=5"]
+)
 def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell_file, capsys):
     assert cli.main(["cell", "--parameters", cell_file(), option]) == 1
     assert option.partition("=")[0] in capsys.readouterr().err
