@@ -70,6 +70,15 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.every(HEARTBEAT_PERIOD, self.beat, real=True)
         self.every(HEARTBEAT_PERIOD / 2, self._look_around, real=True)
 
+    def namespaces_with(self, name: str) -> str:
+        """Name the namespaces that hold a node of this name, for whoever finds none in their own.
+
+        Returns:
+            a clause for the end of a sentence; empty if there is none anywhere.
+        """
+        found = {space for node, space in self.get_node_names_and_namespaces() if node == name}
+        return f"; there is a {name} in the namespace {', '.join(sorted(found))}" if found else ""
+
     # Services ------------------------------------------------------------------------------------
 
     def offer(self, name: str, action: Callable[[], str]) -> None:
