@@ -1,6 +1,9 @@
 """``stepdiag cell``: which options fit a machine, and which the simulated cell."""
 
+from pathlib import Path
+
 import pytest
+from refused import refused
 
 from stepdiag_ros import cli
 from stepdiag_ros.cli import make_parser
@@ -36,6 +39,27 @@ def test_the_nodes_of_a_machine_take_the_file_and_the_namespace(cell_file, tmp_p
         assert f"--params-file {path} " in command and command.endswith("-r __ns:=/cell_1")
     nodes, folder = nodes_for("--parameters", cell_file())
     assert folder == tmp_path and "__ns" not in " ".join(nodes[0].command())
+
+
+@pytest.mark.parametrize(
+    ("node", "parameter"),
+    [
+        ("sequencer", "machine"),
+        ("sequencer", "plan"),
+        ("cnc_bridge", "device_file"),
+        ("diagnosis", "model"),
+    ],
+)
+def test_a_file_that_the_cell_needs_is_looked_for_before_its_nodes_start(
+    cell_file, node, parameter
+):
+    path = Path(cell_file())
+    device = "device: simulated, " if node in DEVICES else ""
+    values = f"{{{device}{parameter}: /nowhere/x.yaml}}"
+    rows = [row for row in path.read_text().splitlines() if f"/{node}:" not in row]
+    path.write_text("\n".join([*rows, f"/**/{node}: {{ros__parameters: {values}}}"]))
+    with refused(ValueError, None, "cell.yaml", "/nowhere/x.yaml"):
+        nodes_for("--parameters", str(path))
 
 
 def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
