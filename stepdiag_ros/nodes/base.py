@@ -71,10 +71,10 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.every(HEARTBEAT_PERIOD / 2, self._look_around, real=True)
 
     def namespaces_with(self, name: str) -> str:
-        """Name the namespaces that hold a node of this name, for whoever finds none in their own.
+        """Name the namespaces that hold a node of this name, for a caller in another namespace.
 
         Returns:
-            a clause for the end of a sentence; empty if there is none anywhere.
+            a clause for the end of a sentence; empty if no namespace has one.
         """
         found = {space for node, space in self.get_node_names_and_namespaces() if node == name}
         return f"; there is a {name} in the namespace {', '.join(sorted(found))}" if found else ""
