@@ -15,14 +15,13 @@ from collections.abc import Callable, Generator
 import py_trees
 from py_trees.common import Status
 from py_trees.composites import Selector, Sequence
-from supervise import VERDICT_LIMIT, Supervisor, decision
+from supervise import COMPENSATE, GO_ON, VERDICT_LIMIT, Supervisor, decision
 
 # isort: split
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from stepdiag_ros.action import Measure
-from stepdiag_ros.msg import RunVerdict
 
 Steps = Generator[None, None, bool]
 
@@ -56,8 +55,7 @@ class Cell(Supervisor):
     def until(self, condition: Callable[[], bool]) -> Generator[None, None, None]:
         """Wait for a condition; TimeoutError if the sequencer falls silent."""
         while not condition():
-            if self.silent():
-                raise TimeoutError
+            self.check()
             yield
 
     def measured(self, plan: str) -> Steps:
@@ -81,11 +79,10 @@ class Cell(Supervisor):
         yield from self.until(lambda: self.decided(self.result.run_id))
         return True
 
-    def conforms(self, conformity: int) -> Steps:
-        """Return whether run and model agree and the conformity is this one."""
+    def next_is(self, step: str) -> Steps:
+        """Return whether the verdict asks for this step."""
         yield
-        consistent = self.verdict.diagnosis == RunVerdict.DIAGNOSIS_CONSISTENT
-        return consistent and self.verdict.conformity == conformity
+        return decision(self.verdict).step == step
 
     def tables_written(self, control: str) -> Steps:
         """Write the tables beside the bag; False if the command refuses."""
@@ -103,7 +100,7 @@ class Cell(Supervisor):
 
     def service_called(self) -> Steps:
         """Say why the machine needs a person; the call itself is your cell's own."""
-        print(f"service: {decision(self.verdict)}; bag: {self.result.bag}")
+        print(f"{': '.join(decision(self.verdict))}; bag: {self.result.bag}")
         yield
         return True
 
@@ -112,12 +109,12 @@ def tree(cell: Cell, plan: str, control: str) -> Sequence:
     """Return the tree; its last child acts on the verdict."""
     verdict = Leaf("read the verdict", cell.verdict_read)
     compensate = [
-        Leaf("not within the tolerance", cell.conforms, RunVerdict.CONFORMITY_NOT_WITHIN),
+        Leaf("not within the tolerance", cell.next_is, COMPENSATE),
         Leaf("write compensation tables", cell.tables_written, control),
         Leaf("ask the operator", cell.tables_loaded),
     ]
     act = [
-        Leaf("within the tolerance", cell.conforms, RunVerdict.CONFORMITY_WITHIN),
+        Leaf("within the tolerance", cell.next_is, GO_ON),
         Sequence("compensate, then measure again", True, compensate),
         Leaf("call service", cell.service_called),
     ]

@@ -4,13 +4,16 @@
     python3 supervise.py quick                                # a plan that the sequencer knows
     python3 supervise.py quick --ros-args -r __ns:=/cell      # of the nodes in the namespace /cell
 
-The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise.
+The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise. The machine
+may go on only where the solver has a tolerance (its parameter) and the plan can test the model.
 It runs with and without ROS 2. It resumes after each setup at once, as a simulated
 cell may: on a real machine, "resume" means that somebody has aligned laser and mirror.
 """
 
 import sys
 import time
+from math import isnan
+from typing import NamedTuple
 
 import stepdiag_ros.client  # noqa: F401 - without ROS 2, this makes the next imports possible
 
@@ -25,6 +28,8 @@ from std_srvs.srv import Trigger
 from stepdiag_ros.action import Measure
 from stepdiag_ros.msg import RunState, RunVerdict
 
+DISCOVERY_LIMIT = 10.0
+"""Seconds in which the sequencer must be discovered."""
 SILENCE_LIMIT = 2.0
 """Seconds without run/state, which comes twice a second, after which the sequencer is gone."""
 VERDICT_LIMIT = 5.0
@@ -39,7 +44,8 @@ class Supervisor(Node):
         super().__init__("supervisor")
         self.verdict = RunVerdict()
         self._asked = (0, 0)
-        self._heard = time.monotonic() + 10.0  # discovery of the nodes takes a while
+        self._found = False
+        self._heard = time.monotonic()
         self.action = ActionClient(self, Measure, "sequencer/measure")
         self._services = {
             name: self.create_client(Trigger, f"sequencer/{name}") for name in ("resume", "abort")
@@ -61,9 +67,17 @@ class Supervisor(Node):
         """Return the future goal of a run of this plan, which is resumed after each setup."""
         return self.action.send_goal_async(Measure.Goal(plan=plan), self._on_feedback)
 
-    def silent(self) -> bool:
-        """Return whether the sequencer is gone, which then never sends the result."""
-        return time.monotonic() - self._heard > SILENCE_LIMIT
+    def check(self) -> None:
+        """Raise TimeoutError if there is no sequencer, which then never sends the result."""
+        limit = SILENCE_LIMIT if self._found else DISCOVERY_LIMIT
+        if time.monotonic() - self._heard <= limit:
+            return
+        if self._found:
+            raise TimeoutError("the sequencer is silent: treat the measurement as a fault")
+        raise TimeoutError(
+            f"no sequencer found in the namespace {self.get_namespace()} within {limit:g} s:"
+            " check ROS_DOMAIN_ID and the namespace"
+        )
 
     def decided(self, run_id: str) -> bool:
         """Return whether the verdict on the whole of this run is here."""
@@ -76,10 +90,10 @@ class Supervisor(Node):
 
     def _spin(self) -> None:
         rclpy.spin_once(self, timeout_sec=0.1)
-        if self.silent():
-            raise TimeoutError("the sequencer is silent: treat the measurement as a fault")
+        self.check()
 
     def _on_state(self, _: RunState) -> None:
+        self._found = True
         self._heard = time.monotonic()
 
     def _on_feedback(self, message: Measure.Impl.FeedbackMessage) -> None:
@@ -94,19 +108,35 @@ class Supervisor(Node):
         self.verdict = verdict
 
 
-def decision(verdict: RunVerdict) -> str:
-    """Return what the cell does next."""
-    if not verdict.run_over or verdict.worst_error != verdict.worst_error:  # NaN is unknown
-        return "measure again: the largest error is not known"
+GO_ON = "go on"
+COMPENSATE = "compensate, and measure again"
+CALL_SERVICE = "call service"
+
+
+class Decision(NamedTuple):
+    """What the cell does next, and why."""
+
+    step: str
+    why: str
+
+
+def decision(verdict: RunVerdict) -> Decision:
+    """Decide by the table in docs/how_to/cell.md, which measure_machine.xml contains too."""
+    if not verdict.run_over or isnan(verdict.worst_error):
+        return Decision(CALL_SERVICE, "the largest error is not known: measure all lines")
+    not_within = verdict.conformity == RunVerdict.CONFORMITY_NOT_WITHIN
+    error = "the error is beyond the tolerance" if not_within else "the error may be larger"
     if verdict.diagnosis in (RunVerdict.DIAGNOSIS_UNKNOWN, RunVerdict.DIAGNOSIS_NOT_TESTABLE):
-        return "go on, but measure with repeats: whether more acts was not tested"
+        return Decision(CALL_SERVICE, f"{error}, and the model was not tested")
     if verdict.diagnosis != RunVerdict.DIAGNOSIS_CONSISTENT:
-        return "call service: more acts than the errors contain"
-    if verdict.conformity == RunVerdict.CONFORMITY_NOT_WITHIN:
-        return "compensate, and measure again"
+        return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
+    if verdict.conformity == RunVerdict.CONFORMITY_WITHIN:
+        return Decision(GO_ON, "the error is within the tolerance")
+    if not_within:
+        return Decision(COMPENSATE, error)
     if verdict.conformity == RunVerdict.CONFORMITY_UNDECIDED:
-        return "call a metrologist: the uncertainty allows no decision"
-    return "go on"
+        return Decision(CALL_SERVICE, "the uncertainty allows no decision")
+    return Decision(CALL_SERVICE, "no tolerance is agreed: set the solver's parameter tolerance")
 
 
 def main() -> int:
@@ -118,14 +148,15 @@ def main() -> int:
     except TimeoutError as error:
         sys.exit(str(error))
     verdict = supervisor.verdict
-    next_step = "nothing was measured"
+    found = Decision(CALL_SERVICE, "there is no verdict on this run")
     if verdict.run_id and verdict.run_id == result.run_id:
-        next_step = decision(verdict)
+        found = decision(verdict)
         worst = f"{verdict.worst_error * 1e6:.2f} ± {verdict.expanded_uncertainty * 1e6:.2f} µm"
         print(f"largest error: {worst.replace('nan', 'unknown')} (U: 95 %)")
-    print(f"{result.text}; {result.verdict}; bag: {result.bag}\n{next_step}")
+    print(f"{result.text}; {result.verdict}: {result.sentence}\nbag: {result.bag}")
+    print(": ".join(found))
     finished = result.outcome == Measure.Result.OUTCOME_FINISHED
-    return 0 if finished and next_step.startswith("go on") else 1
+    return 0 if finished and found.step == GO_ON else 1
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from stepdiag_ros.bags.bag import Bag, RecordedMessage
 from stepdiag_ros.bags.errors import BagCorruptError, BagCutError, BagError
 from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import RunHeader
+from stepdiag_ros.bags.passes import end_words
 from stepdiag_ros.bags.repetitions import Repetitions
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.runs import runs_in
@@ -55,6 +56,9 @@ class RunInBag(NamedTuple):
         plan: name of its plan; empty if that cannot be read.
         software_version: of stepdiag_ros that made it.
         start_time: ns.
+        end: how it ended, in words; empty if the recording does not state it.
+        stops_done: settled stops when it ended.
+        stops_total: stops in its plan; 0 if the recording does not state them.
     """
 
     run_id: str
@@ -62,6 +66,9 @@ class RunInBag(NamedTuple):
     plan: str
     software_version: str
     start_time: int
+    end: str = ""
+    stops_done: int = 0
+    stops_total: int = 0
 
 
 @dataclass
@@ -212,6 +219,7 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
     repetitions = Repetitions()
     sampled = topics.SAMPLES.type_name in bag.topics.values()
     checks: defaultdict[str, SampleCheck] = defaultdict(SampleCheck)
+    states: dict[str, Any] = {}
     for record in bag.records():
         counts[record.topic] += 1
         known = topics.topic_of(record.topic)
@@ -224,12 +232,16 @@ def _summarise(bag: Bag, info: BagInfo, run_id: str | None) -> None:
             _follow(message, record.topic, sequences, info)
             if sampled:
                 checks[known[1]].take_reading(message)
+        elif known[0] is topics.RUN_STATE:
+            message = bag.decode(record)
+            states[message.run_id] = message
         elif known[0] is topics.SAMPLES:
             _check_samples(bag, record, checks[known[1]])
         elif known[0] in (topics.LINE, topics.DIAGNOSIS):
             message = bag.decode(record)
             if run_id in (None, message.run_id):
                 _conclude(bag, record, message, info)
+    info.runs = [_ended(run, states.get(run.run_id)) for run in info.runs]
     info.topics = {name: (type_name, counts[name]) for name, type_name in bag.topics.items()}
     info.samples = {where: check for where, check in checks.items() if check.blocks}
 
@@ -276,6 +288,15 @@ def _runs_of(bag: Bag) -> list[RunInBag]:
         version = str(run.description.software_version)
         found.append(RunInBag(run.run_id, run.namespace, plan, version, run.start_time))
     return found
+
+
+def _ended(run: RunInBag, state: Any) -> RunInBag:
+    """Return the run with its end, by its last RunState; None if none was recorded."""
+    if state is None:
+        return run
+    end = end_words(int(state.state), str(state.text))
+    done, total = int(state.stops_done), int(state.stops_total)
+    return run._replace(end=end, stops_done=done, stops_total=total)
 
 
 def _conclude(bag: Bag, record: RecordedMessage, message: Any, info: BagInfo) -> None:

@@ -96,10 +96,21 @@ def _end_of_run(recorded: RecordedRun, whole: bool) -> str:
     if not recorded.states:
         return ""
     last = recorded.states[-1]
-    words = _STATES.get(last.state, "the recording ends before the run does")
-    if last.state == _FINISHED and not whole:
+    return end_words(last.state, last.text, whole)
+
+
+def end_words(state: int, text: str, whole: bool = True) -> str:
+    """Say how a run ended.
+
+    Args:
+        state: the last that was recorded, one of STATE_* of RunState.
+        text: what the run said of it.
+        whole: every stop has a value.
+    """
+    words = _STATES.get(state, "the recording ends before the run does")
+    if state == _FINISHED and not whole:
         words = "the run went to its end, but not all lines are complete"
-    return f"{words}: {last.text}" if last.text and last.text != words else words
+    return f"{words}: {text}" if text and text != words else words
 
 
 def pass_name(line: Line) -> str:

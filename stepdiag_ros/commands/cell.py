@@ -3,12 +3,14 @@
 import argparse
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
-from stepdiag_ros.commands.output import progress_bar, say
+from stepdiag_ros.commands.output import number, progress_bar, say
 from stepdiag_ros.commands.run import add_cell_options, cell_nodes
+from stepdiag_ros.metrology.units import MICRO
 
 if TYPE_CHECKING:
     from stepdiag_ros.processes.following import RunNews
@@ -17,10 +19,18 @@ if TYPE_CHECKING:
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
     add_cell_options(parser, plan="demo", factor=1.0)
+    parser.add_argument(
+        "--tolerance",
+        type=partial(number, low=1e-6, high=1e5),
+        metavar="UM",
+        help="largest permissible error vector in the volume, µm; result/verdict then states"
+        " whether the machine conforms (ISO 14253-1)",
+    )
     add_common(parser, "output", help=f"folder for bags and logs (default: {RESULTS})")
     # Without defaults, so that an option which does not fit a machine can be refused.
     simulated = {one.dest: one.default for one in parser._actions if one.dest != "help"}
     parser.set_defaults(**dict.fromkeys(simulated), simulated=simulated)
+    add_common(parser, "namespace")
     machine = parser.add_argument_group("a machine in place of the simulated cell")
     machine.add_argument(
         "--parameters",
@@ -29,7 +39,6 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="ROS 2 parameter file with the devices and parameters of the cell, as 'stepdiag"
         " parameters --yaml' prints it",
     )
-    add_common(machine, "namespace")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -76,19 +85,33 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
 
     given = [name for name in arguments.simulated if getattr(arguments, name) is not None]
     if arguments.parameters is None:
-        if arguments.namespace:
-            raise ValueError("--namespace is for the nodes of a machine: give --parameters too")
         chosen = {name: getattr(arguments, name) for name in given}
-        return cell_nodes(argparse.Namespace(**{**arguments.simulated, **chosen}))
+        nodes, folder = cell_nodes(argparse.Namespace(**{**arguments.simulated, **chosen}))
+        if arguments.tolerance is not None:
+            tolerance = {"tolerance": arguments.tolerance * MICRO}
+            nodes = [
+                replace(one, parameters={**one.parameters, **tolerance})
+                if one.name == "solver"
+                else one
+                for one in nodes
+            ]
+        return _in_namespace(nodes, arguments.namespace), folder
     if given:
         raise ValueError(
             f"--{given[0]} is for the simulated cell; of a machine, {arguments.parameters} holds"
             " all settings, and 'stepdiag measure --plan' names the plan of a run"
         )
     path, namespace = str(arguments.parameters), arguments.namespace
-    more = ["--params-file", path] + (["-r", f"__ns:={namespace}"] if namespace else [])
-    nodes = [replace(one, ros_arguments=tuple(more)) for one in machine_cell(path, namespace)]
-    return nodes, folder_of_bags(path, namespace)
+    nodes = [
+        replace(one, ros_arguments=("--params-file", path)) for one in machine_cell(path, namespace)
+    ]
+    return _in_namespace(nodes, namespace), folder_of_bags(path, namespace)
+
+
+def _in_namespace(nodes: "list[NodeProcess]", namespace: str) -> "list[NodeProcess]":
+    """Return the nodes in a namespace; unchanged if it is empty."""
+    more = ("-r", f"__ns:={namespace}") if namespace else ()
+    return [replace(one, ros_arguments=(*one.ros_arguments, *more)) for one in nodes]
 
 
 COMMAND = Command(
@@ -108,5 +131,8 @@ COMMAND = Command(
     "  stepdiag cell --plan quick --factor 10   in one terminal\n"
     "  stepdiag measure                         in another: start a run and follow it\n"
     "  stepdiag monitor                         in a third: watch it in the browser\n"
-    "  stepdiag cell --parameters cell.yaml     the nodes of a machine",
+    "  stepdiag cell --tolerance 10             with a verdict on conformity\n"
+    "  stepdiag cell --parameters cell.yaml     the nodes of a machine\n"
+    "Each simulated cell needs a ROS domain of its own, also in a namespace, because all simulated"
+    " cells of a domain\nwould share /clock. A machine may share its domain with one of them.",
 )

@@ -21,6 +21,7 @@ COMMAND = Command(
     help="measure a simulated machine and show the result (1 to 2 minutes)",
     description="Measure a simulated machine with three linear axes and four step diagonals of "
     "12 blocks of 10 mm, in both directions, twice, faster than real time; then show what "
-    "each method finds beside the true errors.",
+    "each method finds beside the true errors. Its nodes are on the ROS domain of this terminal"
+    " (ROS_DOMAIN_ID, else 0), which they keep from other simulated cells meanwhile.",
     epilog="example: stepdiag demo --output my_first_run",
 )

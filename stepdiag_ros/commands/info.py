@@ -52,10 +52,11 @@ def _print(info: "BagInfo") -> None:
             ("Made by", f"stepdiag_ros {info.header.software_version}, {info.header.middleware}"),
         ]
         rows += [("Source", text) for text in _source(info.header.facts)]
+        rows += [("Run ended", _end(run)) for run in info.runs if run.end]
     else:
         rows += [("Run", _words_of(run)) for run in info.runs]
     rows += [
-        ("State", _state(info)),
+        ("Bag", _state(info)),
         ("Seal", "none" if info.seal is None else info.seal.text),
         *(("Recording", flaw.sentence) for flaw in info.flaws),
     ]
@@ -93,7 +94,13 @@ def _source(facts: "Mapping[str, str]") -> list[str]:
 def _words_of(run: "RunInBag") -> str:
     where = "" if run.namespace == "/" else f" in {run.namespace}"
     plan = run.plan or "with a plan that cannot be read"
-    return f"{run.run_id}{where}: {plan} (stepdiag_ros {run.software_version})"
+    end = f": {_end(run)}" if run.end else ""
+    return f"{run.run_id}{where}: {plan} (stepdiag_ros {run.software_version}){end}"
+
+
+def _end(run: "RunInBag") -> str:
+    stops = f" ({run.stops_done} of {run.stops_total} stops)" if run.stops_total else ""
+    return run.end + stops
 
 
 def _state(info: "BagInfo") -> str:

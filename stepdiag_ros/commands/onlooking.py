@@ -6,6 +6,9 @@ from argparse import ArgumentParser, Namespace
 from stepdiag_ros.commands.output import number
 
 _BAG_RATE = 20.0
+_HEARTBEAT_TIMEOUT = 10.0
+"""Real seconds of silence after which a view reports a node as silent: as long as in a simulated
+cell. The nodes of a machine report it themselves, after their own limit."""
 
 
 def add_rate_option(parser: ArgumentParser) -> None:
@@ -61,8 +64,10 @@ def ros_arguments(command: str, enclave: str, namespace: str) -> list[str]:
         enclave: of its keys in a protected cell.
         namespace: such as ``/cell_1``; empty for none.
     """
+    from stepdiag_ros.parameters.declaration import HEARTBEAT_TIMEOUT
     from stepdiag_ros.processes.node_process import ENCLAVE
 
     made = [command, "--ros-args", "--enclave", f"{ENCLAVE}/{enclave}"]
     made += ["-r", f"__node:={enclave}_{os.getpid()}"]
+    made += ["-p", f"{HEARTBEAT_TIMEOUT.name}:={_HEARTBEAT_TIMEOUT}"]
     return made + (["-r", f"__ns:={namespace}"] if namespace else [])

@@ -20,7 +20,8 @@ def _add_options(parser: ArgumentParser) -> None:
         "nodes",
         nargs="*",
         metavar="NODE",
-        help=f"nodes to list (default: all): {', '.join(names)}",
+        help=f"nodes to list (default: all): {', '.join(names)}; in the graph and in"
+        " parameter files, the bridge is named cnc_bridge",
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--yaml", action="store_true", help="print a ROS 2 parameter file")

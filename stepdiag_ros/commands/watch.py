@@ -190,12 +190,14 @@ class _Once:
         self._state = state
         self._screen = _make_screen(state, lambda: self._contact, _now)
         self._contact = ""
+        self._elsewhere = ""
         self._begun = time.monotonic()
         self._known = 0.0
 
     def look(self, node: "ViewerNode") -> bool:
         """Say whether all is there that will come, or nothing comes."""
         before, self._contact = self._contact, node.contact()
+        self._elsewhere = node.namespaces_with("sequencer")
         now = time.monotonic()
         if self._known and self._contact != before and now - self._begun < _ONCE_LIMIT:
             self._known = now
@@ -226,7 +228,7 @@ class _Once:
             raise ValueError(f"no run has begun: {run['words']} ({self._contact})")
         raise ValueError(
             f"no run found within {_ONCE_LIMIT:g} s ({self._contact}). Check ROS_DOMAIN_ID and"
-            " --namespace"
+            f" --namespace{self._elsewhere}"
         )
 
 

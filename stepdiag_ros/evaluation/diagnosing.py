@@ -16,7 +16,7 @@ from stepdiag_ros.evaluation.diagnosis import (
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.extension import ModelComparison, with_chain
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import NOT_TESTABLE, Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.summary import (
     DiagnosisSummary,
     FoundEffect,
@@ -209,7 +209,16 @@ def summary_of(
 
 
 def when_over(summary: DiagnosisSummary) -> DiagnosisSummary:
-    """Return the same of a run that has ended."""
+    """Return the same of a run that has ended.
+
+    Advice on a plan is left out where the plan was not measured to its end.
+    """
+    if summary.verdict == NOT_TESTABLE and summary.lines < summary.lines_planned:
+        reason = (
+            "The lines do not show whether model and run agree: only"
+            f" {summary.lines} of {summary.lines_planned} lines are measured."
+        )
+        return replace(summary, run_over=True, sentence=reason)
     return replace(summary, run_over=True)
 
 

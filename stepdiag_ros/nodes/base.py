@@ -20,6 +20,7 @@ from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
 from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
 from stepdiag_ros.run.supervision import (
+    BYSTANDERS,
     HEARTBEAT_PERIOD,
     HELD,
     TIME_SOURCE,
@@ -68,6 +69,15 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.listen(DIAGNOSTICS, self._on_diagnostics)
         self.every(HEARTBEAT_PERIOD, self.beat, real=True)
         self.every(HEARTBEAT_PERIOD / 2, self._look_around, real=True)
+
+    def namespaces_with(self, name: str) -> str:
+        """Name the namespaces that hold a node of this name, for a caller in another namespace.
+
+        Returns:
+            a clause for the end of a sentence; empty if no namespace has one.
+        """
+        found = {space for node, space in self.get_node_names_and_namespaces() if node == name}
+        return f"; there is a {name} in the namespace {', '.join(sorted(found))}" if found else ""
 
     # Services ------------------------------------------------------------------------------------
 
@@ -190,8 +200,10 @@ class StepdiagNode(DeclaringNode, LinkedNode):
                 self.unwell(self._twin_words)
                 continue
             self.watch.heard(name, peer)
-            source, stamp = peer.facts.get(TIME_SOURCE, ""), to_nanoseconds(array.header.stamp)
-            self._clockwork.hear(name, source, stamp, self.now())
+            # Only data are laid side by side, and commands and views have none.
+            if BYSTANDERS.isdisjoint((self.role, peer.role)):
+                source, stamp = peer.facts.get(TIME_SOURCE, ""), to_nanoseconds(array.header.stamp)
+                self._clockwork.hear(name, source, stamp, self.now())
             self.on_heartbeat(peer)
 
     @property

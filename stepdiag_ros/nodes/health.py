@@ -18,6 +18,7 @@ from stepdiag_ros.run.supervision import (
     HEARTBEAT,
     HEARTBEAT_PERIOD,
     MOST_PEERS,
+    OPERATOR_ROLE,
     ROLE,
     RUN_ID,
     SESSION,
@@ -225,13 +226,15 @@ class Health:
             )
             if peer is None or peer[1].session == self._session:
                 continue
-            if not measure_together(self._node.get_namespace(), *peer):
+            simulated = self._is_simulated()
+            clock_counts = simulated or self._role == OPERATOR_ROLE
+            if not measure_together(self._node.get_namespace(), clock_counts, *peer):
                 continue
-            if not self._may_be_recorded() or self._is_alive(*peer):
+            if not simulated or self._is_alive(*peer):
                 found.append(peer)
         return found
 
-    def _may_be_recorded(self) -> bool:
+    def _is_simulated(self) -> bool:
         return self._node.get_parameter("use_sim_time").value is True
 
     def _is_alive(self, name: str, peer: Peer) -> bool:

@@ -10,8 +10,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from stepdiag_ros import topics
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet, decoded, message_class
+from stepdiag_ros.run.supervision import BYSTANDERS
 from stepdiag_ros.topics import Topic
-from stepdiag_ros.viewers.page.contact import BYSTANDERS, contact_of
+from stepdiag_ros.viewers.page.contact import contact_of
 from stepdiag_ros.viewers.page.items import SOURCES, HeardTopic, Said, to_run_begin, to_run_status
 from stepdiag_ros.viewers.page.state import PageState
 
@@ -44,6 +45,9 @@ class Onlooker(StepdiagNode):
     def on_run_state(self, state: Any) -> None:
         """Say where the run is."""
         self._fold(topics.RUN_STATE, lambda: (to_run_status(state),), state)
+
+    def on_peer_lost(self, text: str) -> None:
+        """Report nothing: the view itself lists the silent nodes."""
 
     def on_look(self) -> None:
         """Take up the newest of what comes too often to be looked at each time."""

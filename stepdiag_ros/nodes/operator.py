@@ -12,6 +12,7 @@ from stepdiag_ros import topics
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
+from stepdiag_ros.run.supervision import OPERATOR_ROLE
 
 SERVICE_LIMIT = 20.0
 """Real seconds that a service, or the action for a new goal, may take to answer: a busy computer
@@ -30,7 +31,7 @@ class OperatorNode(StepdiagNode):
         last_state: last RunState of any run; None before.
     """
 
-    role = "operator"
+    role = OPERATOR_ROLE
 
     def __init__(self) -> None:
         # Several may look on at the same time, and nodes of one name are an error.

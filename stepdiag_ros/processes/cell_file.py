@@ -9,6 +9,13 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from stepdiag_ros.configuration import (
+    load_cell,
+    load_device,
+    load_machine,
+    load_model,
+    plan_given,
+)
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.parameters.declaration import DeclaredNode
@@ -16,6 +23,14 @@ from stepdiag_ros.parameters.nodes import NODES
 
 DEVICE = "device"
 """Parameter of every node that owns a device: its driver."""
+_FILES = {
+    "machine": load_machine,
+    "plan": plan_given,
+    "cell": load_cell,
+    "model": load_model,
+    "device_file": load_device,
+}
+"""Parameter that names a file → what reads it."""
 
 
 def check_cell_file(path: str, namespace: str = "") -> None:
@@ -27,7 +42,8 @@ def check_cell_file(path: str, namespace: str = "") -> None:
 
     Raises:
         ValueError: the file cannot be read, is meant for a node or parameter that is not there,
-            holds a value that its node would refuse, or leaves open which driver a device has.
+            holds a value that its node would refuse, names a file that cannot be used, or leaves
+            open which driver a device has.
     """
     names = _names(namespace)
     given = given_to(path, names)
@@ -83,6 +99,8 @@ def given_to(path: str, names: Iterable[str]) -> dict[str, dict[str, Any]]:
 def _check(node: DeclaredNode, given: dict[str, Any]) -> None:
     for name, value in given.items():
         node.check(name, value)
+        if value and name in _FILES:
+            _FILES[name](value)
     own = [declaration.name for declaration in node.parameters]
     if DEVICE in own and DEVICE not in given:
         raise Refusal(

@@ -222,7 +222,7 @@ def _told(state: Any, text: str) -> RunNews:
     words = {
         State.RUNNING: state.line,
         State.IDLE: "waiting until all nodes are ready for the run",
-        State.WAITING_FOR_SETUP: f"aligning for {state.line}",
+        State.WAITING_FOR_SETUP: f"waiting for the alignment for {state.line}",
         # The run itself knows who is still waited for after its end.
         State.FINISHED: text,
         State.ABORTED: text,

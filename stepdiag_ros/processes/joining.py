@@ -101,4 +101,7 @@ def _wait_for_sequencer(operator: "OperatorNode", namespace: str, otherwise: str
     if not operator.spin_until(lambda: bool(operator.sequencer), LOOK_LIMIT):
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         where = f" in namespace {namespace}" if namespace else ""
-        raise RunFailed(f"there is no sequencer{where} on ROS domain {domain}: {otherwise}")
+        elsewhere = operator.namespaces_with("sequencer")
+        raise RunFailed(
+            f"there is no sequencer{where} on ROS domain {domain}: {otherwise}{elsewhere}"
+        )

@@ -12,7 +12,7 @@ from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.run.supervision import DISPENSABLE, ONLOOKERS
+from stepdiag_ros.run.supervision import CLOCK_ROLE, DISPENSABLE, ONLOOKERS
 from stepdiag_ros.run.taking_up import Patience, starting_words
 
 if TYPE_CHECKING:
@@ -104,15 +104,29 @@ class MeasuringSession:
                 yield operator, processes
 
     def _refuse_company(self, operator: "OperatorNode") -> None:
-        operator.spin_until(lambda: bool(_of_a_measurement(operator)), LOOK_AROUND)
-        others = sorted(_of_a_measurement(operator))
+        operator.spin_until(lambda: bool(self._of_a_measurement(operator)), LOOK_AROUND)
+        others = sorted(self._of_a_measurement(operator))
         if others:
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
+            alone = " (simulated cells share /clock, in whatever namespace)"
             raise RunFailed(
                 f"another measurement is on ROS domain {domain} (node {others[0]}): end it, or set "
-                "ROS_DOMAIN_ID to another number",
+                f"ROS_DOMAIN_ID to another number{alone if self._simulated else ''}",
                 fault="busy",
             )
+
+    @property
+    def _simulated(self) -> bool:
+        return any(node.name == CLOCK_ROLE for node in self._nodes)
+
+    def _of_a_measurement(self, operator: "OperatorNode") -> "dict[str, Peer]":
+        """Return the nodes that answered and count beside those of this session.
+
+        Nodes that only look on may always be there; so may simulated time, where time is real.
+        """
+        spared = ONLOOKERS if self._simulated else (*ONLOOKERS, CLOCK_ROLE)
+        peers = operator.watch.peers
+        return {name: peer for name, peer in peers.items() if peer.role not in spared}
 
     def _measure(self, operator: "OperatorNode", processes: Processes) -> Path:
         self._wait_for_nodes(operator, processes)
@@ -144,13 +158,13 @@ class MeasuringSession:
         begun, patience = operator.real_time(), Patience(START_LIMIT)
 
         def all_up() -> bool:
-            peers = _of_a_measurement(operator)
+            peers = self._of_a_measurement(operator)
             return len(peers) >= len(names) and not any(peer.faulty for peer in peers.values())
 
         while not operator.spin_until(all_up, LOOK_PERIOD):
             self._check(operator, processes)
             stopped, now = processes.stopped(), operator.real_time()
-            peers = _of_a_measurement(operator)
+            peers = self._of_a_measurement(operator)
             heard = {name.rpartition("/")[2] for name in peers}
             unheard = [name for name in names if name not in heard]
             words = starting_words(unheard, stopped, now - begun)
@@ -188,11 +202,6 @@ class MeasuringSession:
         if not bag.exists():
             return "no bag was begun: start the run again"
         return f"{state.line_index} of {state.line_count} lines are in {bag}"
-
-
-def _of_a_measurement(operator: "OperatorNode") -> "dict[str, Peer]":
-    """Return the nodes that answered, without those that only look on and may always be there."""
-    return {name: peer for name, peer in operator.watch.peers.items() if peer.role not in ONLOOKERS}
 
 
 def _go_on(state: State, text: str) -> bool:

@@ -330,5 +330,6 @@ class Clockwork:
         values.update({f"{node} is behind by (s)": figure(offsets[node]) for node in sorted(apart)})
         if apart:
             names = ", ".join(sorted(apart))
-            return HealthFinding(Level.WARN, f"the clock here is not that of {names}", values)
+            words = f"the time here differs from the time of {names}: synchronise the computers"
+            return HealthFinding(Level.WARN, words, values)
         return HealthFinding(Level.OK, "ROS time goes on evenly", values)

@@ -31,8 +31,15 @@ CLOCK_ROLE = "clock"
 """Role of the node that publishes simulated time."""
 BY_HAND_ROLE = "by_hand"
 """Role of the node that follows a run by its readings alone; positions are not published then."""
+OPERATOR_ROLE = "operator"
+"""Role of a command that starts, steers or follows a run; a run goes on when it ends."""
 ONLOOKERS = ("foxglove_server", "monitor", "scene")
 """Roles of nodes that only look on: they come and go, and a run misses none of them."""
+BYSTANDERS = frozenset({*ONLOOKERS, OPERATOR_ROLE, "player", "viewer"})
+"""Roles of nodes that no run needs: commands and views may outlive it or end before it. They bring
+no data into it either."""
+UNMISSED = (*ONLOOKERS, OPERATOR_ROLE)
+"""Roles that come and go as they like: nobody reports their silence."""
 DISPENSABLE = ("evaluator", "diagnosis", *ONLOOKERS)
 """Nodes that a run goes on without."""
 HEARD_UNTIL = "heard_until"
@@ -110,18 +117,21 @@ def peer_of(
     )
 
 
-def measure_together(namespace: str, name: str, peer: Peer) -> bool:
+def measure_together(namespace: str, simulated: bool, name: str, peer: Peer) -> bool:
     """Say whether another node belongs to the measurement of a node, and is not of another cell.
 
     /diagnostics is one for all cells of a domain, but the nodes of a measurement share a namespace;
-    only the clock may be one for all.
+    only the clock may be one for all whose time is simulated.
 
     Args:
         namespace: of the node, for example ``/cell``.
+        simulated: the node's time is that of /clock, or it starts nodes whose time is.
         name: of the other node, in full.
         peer: the other node.
     """
-    return peer.role == CLOCK_ROLE or (name.rpartition("/")[0] or "/") == namespace
+    if simulated and peer.role == CLOCK_ROLE:
+        return True
+    return (name.rpartition("/")[0] or "/") == namespace
 
 
 def fact_of_run(run_id: str, value: str) -> str:
@@ -204,7 +214,7 @@ class Watch:
             silence = now - peer.last_seen - self._deaf[name]
             if silence > self.silence_limit and name not in self.lost:
                 self.lost[name] = f"{peer.role} node {name} is silent for {silence:.1f} s"
-                if peer.role not in ONLOOKERS:
+                if peer.role not in UNMISSED:
                     found.append(self.lost[name])
         return found
 

@@ -20,6 +20,9 @@ class RunInBag:
     plan: Annotated[str, means("Name of the test plan; empty if that cannot be read.")]
     software_version: Annotated[str, means("Version of stepdiag_ros that made the run.")]
     start_time: Annotated[int, means("ns.")]
+    end: Annotated[str, means("How the run ended; empty if the recording does not state it.")] = ""
+    stops_done: Annotated[Count, means("Settled stops when it ended.")] = 0
+    stops_total: Annotated[Count, means("Stops in its plan; 0 if they are not recorded.")] = 0
 
 
 @dataclass(frozen=True, kw_only=True)

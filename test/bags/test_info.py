@@ -1,8 +1,18 @@
 """A bag at a glance."""
 
-from bags_for_tests import READING, RUN_ID, START, header, reading_cdr, write_readings
+import pytest
+from bags_for_tests import (
+    READING,
+    RUN_ID,
+    START,
+    description,
+    header,
+    put,
+    reading_cdr,
+    write_readings,
+)
 from refused import refused
-from test_run import write_run
+from test_run import state, write_run
 
 from stepdiag_ros import schemas, topics
 from stepdiag_ros.bags.errors import BagError
@@ -24,6 +34,23 @@ def test_a_whole_bag(tmp_path):
     plain = schemas.plain(info.document())
     assert plain["run"]["run_id"] == RUN_ID
     assert plain["attachments"] == ["plan.yaml", "machine.yaml", "parameters.yaml", "note.txt"]
+
+
+@pytest.mark.parametrize(("code", "words"), [(6, "fault"), (5, "operator"), (1, "before the run")])
+def test_a_whole_bag_of_a_run_that_has_failed_says_how_it_ended(tmp_path, capsys, code, words):
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, header()) as bag:
+        put(bag, topics.RUN_DESCRIPTION, description(), START)
+        for number, value in enumerate((1, code)):
+            told = state(value, "no beam", START + number)
+            told.stops_done, told.stops_total = 3, 748
+            put(bag, topics.RUN_STATE, told, START)
+    (run,) = bag_info(path).document().runs
+    assert words in run.end and "no beam" in run.end
+    assert (run.stops_done, run.stops_total) == (3, 748)
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert f"{run.end} (3 of 748 stops)" in said
 
 
 def test_missing_readings_are_found(tmp_path):

@@ -1,6 +1,9 @@
 """``stepdiag cell``: which options fit a machine, and which the simulated cell."""
 
+from pathlib import Path
+
 import pytest
+from refused import refused
 
 from stepdiag_ros import cli
 from stepdiag_ros.cli import make_parser
@@ -38,6 +41,27 @@ def test_the_nodes_of_a_machine_take_the_file_and_the_namespace(cell_file, tmp_p
     assert folder == tmp_path and "__ns" not in " ".join(nodes[0].command())
 
 
+@pytest.mark.parametrize(
+    ("node", "parameter"),
+    [
+        ("sequencer", "machine"),
+        ("sequencer", "plan"),
+        ("cnc_bridge", "device_file"),
+        ("diagnosis", "model"),
+    ],
+)
+def test_a_file_that_the_cell_needs_is_looked_for_before_its_nodes_start(
+    cell_file, node, parameter
+):
+    path = Path(cell_file())
+    device = "device: simulated, " if node in DEVICES else ""
+    values = f"{{{device}{parameter}: /nowhere/x.yaml}}"
+    rows = [row for row in path.read_text().splitlines() if f"/{node}:" not in row]
+    path.write_text("\n".join([*rows, f"/**/{node}: {{ros__parameters: {values}}}"]))
+    with refused(ValueError, None, "cell.yaml", "/nowhere/x.yaml"):
+        nodes_for("--parameters", str(path))
+
+
 def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nodes, folder = nodes_for("--factor", "7")
@@ -46,7 +70,25 @@ def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
     assert folder == tmp_path / "stepdiag_results"
 
 
-@pytest.mark.parametrize("option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here"])
+def test_a_tolerance_reaches_the_solver_in_metres(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = {node.name: node.parameters for node in nodes_for("--tolerance", "10")[0]}
+    assert given["solver"]["tolerance"] == pytest.approx(10e-6)
+    assert not any("tolerance" in own for name, own in given.items() if name != "solver")
+    assert all("tolerance" not in node.parameters for node in nodes_for()[0])
+
+
+def test_a_namespace_can_be_rehearsed_in_the_simulated_cell(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nodes, _ = nodes_for("--plan", "quick", "--namespace", "/cell_1")
+    assert {node.name for node in nodes} > {"clock", "sequencer", "bridge"}
+    for node in nodes:
+        assert "-r __ns:=/cell_1 " in " ".join(node.command())
+
+
+@pytest.mark.parametrize(
+    "option", ["--plan=demo", "--factor=1", "--seed=0", "--output=here", "--tolerance=5"]
+)
 def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell_file, capsys):
     assert cli.main(["cell", "--parameters", cell_file(), option]) == 1
     assert option.partition("=")[0] in capsys.readouterr().err
@@ -55,7 +97,6 @@ def test_what_describes_the_simulated_cell_is_refused_for_a_machine(option, cell
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["--namespace", "/cell_1"], "--parameters"),
         (["--parameters", "nowhere.yaml"], "nowhere.yaml"),
     ],
 )

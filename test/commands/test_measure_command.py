@@ -137,7 +137,7 @@ def test_what_is_no_namespace_is_refused(given, capsys):
     ("state", "text", "said"),
     [
         (State.RUNNING, "measuring", "ppp XYZ forward"),
-        (State.WAITING_FOR_SETUP, SETUP, "aligning for ppp XYZ forward"),
+        (State.WAITING_FOR_SETUP, SETUP, "waiting for the alignment for ppp XYZ forward"),
         (State.FINISHED, "all lines are measured; waiting for the verdict", None),
         (State.FAULT, "the beam is lost", None),
     ],

@@ -22,6 +22,7 @@ from stepdiag_ros.evaluation.diagnosing import (
 )
 from stepdiag_ros.evaluation.diagnosis import NO_CHAIN
 from stepdiag_ros.evaluation.recorded_run import diagnosed
+from stepdiag_ros.metrology.discrepancy import NOT_TESTABLE
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 
@@ -94,6 +95,17 @@ def test_what_is_missing_is_remarked(plan, measurement):
     assert summary.remarks[1].startswith("24 of the plan's 28 lines are not among them: y, z, ppp,")
     assert "(4 of 28 lines)" in summary.words
     assert when_over(summary) == replace(summary, run_over=True) != summary
+
+
+def test_a_run_that_ended_early_is_told_so_and_gets_no_advice_for_its_plan(plan, measurement):
+    some = replace(measurement, lines=measurement.lines[:1])
+    summary = diagnose_lines(some, plan, TEXT, 0)
+    assert summary.verdict == NOT_TESTABLE
+    told = when_over(summary)
+    assert told == replace(summary, run_over=True, sentence=told.sentence)
+    assert "1 of 28" in told.sentence and "1 of 28" not in summary.sentence
+    whole = replace(summary, lines_planned=1)
+    assert when_over(whole).sentence == summary.sentence
 
 
 @pytest.mark.parametrize(

@@ -41,16 +41,18 @@ def ended(cell, nodes):
 
 
 def test_a_run_of_another_process_and_an_end_with_all_nodes(tmp_path):
-    cell, nodes = started("--plan", "quick", "--factor", "20", "-o", tmp_path), []
+    of_cell = ("--namespace", "/cell_1")
+    cell, nodes = started("--plan", "quick", "--factor", "20", "-o", tmp_path, *of_cell), []
     try:
         assert any("nodes are up" in line for line in cell.stderr), "the cell has ended"
         nodes = children_of(cell.pid)
         assert len(nodes) > 5
         assert not list(tmp_path.glob("*.mcap")), "a run has begun that nobody started"
+        # Another namespace does not help: both would publish simulated time.
         second = subprocess.run([*CLI, "cell"], capture_output=True, text=True, timeout=PATIENCE)
-        assert second.returncode == 1 and "another measurement" in second.stderr
+        assert second.returncode == 1 and "/cell_1/clock" in second.stderr
         done = subprocess.run(
-            [*CLI, "measure", "--json"], capture_output=True, text=True, timeout=PATIENCE
+            [*CLI, "measure", "--json", *of_cell], capture_output=True, text=True, timeout=PATIENCE
         )
         assert done.returncode == 0, done.stderr
         document = json.loads(done.stdout)

@@ -155,10 +155,12 @@ def test_nodes_of_another_cell_are_no_peers(speaker, namespace):
 def test_one_clock_may_be_there_for_all_cells(name):
     values = {"role": "clock", "session": "1"}
     named = peer_of(f"{name[1:]}: heartbeat", 0, "", values, 0.0)
-    assert named is not None and measure_together("/cell", *named)
+    assert named is not None and measure_together("/cell", True, *named)
+    # A machine's time is real: simulated time of others is nothing to it.
+    assert not measure_together("/cell", False, *named)
     lent = peer_of("recorder: heartbeat", 0, "", {**values, "role": "recorder"}, 0.0)
-    assert lent is not None and measure_together("/", *lent)
-    assert not measure_together("/cell", *lent)
+    assert lent is not None and measure_together("/", True, *lent)
+    assert not measure_together("/cell", True, *lent)
 
 
 def test_heartbeats_in_a_recording_are_of_nobody(speaker):

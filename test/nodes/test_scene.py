@@ -199,6 +199,19 @@ def test_a_scene_may_be_there_before_a_measurement():
         session._refuse_company(operator)
 
 
+def test_simulated_time_keeps_a_simulated_cell_from_starting_and_a_machine_not():
+    from stepdiag_ros.processes.measure import MeasuringSession, RunFailed
+    from stepdiag_ros.processes.node_process import NodeProcess
+    from stepdiag_ros.run.supervision import Peer, Watch
+
+    operator = SimpleNamespace(watch=Watch(), spin_until=lambda condition, _limit: condition())
+    operator.watch.heard("/elsewhere/clock", Peer("clock", 0.0, "a", ""))
+    MeasuringSession([NodeProcess("solver")], Path(), lambda _told: None)._refuse_company(operator)
+    simulated = [NodeProcess("solver"), NodeProcess("clock")]
+    with refused(RunFailed, "busy", "/elsewhere/clock", "/clock"):
+        MeasuringSession(simulated, Path(), lambda _told: None)._refuse_company(operator)
+
+
 def test_a_replay_leaves_frames_pictures_and_time_to_live_nodes():
     """``ros2 bag record --all`` keeps them; played, they would contradict the live ones."""
     from stepdiag_ros.nodes.player import PlayerNode

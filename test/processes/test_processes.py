@@ -69,3 +69,13 @@ def test_a_lost_node_of_a_cell_is_told_with_the_bag_of_the_run_and_its_lines(tmp
     bag.touch()
     with refused(RunFailed, None, str(bag), "3", "7"):
         session._check(operator, lost)
+
+
+def test_whoever_looks_in_a_wrong_namespace_learns_the_right_one():
+    from stepdiag_ros.nodes.base import StepdiagNode
+
+    here = [("sequencer", "/cell_2"), ("sequencer", "/cell_1"), ("recorder", "/cell_3")]
+    node = SimpleNamespace(get_node_names_and_namespaces=lambda: here)
+    found = StepdiagNode.namespaces_with(node, "sequencer")
+    assert "/cell_1, /cell_2" in found and "/cell_3" not in found
+    assert StepdiagNode.namespaces_with(node, "clock") == ""

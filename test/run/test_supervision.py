@@ -1,4 +1,11 @@
-from stepdiag_ros.run.supervision import SILENCE_LIMIT, WORKER_LIMIT, Peer, Watch
+from stepdiag_ros.run.supervision import (
+    ONLOOKERS,
+    OPERATOR_ROLE,
+    SILENCE_LIMIT,
+    WORKER_LIMIT,
+    Peer,
+    Watch,
+)
 
 
 def a_peer(time, session="one", role="recorder", run_id="", faulty=False):
@@ -16,6 +23,14 @@ def test_a_silent_node_is_lost_once_and_found_again():
     watch.heard("/recorder", a_peer(5.0, session="two"))
     assert watch.missing(("recorder",)) == []
     assert watch.twins == set()
+
+
+def test_commands_and_views_that_end_are_not_missed():
+    watch = Watch()
+    for role in (OPERATOR_ROLE, *ONLOOKERS):
+        watch.heard(f"/{role}", a_peer(0.0, role=role))
+    assert watch.check(SILENCE_LIMIT + 0.1) == []
+    assert not watch.present(OPERATOR_ROLE)
 
 
 def test_a_role_that_was_never_heard_is_missing():

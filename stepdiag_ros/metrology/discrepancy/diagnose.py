@@ -126,8 +126,8 @@ def diagnose(
             stops,
             baseline,
             noise,
-            "the free values of the model fit any readings of this plan, so no disagreement can "
-            "ever show; measure linear lines, a fourth diagonal or another move order too",
+            "the free values of the model fit any readings of these lines, so no disagreement can "
+            f"show; measure also {_what_is_lacking(stops)}",
         )
     result = run.settled(result, stated)
     diagnosis, evidence = _diagnosis(result, stops), result.selection.weighed
@@ -468,6 +468,20 @@ def _gross(stops: Stops, words: tuple[str, ...]) -> Diagnosis:
         sentence=f"Model and run disagree grossly: {'; '.join(words)}.",
         where=words,
     )
+
+
+def _what_is_lacking(stops: Stops) -> str:
+    """List what these lines do not have and what would let them contradict the model."""
+    lines = stops.lines
+    diagonals = [line for line in lines if line.kind != "linear"]
+    lacking = {
+        "both directions": len({line.direction for line in lines}) < 2,
+        "each line again": not any(line.repeat for line in lines),
+        "linear lines": len(diagonals) == len(lines),
+        "a fourth diagonal": len({line.name for line in diagonals}) < 4,
+        "another move order": len({line.order for line in diagonals}) < 2,
+    }
+    return " or ".join(name for name, lacks in lacking.items() if lacks) or "more lines"
 
 
 def _not_testable(stops: Stops, baseline: Baseline, noise: Noise, why: str) -> Diagnosis:

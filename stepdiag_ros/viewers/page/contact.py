@@ -6,14 +6,12 @@ A bag has no contacts: its messages about nodes held when it was recorded.
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from stepdiag_ros.run.supervision import ONLOOKERS, Watch
+from stepdiag_ros.run.supervision import BYSTANDERS, Watch
 
 FRESH = 1.2
 """Real seconds since its last heartbeat in which a node is surely still there: two heartbeats."""
 QUIET_AFTER = 3.0
 """Real seconds without a message after which the last one is not what holds now."""
-BYSTANDERS = frozenset({*ONLOOKERS, "operator", "player"})
-"""Roles of nodes that no run needs: they may outlive it, and may end when it has ended."""
 
 
 class SilentNode(NamedTuple):

@@ -22,9 +22,9 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.health import Level
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.run.supervision import HEARTBEAT
+from stepdiag_ros.run.supervision import BYSTANDERS, HEARTBEAT
 from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
-from stepdiag_ros.viewers.page.contact import BYSTANDERS, Contact, SilentNode
+from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
 from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
 from stepdiag_ros.viewers.page.section import PageSection, drawn, micrometres
@@ -397,10 +397,11 @@ class FaultSection(PageSection):
         machine = self._machine_words()
         if machine:
             found.append({"level": "fault", "who": "machine", "text": machine})
-        found += [
-            {"level": "fault", "who": "nodes", "text": f"{node.role} node {node.name} is silent"}
-            for node in self._missed()
-        ]
+        missed = [f"{node.role} node {node.name}" for node in self._missed()]
+        if missed:
+            verb = "is" if len(missed) == 1 else "are"
+            text = f"{', '.join(missed)} {verb} silent"
+            found.append({"level": "fault", "who": "nodes", "text": text})
         worst_first = sorted(self._said.values(), key=lambda said: said.level != Level.ERROR)
         for said in worst_first:
             level = "fault" if said.level == Level.ERROR else "warning"

@@ -115,16 +115,21 @@ class Journal:
         self.write(f"verdict: {verdict['verdict']}, {lines}: {verdict['sentence']}{found}")
 
     def _tell_faults(self, faults: dict[str, Any]) -> None:
-        """Write what has come and gone; a figure that changes is not news."""
+        """Write what has come and gone; a figure that changes is not news.
+
+        What is gone and has something else of the same level and node in its place is not written.
+        """
         now = {}
         for one in faults["faults"]:
             key = one["level"], one["who"], _FIGURE.sub("#", one["text"])
             now[key] = f"{one['level']}: {one['who']}: {one['text']}"
+        replaced = set()
         for key, text in now.items():
             if key not in self._faults:
+                replaced.add(key[:2])
                 self.write(text)
         for key, text in self._faults.items():
-            if key not in now:
+            if key not in now and key[:2] not in replaced:
                 self.write(f"gone: {text}")
         self._faults = now
         if faults["note"] != self._note:

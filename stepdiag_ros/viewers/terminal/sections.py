@@ -63,7 +63,7 @@ def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
         place = f"line {run['line_number']} of {run['line_count']}: {run['line']}"
         if run["block_count"]:
             place += f", block {run['block']} of {run['block_count']}"
-        lines.append(Text(f"{place}, stop {run['stop']} of {run['stop_count'] - 1}"))
+        lines.append(Text(f"{place}, stop {run['stop']} (0 to {run['stop_count'] - 1})"))
     if run["share"] is None:
         return lines
     told = f"{run['stops_done']} of {run['stops_total']} stops"

@@ -83,7 +83,7 @@ def test_where_the_run_is_has_stops_and_no_block_of_a_box(state):
     told = state.document("run")
     assert (told["line"], told["stop"], told["block_count"]) == (str(plan.lines[2]), 3, 0)
     first, *_ = run_lines(told, state.document("progress"), UNICODE)[1:]
-    assert "stop 3 of 4" in first.plain and "block" not in first.plain
+    assert "stop 3 (0 to 4)" in first.plain and "block" not in first.plain
     assert state.document("progress")["block"] is not None
     # Between places that do not follow each other there is no move along a line.
     state.take(status(plan, line_index=0, stop=3))

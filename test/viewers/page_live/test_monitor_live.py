@@ -187,6 +187,23 @@ def test_who_comes_late_sees_the_same_and_leads_nothing_without_the_token(cell, 
     late.context.close()
 
 
+def test_the_headline_says_how_much_of_the_run_a_verdict_rests_on(cell, pages):
+    other = pages.open(cell.url.partition("#")[0], width=390)
+    gap = {"rms": "0.1 µm", "largest": "0.2 µm"}
+    told = {"verdict": "CONSISTENT", "sentence": "", "lines": 8, "lines_planned": 24, "gap": gap}
+    told |= {"gap_left": None, "where": [], "findings": []}
+    script = "told => import('./sections.js').then(page => page.SECTIONS.verdict(told))"
+    for final in (False, True):
+        other.evaluate(script, told | {"final": final})
+        shown, look = text(other, "#headline-verdict"), other.locator("#headline-verdict.good")
+        assert ("8 of 24" not in shown, look.count() == 1) == (final, final)
+    curve = {"name": "E_XX", "axis": "X", "known": "none", "values": [None], "positions": [0.0]}
+    script = "told => import('./charts.js').then(page => page.drawCurves([told]))"
+    other.evaluate(script, curve | {"uncertainty": [None]})
+    assert other.is_hidden(".curve .chart") and other.is_visible(".curve h3")
+    other.context.close()
+
+
 def test_on_a_wide_screen_the_curves_are_above_the_fold_and_every_card_is_filled(cell, pages):
     wide = pages.open(cell.url.partition("#")[0], width=1400)
     cell.wait(lambda: wide.locator(".curve canvas").count() == 9, "the curves are drawn")

@@ -99,6 +99,10 @@ def test_faults_come_and_go_and_their_figures_move(told):
         "fault: recorder: disk: 0.4 GB are free",
         "gone: warning: recorder: disk: 1.4 GB are free",
     ]
+    state.take(Said("recorder: disk", 2, "the disk is full"))
+    assert taken(lines) == ["fault: recorder: disk: the disk is full"]
+    state.take(Said("recorder: disk", 2, "0.4 GB are free"))
+    assert taken(lines) == ["fault: recorder: disk: 0.4 GB are free"]
     state.take(Said("recorder: disk", 0, "fine"))
     assert taken(lines) == ["gone: fault: recorder: disk: 0.4 GB are free"]
 

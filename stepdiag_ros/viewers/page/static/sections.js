@@ -55,7 +55,7 @@ function run(told) {
   say("headline-remaining", told.remaining || "–");
   say("run-line", told.line ? `${told.line} (${told.line_number} of ${told.line_count})` : "–");
   const block = told.block_count ? `block ${told.block} of ${told.block_count}, ` : "";
-  const where = `${block}stop ${told.stop} of ${told.stop_count - 1}`;
+  const where = `${block}stop ${told.stop} (0 to ${told.stop_count - 1})`;
   say("run-block", told.line ? where : "–");
   say("run-plan", told.plan + (told.simulated ? " (simulated machine)" : ""));
   say("run-id", told.run_id);
@@ -147,14 +147,18 @@ const VERDICTS = { CONSISTENT: "good", NAMED: "care", AMBIGUOUS: "care", UNEXPLA
 
 function verdict(told) {
   badge("verdict-word", told.verdict ?? "", VERDICTS[told.verdict] ?? "");
-  badge("headline-verdict", told.verdict ?? "no verdict yet", VERDICTS[told.verdict] ?? "");
+  const lines = told.verdict == null ? "" : `${told.lines} of ${told.lines_planned} lines`;
+  const soFar = told.verdict == null || told.final ? "" : ` so far (${lines})`;
+  // What a part of the lines shows is no result yet, and looks like none.
+  const look = soFar ? "" : VERDICTS[told.verdict] ?? "";
+  badge("headline-verdict", (told.verdict ?? "no verdict yet") + soFar, look);
   say("verdict-sentence", told.sentence);
   if (told.verdict == null) {
     for (const id of ["verdict-gap", "verdict-findings"]) at(id).replaceChildren();
     say("verdict-lines", "");
     return;
   }
-  say("verdict-lines", `${told.lines} of ${told.lines_planned} lines${told.final ? "" : ", so far"}`);
+  say("verdict-lines", lines + (told.final ? "" : ", so far"));
   const rows = [["gap, rms", told.gap.rms, "rms"], ["gap, largest", told.gap.largest, "largest"]];
   if (told.gap_left) rows.push(["with the findings, rms", told.gap_left.rms, "rms_left"]);
   pairs("verdict-gap", rows);
