@@ -97,8 +97,8 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
     if report.accuracies:
         console.sentence(
             f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
-            " the readings, of plausible rotations and of the laser's scale; stepdiag report adds"
-            " what the budget knows."
+            " the readings, of plausible rotations and of the laser's scale; stepdiag report"
+            " has U of the uncertainty budget instead where that is larger."
         )
     else:
         console.sentence(f"Warning: {DIAGONALS_ALONE}.")
