@@ -103,8 +103,8 @@ def _add_wishes(parser: ArgumentParser) -> None:
         "--overrun",
         type=_not_negative,
         metavar="M",
-        help="for iso230-2 and iso230-6: how far beyond its first target a pass begins"
-        " (default: 0.002)",
+        help="how far beyond its first target a pass of a line other than a step diagonal begins"
+        " (default: 0.002 for iso230-2 and iso230-6, otherwise 0)",
     )
 
 
