@@ -36,22 +36,28 @@ _LEAST_BLOCKS_OF_STANDARDS = 4
 
 
 _OVERRUN = 0.002
+"""Of the purposes of a standard, m."""
 _SETTLE = 0.5
 """Part of a dwell in which the machine calms down; the rest is averaged, s."""
+_FREE_BY_HAND = 0.25
+"""Share of a dwell that is neither, without a connection to the control."""
 
 
-def sampling_with(dwell: float) -> Sampling:
+def sampling_with(dwell: float, by_hand: bool = False) -> Sampling:
     """Return how stops of a dwell are read: half a second, or half of it, to calm down.
 
     Args:
         dwell: s.
+        by_hand: the dwell begins when the move is commanded to end, not when the machine is in
+            position, and readings come now and then: a quarter of it stays free for the settling
+            of the drives and the intervals between readings.
     """
-    settle = min(_SETTLE, 0.5 * dwell)
+    settle = min(_SETTLE, 0.25 * dwell if by_hand else 0.5 * dwell)
     standard = Sampling()
     return Sampling(
         dwell=dwell,
         settle=settle,
-        window=dwell - settle,
+        window=dwell - settle - (_FREE_BY_HAND * dwell if by_hand else 0.0),
         longest_wait=max(standard.longest_wait, 3.0 * dwell),
     )
 
