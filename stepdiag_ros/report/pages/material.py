@@ -230,7 +230,7 @@ class Material:
 
     @property
     def expanded_of_readings(self) -> Expanded:
-        """Return what the result itself tells of it, without the budget; NaN where not known."""
+        """Return that of the result itself, without the budget; NaN where not known."""
         if self.accuracy is None:
             return Expanded()
         return Expanded.of_normal(self.accuracy.standard_uncertainty)
